@@ -10,7 +10,6 @@ from plain_english import FindingKind, count_by_room, find_in_source
 MOST = {
     'stickslip_logs': 1,
     'stickslip_logs/recordings': 5,
-    'stickslip_logs/tables': 2,
     'stickslip_monitor': 3,
     'stickslip_monitor/commands': 8,
     'stickslip_monitor/dashboard': 2,

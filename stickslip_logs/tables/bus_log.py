@@ -120,7 +120,7 @@ def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, s
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     """Yield the numbers of deltas of Signal K as rows, one delta a line; None for a line that is no delta.
 
-    Other vessels' are passed over: the own one is that of the server's first line, or else the first with
+    Other vessels' are skipped: the own one is that of the server's first line, or else the first with
     more than others send by AIS. Numbers of a second source have names of their own: a server may hand on an
     engine's gateway and a simulation under one path.
     """
@@ -165,7 +165,7 @@ def _decode_object(line: str) -> Any:
 
 
 def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> list[Row]:
-    """Return the numbers of a delta as rows, null as the word; other values are passed over.
+    """Return the numbers of a delta as rows, null as the word; other values are skipped.
 
     Args:
         delta: The delta.
@@ -194,7 +194,7 @@ def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> lis
 
 
 def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
-    """Yield paths and units of the meta data of a delta; what is damaged in them is passed over."""
+    """Yield paths and units of the meta data of a delta; what is damaged in them is skipped."""
     for item in meta if isinstance(meta, list) else ():
         value = item.get('value') if isinstance(item, dict) else None
         unit = value.get('units') if isinstance(value, dict) else None
@@ -205,7 +205,7 @@ def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
 def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """Yield the numbers of messages as canboat's ``analyzer -json`` writes them, as rows.
 
-    None for a damaged line, an empty row for one without a message; other fields are passed over.
+    None for a damaged line, an empty row for one without a message; other fields are skipped.
     """
     first = dict[str, str]()
     for line in lines:

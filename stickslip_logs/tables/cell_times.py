@@ -93,7 +93,7 @@ class StampLayout:
     """The one layout in which the dates with times of a table are written.
 
     Args:
-        stamps: Some of them, by which it is found; other texts among these are passed over.
+        stamps: Some of them, by which it is found; other texts among these are skipped.
         zone: The distance from UTC of those that say none, as +02:00; empty where it is not known.
 
     Attributes:
@@ -249,6 +249,7 @@ def number_reader(unit_ns: int, zero: int, decimal: str) -> ReadTimes:
     """
 
     def read(columns: Sequence[Cells]) -> Times:
+        """Return the times of the cells of one column, all at once where all are plain numbers."""
         cells = columns[0]
         if decimal == ',':
             cells = [cell.replace(',', '.') for cell in cells]

@@ -249,7 +249,7 @@ def _jq_command(path: Path, lines: Sequence[str]) -> str:
 def _keys_of(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """Yield the paths of keys to the numbers, texts and booleans in nested JSON objects.
 
-    Lists and null are passed over; what is no object yields nothing.
+    Lists and null are skipped; what is no object yields nothing.
     """
     for key, member in value.items() if isinstance(value, dict) else ():
         if isinstance(member, dict):

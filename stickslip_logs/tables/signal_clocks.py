@@ -63,7 +63,7 @@ def _read_rows(clock: Clock, rows: Sequence[Cells]) -> Times:
     return clock.read([[row[k] for row in rows] for k in clock.columns])
 
 
-def share_columns(table: TableColumns, main: Clock, others: Sequence[Clock]) -> tuple[Clock, ...]:
+def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock]) -> tuple[Clock, ...]:
     """Return the clocks that are used, each with the columns that it is the time of.
 
     A clock that is named after a signal is that of the signal. Else a column has the clock to its left, if
@@ -73,15 +73,17 @@ def share_columns(table: TableColumns, main: Clock, others: Sequence[Clock]) -> 
     Args:
         table: The columns.
         main: The clock of the rows.
-        others: Clocks of other columns.
+        extra_clocks: Clocks of other columns.
     """
-    clocks = sorted([main, *others], key=lambda clock: clock.columns)
+    clocks = sorted([main, *extra_clocks], key=lambda clock: clock.columns)
     taken = {k for clock in clocks for k in clock.columns}
     values = [k for k in range(len(table.names)) if k not in taken]
     named = _clocks_by_name(table, clocks, values)
-    headings = [[table.names[k] for k in clock.columns] for clock in (main, *others)]
-    alike = [clock for clock, heading in zip(others, headings[1:], strict=True) if heading == headings[0]]
-    apart = alike or [clock for clock in others if _is_apart(table, main, clock)]
+    headings = [[table.names[k] for k in clock.columns] for clock in (main, *extra_clocks)]
+    alike = [
+        clock for clock, heading in zip(extra_clocks, headings[1:], strict=True) if heading == headings[0]
+    ]
+    apart = alike or [clock for clock in extra_clocks if _is_apart(table, main, clock)]
     used = sorted([main, *apart], key=lambda clock: clock.columns)
     if values and values[0] < used[0].columns[0] and values[-1] < used[-1].columns[0]:
         # No clock is left of the first column: all are right of theirs.
@@ -124,20 +126,20 @@ def _clocks_by_name(table: TableColumns, clocks: Sequence[Clock], values: Sequen
     return named
 
 
-def _is_apart(table: TableColumns, main: Clock, other: Clock) -> bool:
-    """Return whether the times of another clock differ from those of the main one, by more than a zone.
+def _is_apart(table: TableColumns, main: Clock, clock: Clock) -> bool:
+    """Return whether the times of a clock differ from those of the main one, by more than a zone.
 
     It has to have times, and to change half as often; where no row has both, they do differ.
     """
-    rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > max(*main.columns, *other.columns)]
-    (main_ns, is_main), (other_ns, is_other) = _read_rows(main, rows), _read_rows(other, rows)
-    if not is_other.any():
+    rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > max(*main.columns, *clock.columns)]
+    (main_ns, is_main), (clock_ns, is_clock) = _read_rows(main, rows), _read_rows(clock, rows)
+    if not is_clock.any():
         return False
-    main_ns, other_ns = main_ns[is_main & is_other], other_ns[is_main & is_other]
+    main_ns, clock_ns = main_ns[is_main & is_clock], clock_ns[is_main & is_clock]
     if not main_ns.size:
         return True
-    ahead_ns = other_ns - main_ns
+    ahead_ns = clock_ns - main_ns
     zone_ns = np.rint(ahead_ns / _ZONE_STEP).astype(np.int64) * _ZONE_STEP
     is_zone = (np.abs(ahead_ns - zone_ns) < SECOND).all() and np.ptp(zone_ns) == 0
     is_zone &= abs(int(zone_ns[0])) <= _MAX_ZONE
-    return not is_zone and 2 * np.unique(other_ns).size >= np.unique(main_ns).size
+    return not is_zone and 2 * np.unique(clock_ns).size >= np.unique(main_ns).size

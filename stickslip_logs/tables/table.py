@@ -411,7 +411,7 @@ class _TextReading:
     def _follow_heading(self, row: Cells | None) -> None:
         """Find the wanted columns below headings in the middle, the n-th of those alike; do nothing for None.
 
-        Where one of them is missing, the rows up to the next headings are passed over.
+        Where one of them is missing, the rows up to the next headings are skipped.
         """
         if row is None:
             return

@@ -412,7 +412,8 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
     for minimum, factor, zero, name in () if is_elapsed else _EPOCHS:
         if largest >= minimum:
             return factor, zero, name, ''
-    elapsed, step = f'{unit or "s"} since the start', _usual_step(values)
+    elapsed, steps = f'{unit or "s"} since the start', np.abs(np.diff(values))
+    step = float(np.median(steps[steps > 0])) if steps.any() else 0.0
     for minimum, maximum, zero, name in _DAYS_SINCE if unit == '' or unit_ns == DAY else ():
         if values.min() <= minimum or largest >= maximum:
             continue
@@ -444,18 +445,12 @@ def _unit_of_times(words: str, written: str | None) -> str:
     return next((text for text in candidates if text in _UNITS), '')
 
 
-def _usual_step(values: FloatArray) -> float:
-    """Return the median distance of neighbours that differ; 0 where none do."""
-    steps = np.abs(np.diff(values))
-    return float(np.median(steps[steps > 0])) if steps.any() else 0.0
-
-
 def _days_or_seconds(values: FloatArray, step: float) -> tuple[bool, bool]:
     """Return whether numbers without a unit may be days, and whether they may be seconds.
 
     Args:
         values: The numbers, shape (n,).
-        step: The usual step from one to the next.
+        step: The median step from one to the next that differs; 0 where none do.
     """
     if step == 0.0:
         return False, True
