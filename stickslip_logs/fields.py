@@ -81,7 +81,7 @@ class NumberField:
         self._called: dict[int, str] = {}
 
     def read(self, message: Any) -> float:
-        """Follow the steps of the path through any decoded ROS message to the number at its end.
+        """Return the number at the path in a decoded ROS message.
 
         Raises:
             NoSuchElementError: The message is not for this number, as it names other elements only.
@@ -103,6 +103,7 @@ class NumberField:
         return float(value[0] if isinstance(value, bytes) else value)
 
     def _check_name(self, number: int, parent: Any, place: int) -> None:
+        """Raise a LookupError where an indexed element has another name than in the first message."""
         names = getattr(parent, NAMES, None)
         if not isinstance(names, list) or place >= len(names):
             return
@@ -111,6 +112,7 @@ class NumberField:
 
 
 def _field_place(parent: Any, step: ByName) -> int:
+    """Return the index of a named element; raise a NoSuchElementError where the message names others."""
     names = getattr(parent, NAMES)
     if step.name not in names:
         raise NoSuchElementError(step.name, names)
@@ -118,7 +120,9 @@ def _field_place(parent: Any, step: ByName) -> int:
 
 
 def signalk_source(update: Mapping[str, Any]) -> str:
-    """Return who sends an update of Signal K: its ``$source``, or as a server makes it of the ``source``.
+    """Return the sender of an update of Signal K: its ``$source``, or what a server makes of ``source``.
+
+    Empty where it names none.
 
     >>> signalk_source({'source': {'label': 'N2K', 'type': 'NMEA2000', 'src': '17', 'pgn': 127488}})
     'N2K.17'

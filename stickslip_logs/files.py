@@ -48,7 +48,7 @@ def open_file(path: str | Path) -> IO[bytes]:
 
 
 def near_name(path: str | Path) -> str:
-    """Return the end of a sentence on a path that is not there: where a link leads, or a like name."""
+    """Return the end of a sentence on a missing path: where its link leads, or a similar name; else empty."""
     path = Path(path)
     if path.is_symlink():
         return f": it is a link that leads nowhere, to '{path.readlink()}'"
@@ -75,6 +75,7 @@ def read_file(path: str | Path, max_bytes: int) -> bytes:
 
 
 def _check_kind(path: str | Path, mode: int) -> None:
+    """Raise an OSError where the mode is not that of a regular file."""
     kind = KINDS.get(stat.S_IFMT(mode))
     if kind == 'a folder':
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -83,7 +84,7 @@ def _check_kind(path: str | Path, mode: int) -> None:
 
 
 def hold(number: int) -> bool:
-    """Hold an open draft for as long as it is open; False where another process holds it."""
+    """Lock an open draft until it is closed; return False where another process has locked it."""
     try:
         fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -92,7 +93,7 @@ def hold(number: int) -> bool:
 
 
 def sweep(folder: Path, name: str) -> None:
-    """Remove the drafts of an output whose processes were killed: old ones that nobody holds."""
+    """Remove drafts of an output that no process has locked any more, as they were killed."""
     for draft in folder.glob(f'{glob.escape(name)}.*{DRAFT}'):
         with contextlib.suppress(OSError), contextlib.ExitStack() as opened:
             number = os.open(draft, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)

@@ -26,10 +26,9 @@ class SourceAdmission:
         self._left_out: set[str] = set()
 
     def admits(self, source: str, now: float, *, valid: bool = True) -> bool:
-        """Return whether a value of a source is used.
+        """Return whether a value of a source is used; replace a source that fell silent, and log it.
 
-        One that is no number (not valid) keeps no other source out: a device that has none, or an
-        engine that is stopped, may send that for ever.
+        A value that is not a number does not keep another source out: a stopped engine may send it for ever.
 
         Args:
             source: Who sends it.

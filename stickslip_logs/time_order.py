@@ -105,7 +105,13 @@ class TimeCourse:
     gap_ns: int = 0
 
     def follow(self, time_ns: IntArray, source: IntArray, place: IntArray) -> IntArray:
-        """Return the times of rows as they went on [ns], shape (n,); places have to rise."""
+        """Return the corrected times of rows [ns], shape (n,); the array itself where nothing is shifted.
+
+        Args:
+            time_ns: The times as written [ns], shape (n,).
+            source: The number of the source of each row.
+            place: Where each row is in the file: numbers that rise.
+        """
         if not self.shifts or not time_ns.size:
             return time_ns
         result = time_ns.copy()
@@ -117,7 +123,12 @@ class TimeCourse:
         return result
 
     def notes(self, subject: str, owner: str) -> Iterator[str]:
-        """Yield what is to be reported: of a subject in the plural, and of its clock's owner."""
+        """Yield warnings on the order of time; nothing where there is none to report.
+
+        Args:
+            subject: What was unordered, as in 'the lines are'.
+            owner: Whose clock was set, as in 'of the recorder'.
+        """
         if self.is_unordered:
             yield f'{subject} in no order of time: sorted by time'
         if self.steps_ns:
@@ -138,7 +149,7 @@ class TimeCourse:
 
 
 class _Source:
-    """The segments of one source: all that is kept of its times."""
+    """Segments of one source, stretches of rows without a leap: all that is kept of its times."""
 
     def __init__(self, *, is_in_blocks: bool) -> None:
         self._is_in_blocks = is_in_blocks
@@ -152,7 +163,12 @@ class _Source:
         self.least_ns, self.most_ns = _END, -1
 
     def add(self, time_ns: IntArray, place: IntArray, offset: int) -> tuple[int, int]:
-        """Take up the next rows: times [ns], and places in the file less an offset, shape (n,).
+        """Add the next rows of the source.
+
+        Args:
+            time_ns: Their times [ns], shape (n,), one at least.
+            place: Where each is in the file, less the offset.
+            offset: To add to the places.
 
         Returns:
             The least and the largest of the times [ns].
@@ -165,7 +181,7 @@ class _Source:
         if self._intervals.size < _MAX_INTERVALS:
             self._intervals = np.append(self._intervals, np.abs(step[step != 0]))[:_MAX_INTERVALS]
             self._leap_ns = max(self._leap_ns, self.leap_ns)
-        if self._is_one(time_ns, step):
+        if self._is_one_segment(time_ns, step):
             first, last = int(time_ns[0]), int(time_ns[-1])
             segments = np.array([[int(place[0]) + offset, self._count, first, last, first, last, step[0]]])
         else:
@@ -189,22 +205,22 @@ class _Source:
                 self._halve_resolution()
         return span
 
-    def _is_one(self, time_ns: IntArray, step_ns: IntArray) -> bool:
-        """Return whether rows are one segment."""
+    def _is_one_segment(self, time_ns: IntArray, step_ns: IntArray) -> bool:
+        """Return whether rows make one segment: they neither step back nor leap, within one cell of time."""
         if step_ns.min() < 0 or step_ns.max() > self._leap_ns:
             return False
         cells = time_ns[[0, -1]] // self._resolution_ns
         return self._is_in_blocks or bool(cells[0] == cells[1])
 
     def _begins_segment(self, step_ns: IntArray, time_ns: IntArray) -> BoolArray:
-        """Return which rows, or segments, begin a segment; the first one does."""
+        """Return which rows, or segments to be joined, begin a segment, shape (n,); the first always does."""
         cell = time_ns // self._resolution_ns
         begins: BoolArray = _is_leap(step_ns, self._leap_ns) | (np.diff(cell, prepend=cell[0]) != 0)
         begins[0] = True
         return begins
 
     def _halve_resolution(self) -> None:
-        """Halve the resolution, and forget pauses of less than it."""
+        """Join segments to cells of twice the length, to halve the memory; shorter leaps are forgotten."""
         self._resolution_ns *= 2
         self._leap_ns = max(self._leap_ns, self._resolution_ns // 4)
         segments = self.segments
@@ -235,7 +251,7 @@ class _Source:
         return self._parts[0]
 
     def runs(self) -> list[_Run]:
-        """Return its rows from leap to leap, two adjoining ones with the leap between them."""
+        """Return the runs of rows between leaps, each with the step that led into it."""
         segments = self.segments
         is_first = _is_leap(segments[:, 6], self.leap_ns)
         is_first[:1] = True
@@ -244,12 +260,13 @@ class _Source:
 
 
 def _is_leap(step_ns: IntArray, leap_ns: int) -> BoolArray:
+    """Return which steps go back by 1 s or more, or ahead by more than a limit [ns], shape (n,)."""
     result: BoolArray = (step_ns < -_MIN_STEP_NS) | (step_ns > leap_ns)
     return result
 
 
 def _join_segments(segments: IntArray, begin: IntArray) -> IntArray:
-    """Join the segments from each beginning to the next."""
+    """Join segments: each from one that begins, by its index, up to the next."""
     result = segments[begin]
     result[:, 3] = segments[np.append(begin[1:], len(segments)) - 1, 3]
     result[:, 4] = np.minimum.reduceat(segments[:, 4], begin)
@@ -270,7 +287,7 @@ class TimeOrder:
         self._sources: dict[int, _Source] = {}
 
     def add(self, time_ns: IntArray, source: IntArray, place: IntArray) -> None:
-        """Take up the next rows in the order of the file.
+        """Add the next rows in the order of the file; one at least.
 
         Args:
             time_ns: Their times [ns], shape (n,).
@@ -285,13 +302,20 @@ class TimeOrder:
             self.add_to(key, time_ns[rows], place[rows])
 
     def add_to(self, source: int, time_ns: IntArray, place: IntArray, offset: int = 0) -> tuple[int, int]:
-        """Take up the next rows of one source, whose places are less by an offset; return their span [ns]."""
+        """Add the next rows of one source; return their least and largest time [ns].
+
+        Args:
+            source: Its number.
+            time_ns: The times [ns], shape (n,), one at least.
+            place: Where each is in the file, less the offset.
+            offset: To add to the places.
+        """
         if source not in self._sources:
             self._sources[source] = _Source(is_in_blocks=self._is_in_blocks)
         return self._sources[source].add(time_ns, place, offset)
 
     def course(self, wanted: Collection[int] | None = None) -> TimeCourse:
-        """Judge the order of some sources, or of all."""
+        """Return the course of some sources, by their numbers, or of all."""
         sources = {k: segments for k, segments in self._sources.items() if wanted is None or k in wanted}
         if not sources:
             return TimeCourse()
@@ -301,12 +325,15 @@ class TimeOrder:
             course.start_ns = min(segments.least_ns for segments in sources.values())
             course.end_ns = max(segments.most_ns for segments in sources.values())
             return course
-        _find_wait(course, sources)
+        _measure_wait(course, sources)
         return course
 
 
 def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
-    """Find the reasons of all steps back; return False where the rows have to be sorted instead."""
+    """Explain all steps back of sources by clocks that were set, leaps ahead and late rows.
+
+    Fills in the course. Returns False, with the course half filled, where rows have to be sorted instead.
+    """
     steps: list[_Step] = []
     fits, max_leap_ns = True, max(source.leap_ns for source in sources.values())
     runs = {key: source.runs() for key, source in sources.items()}
@@ -331,7 +358,7 @@ def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
 
 
 def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
-    """Return whether steps back of a source [ns] are many and small, as no clock is set."""
+    """Return whether steps back of a source [ns] are too many and too small for a clock that was set."""
     if len(back_ns) <= _MAX_SMALL_STEPS or max(back_ns) >= _MAX_WAIT_NS:
         return False
     is_unequal = max(back_ns) - min(back_ns) > source.interval_ns
@@ -339,17 +366,23 @@ def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
 
 
 def _fit_together(runs: Sequence[_Run], leap_ns: int) -> bool:
-    """Return whether runs fit together without a seam when they are sorted."""
+    """Return whether runs, sorted by time, follow each other without overlap or pause."""
     spans = sorted((run.least_ns, run.most_ns) for run in runs)
     seams = (behind[0] - before[1] for before, behind in itertools.pairwise(spans))
     return all(-_MIN_STEP_NS <= seam <= leap_ns for seam in seams)
 
 
 def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Sequence[_Run]) -> list[_Run]:
-    """Put runs that were ahead between their neighbours, and leave out those that came late.
+    """Join runs around those that were ahead for a while or late; add the shifts and counts to the course.
+
+    Args:
+        course: Takes a shift for each run that was ahead.
+        key: The number of the source.
+        source: The source.
+        runs: Its runs.
 
     Returns:
-        The runs that are left.
+        The remaining runs; a step back between two of them is still to be explained.
     """
     result: list[_Run] = []
     for number, run in enumerate(runs):
@@ -380,14 +413,14 @@ def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Seque
 
 
 def _is_ahead(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
-    """Return whether a source leapt ahead for a run, and came back to where it would have been."""
+    """Return whether the middle one of three runs leapt ahead, and the last continues the first."""
     passed_ns = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns
     error_ns = run.first_ns - before.last_ns - passed_ns
     return run.step_ns < 0 < excursion.step_ns and abs(error_ns) <= source.leap_ns + source.interval_ns
 
 
 def _is_late(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
-    """Return whether a source dropped back for a run, and came back to where it was."""
+    """Return whether the middle one of three runs is late rows, and the last continues the first."""
     gap_ns = run.first_ns - before.last_ns
     is_brief = excursion.last_ns - excursion.first_ns <= _MAX_LATE_NS
     has_returned = -_MIN_STEP_NS <= gap_ns <= source.leap_ns + source.interval_ns
@@ -395,7 +428,7 @@ def _is_late(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
 
 
 def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
-    """Return whether rows that are not missing where they stand leave a gap behind that is no leap."""
+    """Return whether a few rows stand too early in the file: they leave no gap where they belong."""
     is_there = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns <= source.leap_ns
     is_soon = excursion.last_ns - run.first_ns <= _MAX_LATE_NS
     gap_ns = run.first_ns - before.last_ns
@@ -405,7 +438,14 @@ def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool
 
 
 def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_Step], leap_ns: int) -> None:
-    """Shift what follows steps back: of all sources where all that can show the step do, else of one."""
+    """Add a shift for each step back: of all sources if all that can show it step, else of that one.
+
+    Args:
+        course: Takes the shifts and the steps.
+        sources: All sources by number.
+        steps: The steps back in the order of the file; emptied.
+        leap_ns: Steps of several sources within twice this are one [ns].
+    """
     while steps:
         group = [steps.pop(0)]
         while (
@@ -430,8 +470,8 @@ def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_St
             course.steps_ns += [step.back_ns for step in group]
 
 
-def _find_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
-    """Find start, end, and how long rows have to wait for their turn."""
+def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
+    """Set start, end, longest gap, and how long rows wait for their turn, in the course."""
     parts, own_late_ns = [], 0
     for key, times_of_source in sources.items():
         segments = times_of_source.segments
@@ -471,22 +511,23 @@ class Sorter:
         self._waiting: list[Columns] = []
 
     def add(self, columns: Columns) -> Iterator[Columns]:
-        """Take up rows, their times first [ns], and yield those whose turn it is."""
+        """Add rows (columns, times [ns] first), and yield those that no later row can precede."""
         self._waiting.append(columns)
         if self._wait_ns is None:
             return
-        columns = self._in_order()
+        columns = self._sort_waiting()
         count = int(columns[0].searchsorted(int(columns[0][-1]) - self._wait_ns)) if columns[0].size else 0
         self._waiting = [tuple(column[..., count:] for column in columns)]
         if count:
             yield tuple(column[..., :count] for column in columns)
 
     def rest(self) -> Iterator[Columns]:
-        """Yield the rows that still wait."""
-        if self._waiting and (columns := self._in_order())[0].size:
+        """Yield the rows that still wait; to be called when all were added."""
+        if self._waiting and (columns := self._sort_waiting())[0].size:
             yield columns
 
-    def _in_order(self) -> Columns:
+    def _sort_waiting(self) -> Columns:
+        """Return the waiting rows joined and sorted by time."""
         columns = tuple(np.concatenate(arrays, axis=-1) for arrays in zip(*self._waiting, strict=True))
         if (columns[0][1:] >= columns[0][:-1]).all():
             return columns
