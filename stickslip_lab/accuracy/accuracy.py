@@ -23,6 +23,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_lab.accuracy.methods import (
     REFUSED,
     MethodResult,
@@ -43,7 +44,6 @@ Clock = Callable[[], float]
 
 _DISTURBED = 1.2
 _FLOOR = 1e-14
-_LARGEST = 16 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +83,11 @@ class Effort:
 
     budget: float = 0.5  # time to spend on one method at one case [s]
     sample: float = 2e-3  # shortest sample; faster calls are repeated within it [s]
-    fewest: int = 5  # fewest samples
-    most: int = 101  # most samples
+    min_samples: int = 5
+    max_samples: int = 101
 
 
-QUICK = Effort(budget=0.02, sample=1e-3, fewest=3, most=15)
+QUICK = Effort(budget=0.02, sample=1e-3, min_samples=3, max_samples=15)
 
 
 def time_call(
@@ -106,7 +106,7 @@ def time_call(
     call()
     inner = max(1, math.ceil(effort.sample / max(wall() - start, 1e-9)))
     samples: list[tuple[float, float]] = []
-    while len(samples) < effort.fewest or (len(samples) < effort.most and wall() - start < effort.budget):
+    while len(samples) < effort.min_samples or (len(samples) < effort.max_samples and wall() - start < effort.budget):
         wall_begin, cpu_begin = wall(), cpu()
         for _ in range(inner):
             call()
@@ -235,7 +235,7 @@ def read_rows(path: str | Path) -> list[Row]:
         ConfigurationError: The file cannot be read or is no measurement.
     """
     try:
-        text = read_file(path, _LARGEST).decode()
+        text = read_file(path, MAX_TABLE_BYTES).decode()
         lines = list(csv.DictReader(io.StringIO(text, newline='')))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, 'strerror', None) or error

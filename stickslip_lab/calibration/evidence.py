@@ -11,7 +11,6 @@ a level falls, and so rises, shows in the straight line of its fall.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -21,19 +20,24 @@ from pathlib import Path
 
 import numpy as np
 
+from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_lab.scenes.truth import TruthRecord
 from stickslip_logs.tables.whole_table import read_table
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
+from stickslip_monitor.monitor.parameter import Parameter, refused
 
 BIN_NS = 10**9
 TRUST, TRUTH_TRUST, OPERATOR_TRUST = 0.95, 0.999, 0.9
 LEVEL_TOLERANCE, TRUTH_TOLERANCE, OPERATOR_TOLERANCE = 1.0, 1.0, 10.0
 STATES = {'squeal': True, 'quiet': False}
+_REPORT_NUMBERS = (
+    Parameter('tolerance', 'float', OPERATOR_TOLERANCE, 'How far the times may be off.', 's', 0.0),
+    Parameter('trust', 'float', OPERATOR_TRUST, 'Probability that the report is right.', '', 0.0, 1.0),
+)
 _COLUMNS = ('bearing', 'start', 'end', 'state')
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _FRACTION = re.compile(r'(:\d\d)\.(\d+)')
-_LARGEST = 16 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +69,9 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
     Raises:
         CalibrationError: A line breaks a rule; the text names file, line, value and rule.
     """
-    rows, _ = read_table(path, _LARGEST, CalibrationError, lambda cells: {*_names_of(cells)} >= {*_COLUMNS})
+    rows, _ = read_table(
+        path, MAX_TABLE_BYTES, CalibrationError, lambda cells: {*_names_of(cells)} >= {*_COLUMNS}
+    )
     if len(rows) < 2:
         raise CalibrationError(f'{path} has no reports: give headings and a line for each report')
     headings, body = rows[0].cells, rows[1:]
@@ -100,8 +106,7 @@ def _parse_report(where: str, row: dict[str, str], bearings: Sequence[str]) -> V
     start, end = (_parse_time(f'{where}: {name}', row[name]) for name in ('start', 'end'))
     if end <= start:
         raise CalibrationError(f"{where}: end '{row['end']}' must be after start '{row['start']}'")
-    tolerance = _parse_number(where, row, 'tolerance', OPERATOR_TOLERANCE, math.inf)
-    trust = _parse_number(where, row, 'trust', OPERATOR_TRUST, 1.0)
+    tolerance, trust = (_parse_number(where, row, rule) for rule in _REPORT_NUMBERS)
     squeal = STATES[row['state'].lower()]
     return VibrationReport(row['bearing'], start, end, squeal, tolerance, trust, where)
 
@@ -121,18 +126,16 @@ def _parse_time(where: str, text: str) -> int:
     return (passed.days * 86400 + passed.seconds) * 10**9 + int(digits)
 
 
-def _parse_number(where: str, row: dict[str, str], name: str, default: float, highest: float) -> float:
-    text = row.get(name, '')
+def _parse_number(where: str, row: dict[str, str], rule: Parameter) -> float:
+    """Return an optional number of a report; the rule's default where its cell is empty or missing."""
+    text = row.get(rule.name, '')
     if not text:
-        return default
+        return float(rule.default)
+    name = f'{where}: {rule.name}'
     try:
-        value = float(text)
+        return float(rule.checked(name, {name: float(text)}))
     except ValueError:
-        value = math.nan
-    if not (0.0 <= value <= highest and math.isfinite(value)):
-        limit = '' if highest == math.inf else f' to {highest:g}'
-        raise CalibrationError(f"{where}: {name} '{text}' must be a number from 0{limit}")
-    return value
+        raise CalibrationError(str(refused(name, text, rule.rule()))) from None
 
 
 def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:

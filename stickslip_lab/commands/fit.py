@@ -33,8 +33,9 @@ from stickslip_lab.friction.friction_fit import (
 )
 from stickslip_lab.friction.pooled_fit import PooledFit, fit_curve
 from stickslip_monitor.commands import options, output
-from stickslip_monitor.errors import ConfigurationError, plural, require_positive
+from stickslip_monitor.errors import ConfigurationError, plural
 from stickslip_monitor.monitor.bearing_records import number
+from stickslip_monitor.monitor.parameter import refused
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 from stickslip_monitor.physics.lubrication import reference_point, speed_over_load
@@ -82,7 +83,10 @@ def run(args: argparse.Namespace) -> int:
     bearings = options.chosen(args).bearings if args.config else ()
     fit = fit_curve(_read_curve(args, bearings), args.viscous)
     load = options.parse_loaded(args.load) if args.load else 0.0
-    beliefs = [(item, _bearing_belief(fit, item, load)) for item in bearings]
+    for item in bearings:
+        if item.bearing.damping == 0.0:
+            raise refused(f'{item.name}.damping', 0.0, 'above 0 N s/m: without it every speed is unstable')
+    beliefs = [(item, boundary_belief(fit, item.bearing, load)) for item in bearings]
     results = [
         (item, boundaries(belief, load), _regime_probabilities(args, belief, load))
         for item, belief in beliefs
@@ -113,11 +117,6 @@ def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> 
     return read_curve(args.curve, columns, args.speed_unit, diameter)
 
 
-def _bearing_belief(fit: StribeckFit, item: BearingConfig, load: float) -> Belief:
-    require_positive('damping', item.bearing.damping, 'N s/m')
-    return boundary_belief(fit, item.bearing, load)
-
-
 def boundaries(belief: Belief, load: float) -> Boundaries:
     """Both boundary speeds at a load: the 2.5, 50 and 97.5 % quantile [m/s]; 0 for none."""
     functions = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
@@ -132,7 +131,8 @@ def _regime_probabilities(args: argparse.Namespace, belief: Belief, load: float)
     if not args.speed:
         return None
     speed = abs(options.parse_speed(args.speed, belief.bearing.speed))
-    require_positive('speed', speed, 'm/s')
+    if speed == 0.0:
+        raise refused('--speed', args.speed, 'other than 0: at rest there is no regime')
     point = reference_point(belief.bearing, speed, load)[:2]
     can, will = (float(p) for p in belief.probabilities(*point))
     return {'unstable': will, 'bistable': can - will, 'stable': 1.0 - can}

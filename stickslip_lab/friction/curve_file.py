@@ -10,12 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
+from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_logs.tables.dialect import parse_heading, unit_of
 from stickslip_logs.tables.whole_table import TableRow, read_table
-from stickslip_logs.units import factors_of, names_of
+from stickslip_logs.units import factors_of, find_unit, names_of
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import FitError, plural
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, refused
 from stickslip_monitor.physics.bearing import SPEED_UNITS, BearingSpeed
+from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE
 
 NAMES = {
     'std': 'std sigma σ sd stdev uncertainty deviation error',
@@ -25,24 +28,43 @@ NAMES = {
     'temperature': 'temperature temp temperatur wassertemperatur',
     'speed': 'speed velocity v n geschwindigkeit gleitgeschwindigkeit drehzahl',
 }
-"""The words that a heading is recognised by: it is the first quantity of which it has one, with no
+"""The words that a heading is recognised by: it is of the first quantity of which it has one, unless it has a
 word of another quantity."""
-_OTHERS = {'force', 'torque', 'moment', 'power', 'work', 'energy', 'heat', 'reibkraft'}
-# Beside the words of a coefficient: 'load error', 'weight loss' and 'speed std' are none of it.
-_BESIDE = {'standard', 'of', 'the', 'measurement'}
+_OTHER_QUANTITIES = {'force', 'torque', 'moment', 'power', 'work', 'energy', 'heat', 'reibkraft'}
+# What may stand beside the words of a spread: 'standard error of the measurement', and not 'load error'.
+_FILL_WORDS = {'standard', 'of', 'the', 'measurement'}
 
-_LINEAR = factors_of(*names_of('speed'))
-# By the unit of a coefficient what it is multiplied by.
-_SHARES = {'': 1.0, '-': 1.0, '1': 1.0, 'n/n': 1.0, '%': 0.01, 'percent': 0.01}
+MAX_SIZE = 1e30
+"""Numbers of a curve are smaller: their squares and cubes are still finite."""
+_RULES = {
+    'speed': Parameter('speed', 'float', REQUIRED, '', 'm/s', 0.0, MAX_SIZE),
+    'coefficient': Parameter('coefficient', 'float', REQUIRED, '', '', -MAX_SIZE, MAX_SIZE),
+    'std': Parameter('std', 'float', REQUIRED, '', '', 0.0, MAX_SIZE, above_minimum=True),
+    'weight': Parameter('weight', 'float', REQUIRED, '', '', 0.0, MAX_SIZE, above_minimum=True),
+    'load': Parameter('load', 'float', REQUIRED, '', 'N', 0.0, MAX_SIZE, above_minimum=True),
+    'temperature': Parameter('temperature', 'float', REQUIRED, '', 'C', MIN_TEMPERATURE, MAX_TEMPERATURE),
+}
+"""The rule of each quantity, in SI units and C."""
+_SPEED_FACTORS = factors_of(*names_of('speed'))
+# Units of temperature in lower case: factor and summand that make C.
+_TEMPERATURE_SCALES = {
+    **dict.fromkeys(('', 'c', '°c', 'degc', 'deg c', 'celsius'), (1.0, 0.0)),
+    **dict.fromkeys(('k', 'kelvin'), (1.0, -273.15)),
+    **dict.fromkeys(('f', '°f', 'degf', 'deg f'), (5.0 / 9.0, -160.0 / 9.0)),
+}
+# Units of a coefficient in lower case, which is force over load.
+_SHARE_SCALES = {
+    **dict.fromkeys(('', '-', '1', 'n/n'), (1.0, 0.0)),
+    **dict.fromkeys(('%', 'percent'), (0.01, 0.0)),
+}
+
+# A number in whose groups of three a point or a comma may part thousands.
 _GROUPED = re.compile(r'[+-]?[1-9]\d{0,2}(?:[.,]\d{3})+')
-# 'speed [rpm]', 'speed, rpm', 'speed / rpm' or 'v / (m/s)'.
+# Name and unit of 'speed [rpm]', 'speed, rpm', 'speed / rpm' or 'v / (m/s)'.
 _HEADING = re.compile(r'(.*?)\s*(?:[\[(]([^\])]*)[\])]|,\s*(\S+)|\s/\s*\(?([^)]*)\)?)?\s*')
 _BRACKETED = re.compile(r'[\[(]([^\])]*)[\])]')
-# The squares and cubes of what is below are still numbers.
-_TOO_LARGE = 1e30
-# Time and memory of a fit grow with its points; a bench that samples for long averages them.
-_MOST_POINTS = 20_000
-_LARGEST = 16 << 20
+MAX_POINTS = 20_000
+"""Time and memory of a fit grow with its points: a bench that samples for long averages them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +78,8 @@ class FrictionCurve:
     line: IntArray  # the line of the file that each point came from, shape (n,)
     unit: str  # the unit that the speeds were written in
     unit_source: str  # where that unit was found, for the user
-    load: FloatArray | None = None  # load of each point, shape (n,) [N]; None: not told
-    temperature: FloatArray | None = None  # of the water at each, shape (n,) [C]; None: not told
+    load: FloatArray | None = None  # load > 0 of each point, shape (n,) [N]; None: not in the file
+    temperature: FloatArray | None = None  # of the water at each, shape (n,) [C]; None: not in the file
 
 
 def read_curve(
@@ -86,45 +108,37 @@ def read_curve(
     chosen = _choose_columns(where, rows[0].cells, columns or {})
     headings = {quantity: rows[0].cells[index] for quantity, index in chosen.items()}
     _require_one_decimal_sign(path, rows[1:], chosen.values(), delimiter)
-    unit, source = _find_unit(where, headings['speed'], unit)
-    if unit not in _LINEAR and journal_diameter is None:
+    unit, unit_source = _find_speed_unit(where, headings['speed'], unit)
+    if unit not in _SPEED_FACTORS and journal_diameter is None:
         raise FitError(
             f"{path}: speeds in {unit} need the journal's diameter: give --journal-diameter in"
             ' m (or --config)'
         )
-    factor = _LINEAR.get(unit) or BearingSpeed(journal_diameter or 0.0).factor(unit)
-    values = {
-        quantity: np.array(
-            [_parse_number(path, row, rows[0], index, quantity, delimiter) for row in rows[1:]]
-        )
-        for quantity, index in chosen.items()
-    }
-    for name in ('coefficient', 'std'):
-        if name in values:
-            values[name] *= _coefficient_factor(where, headings[name])
-    for name in ('load', 'temperature'):
-        if name in values:
-            values[name] = _in_unit(where, name, headings[name], values[name])
+    factor = _SPEED_FACTORS.get(unit) or float(BearingSpeed(journal_diameter or 0.0).factor(unit))
+    values = {}
+    for quantity, index in chosen.items():
+        scale = (factor, 0.0) if quantity == 'speed' else _require_scale(where, quantity, headings[quantity])
+        numbers = [_parse_number(path, row, rows[0], index, quantity, scale, delimiter) for row in rows[1:]]
+        values[quantity] = np.array(numbers)
     std = values.get('std', np.ones(len(rows) - 1))
     if 'weight' in values:
         std = values['weight'] ** -0.5
     lines = np.array([row.line for row in rows[1:]], dtype=np.int64)
     conditions = values.get('load'), values.get('temperature')
-    speed = values['speed'] * factor
-    return FrictionCurve(speed, values['coefficient'], std, lines, unit, source, *conditions)
+    return FrictionCurve(values['speed'], values['coefficient'], std, lines, unit, unit_source, *conditions)
 
 
 def _read_rows(path: str | Path) -> tuple[list[TableRow], str]:
     """Return the rows, the headings with their units first, and what separates their cells."""
 
     def is_heading(cells: list[str]) -> bool:
-        found = {_find_quantity(_split_heading(cell)[0]) for cell in cells}
-        return found >= {'speed', 'coefficient'}
+        quantities = {_find_quantity(_split_heading(cell)[0]) for cell in cells}
+        return quantities >= {'speed', 'coefficient'}
 
-    rows, delimiter = read_table(path, _LARGEST, FitError, is_heading)
-    if len(rows) > _MOST_POINTS:
+    rows, delimiter = read_table(path, MAX_TABLE_BYTES, FitError, is_heading)
+    if len(rows) > MAX_POINTS:
         raise FitError(
-            f'{path} has {len(rows)} lines, and more than {_MOST_POINTS} are not fitted: average'
+            f'{path} has {len(rows)} lines, and more than {MAX_POINTS} are not fitted: average'
             ' the points of equal speed'
         )
     if not rows:
@@ -135,13 +149,15 @@ def _read_rows(path: str | Path) -> tuple[list[TableRow], str]:
 
 
 def _split_heading(heading: str) -> tuple[list[str], str]:
-    """Return the words of a heading in lower case, and its unit as it is written."""
+    """Return the words of a heading in lower case, and its unit as it is written; '' for none."""
     match = _HEADING.fullmatch(heading)
     name, *units = match.groups() if match else (heading,)
+    plain = name.replace('_', ' ').split()
     words, unit = name.replace('_', ' ').lower().split(), next(filter(None, units), '').strip()
-    for count in (2, 1):  # 'velocity m s-1', 'velocity m/s', and a heading that is nothing but a unit
-        last = ''.join(words[-count:])
-        if not unit and (_speed_unit(last) or last == '%'):
+    for count in (2, 1):  # 'velocity m s-1', 'velocity m/s', 'load kN', and a heading that is only a unit
+        last = ''.join(plain[-count:])
+        of_condition = (quantity := _find_quantity(words[:-count])) in ('load', 'temperature')
+        if not unit and (_speed_unit(last) or last == '%' or (of_condition and _scale_of(quantity, last))):
             return words[:-count], last
     if not unit:  # 'speed [rpm] of the shaft'
         unit = next((text for text in _BRACKETED.findall(heading) if _speed_unit(text) or text == '%'), '')
@@ -151,36 +167,65 @@ def _split_heading(heading: str) -> tuple[list[str], str]:
 
 
 def _find_quantity(words: Iterable[str]) -> str:
-    """Return the quantity that a heading of some words is of; '' for none."""
+    """Return the quantity that a heading with these words, in lower case, is of; '' for none."""
     present = set(words)
     name = next((name for name, text in NAMES.items() if present & {*text.split()}), '')
     if name in ('std', 'weight'):
         coefficient_words = f'{NAMES[name]} {NAMES["coefficient"]}'.split()
-        return name if present <= {*coefficient_words} | _BESIDE else ''
+        return name if present <= {*coefficient_words} | _FILL_WORDS else ''
     if present >= {'normal', 'force'}:
         return 'load'
-    return '' if present & _OTHERS else name
+    return '' if present & _OTHER_QUANTITIES else name
 
 
 def _speed_unit(text: str) -> str | None:
-    """Return a unit of speed as this program writes it; None for any other text."""
+    """Return a unit of speed or turning as this program writes it; None for any other text."""
     unit = unit_of(text)
-    return unit if unit in _LINEAR or unit in SPEED_UNITS else None
+    return unit if unit in _SPEED_FACTORS or unit in SPEED_UNITS else None
+
+
+def _scale_of(quantity: str, unit: str) -> tuple[float, float] | None:
+    """Return factor and summand that make N, C or a plain number of a unit; None for one of another kind."""
+    if quantity == 'temperature':
+        return _TEMPERATURE_SCALES.get(unit.lower())
+    if quantity != 'load':
+        return _SHARE_SCALES.get(unit.lower())
+    force = find_unit(unit or 'N', 'force')
+    return (force.factor / force.divisor, 0.0) if force and force.quantity == 'force' else None
+
+
+def _require_scale(where: str, quantity: str, heading: str) -> tuple[float, float]:
+    """Return :func:`_scale_of` the unit in a column's heading, or refuse the unit."""
+    unit = _split_heading(heading)[1]
+    if quantity == 'weight':
+        return 1.0, 0.0
+    scale = _scale_of(quantity, unit)
+    if scale is None:
+        rule = {
+            'load': f'one of {", ".join(names_of("force"))}: of a pressure, times the projected area',
+            'temperature': 'C, K or F',
+        }.get(quantity, '%, or none: a coefficient is force over load')
+        raise FitError(f"{where}, column '{heading}': unit '{unit}' must be {rule}")
+    return scale
 
 
 def _choose_columns(where: str, cells: list[str], columns: Mapping[str, str | None]) -> dict[str, int]:
-    """Return the index of each quantity's column; std and weight only where there is one."""
+    """Return the index of each quantity's column; only those of the quantities that there are.
+
+    Raises:
+        FitError: Speed or coefficient is missing, or a column is in doubt.
+    """
     named = {quantity: columns.get(quantity) for quantity in NAMES}
     if named['std'] is not None and named['weight'] is not None:
         raise FitError('give --std-column or --weight-column, not both')
     indexes = {q: _find_column(where, cells, q, named[q]) for q in NAMES}
     chosen = {quantity: index for quantity, index in indexes.items() if index is not None}
-    if not chosen and all(map(_is_number, cells)):
+    if not chosen and all(re.fullmatch(r'[-+]?[\d.,]+(?:e[-+]?\d+)?', cell, re.I) for cell in cells):
         raise FitError(f"{where} has numbers and no headings: put a line 'speed [m/s],mu' before it")
-    for quantity in ('speed', 'coefficient'):
+    for quantity, hint in (('speed', ''), ('coefficient', ' (friction force over load)')):
         if quantity not in chosen:
             raise FitError(
-                f'{where}: no column for the {quantity} among {str(cells)[1:-1]}: name it with'
+                f'{where}: no column for the {quantity}{hint} among {str(cells)[1:-1]}: name it with'
                 f' --{quantity}-column'
             )
     for heading in (cells[index] for index in chosen.values()):
@@ -195,6 +240,11 @@ def _choose_columns(where: str, cells: list[str], columns: Mapping[str, str | No
 
 
 def _find_column(where: str, cells: list[str], quantity: str, named: str | None) -> int | None:
+    """Return the index of the column of a quantity, by its heading if that is named; None for no column.
+
+    Raises:
+        FitError: There are several, or none of that heading.
+    """
     split = [_split_heading(cell) for cell in cells]
     if named is None:
         candidates = [k for k, (words, _) in enumerate(split) if _find_quantity(words) == quantity]
@@ -211,19 +261,20 @@ def _find_column(where: str, cells: list[str], quantity: str, named: str | None)
     if len(candidates) > 1:
         several = str([cells[k] for k in candidates])[1:-1]
         raise FitError(
-            f'{where}: several columns may be the {quantity}: {several}; name one with --{quantity}-column'
+            f'{where}: several columns may be the {quantity}: {several}; name one with --{quantity}-column,'
+            ' or write curves at several loads below each other, with a column for the load'
         )
     if not candidates and named is not None:
         raise FitError(f"{where}: --{quantity}-column '{named}' is none of the columns {str(cells)[1:-1]}")
     return candidates[0] if candidates else None
 
 
-def _find_unit(where: str, heading: str, option: str | None) -> tuple[str, str]:
-    """Return the unit of the speeds and where it was found."""
+def _find_speed_unit(where: str, heading: str, option: str | None) -> tuple[str, str]:
+    """Return the unit of the speeds and where it was found; the ``option`` must agree with the heading."""
     written = _split_heading(heading)[1]
     unit = _speed_unit(written)
     if written and unit is None:
-        units = ', '.join(dict.fromkeys((*SPEED_UNITS, *_LINEAR)))
+        units = ', '.join(dict.fromkeys((*SPEED_UNITS, *_SPEED_FACTORS)))
         raise FitError(f"{where}, column '{heading}': unit '{written}' must be one of {units}")
     if option is not None and unit is not None and option != unit:
         raise FitError(
@@ -232,37 +283,6 @@ def _find_unit(where: str, heading: str, option: str | None) -> tuple[str, str]:
     if option is not None:
         return option, '--speed-unit'
     return (unit, 'the heading') if unit else ('m/s', 'assumed: the heading states none')
-
-
-def _coefficient_factor(where: str, heading: str) -> float:
-    """Return the factor of a coefficient in the heading's unit: percent or no unit."""
-    unit = _split_heading(heading)[1].lower()
-    if unit not in _SHARES:
-        raise FitError(
-            f"{where}, column '{heading}': unit '{unit}' must be %, or none: a coefficient is force over load"
-        )
-    return _SHARES[unit]
-
-
-_CONDITION_UNITS = {
-    'load': {'': (1.0, 0.0), 'n': (1.0, 0.0), 'kn': (1000.0, 0.0)},
-    'temperature': {
-        **dict.fromkeys(('', 'c', '°c', 'degc', 'deg c', 'celsius'), (1.0, 0.0)),
-        'k': (1.0, -273.15),
-        **dict.fromkeys(('f', '°f', 'degf'), (5.0 / 9.0, -160.0 / 9.0)),
-    },
-}
-"""By quantity and unit in lower case, what makes N and C of a number: factor and summand."""
-
-
-def _in_unit(where: str, quantity: str, heading: str, values: FloatArray) -> FloatArray:
-    """Convert loads to N and temperatures to C."""
-    unit, units = _split_heading(heading)[1].lower(), _CONDITION_UNITS[quantity]
-    if unit not in units:
-        names = 'N or kN' if quantity == 'load' else 'C, K or F'
-        raise FitError(f"{where}, column '{heading}': unit '{unit}' must be {names}")
-    factor, summand = units[unit]
-    return values * factor + summand
 
 
 def _require_one_decimal_sign(
@@ -281,30 +301,25 @@ def _require_one_decimal_sign(
         )
 
 
-def _is_number(text: str) -> bool:
-    return re.fullmatch(r'[-+]?[\d.,]+(?:e[-+]?\d+)?', text, re.IGNORECASE) is not None
-
-
 def _parse_number(
-    path: str | Path, row: TableRow, headings: TableRow, index: int, quantity: str, delimiter: str
+    path: str | Path,
+    row: TableRow,
+    headings: TableRow,
+    index: int,
+    quantity: str,
+    scale: tuple[float, float],
+    delimiter: str,
 ) -> float:
-    """Parse one cell as a number that keeps the rule of its quantity."""
+    """Return the number of a cell by the ``scale`` of its unit, if it keeps the rule of its quantity."""
     where = f"{path}, line {row.line}, column '{headings.cells[index]}'"
     if index >= len(row.cells):
         raise FitError(
             f'{where}: the line has {plural(len(row.cells), "cell")} and the headings'
             f' {len(headings.cells)}: no value is there'
         )
-    text = row.cells[index]
-    plain = text.replace(',', '.') if delimiter != ',' else text
+    text, rule = row.cells[index], _RULES[quantity]
     try:
-        value = float(plain)
+        number = float(text if delimiter == ',' else text.replace(',', '.')) * scale[0] + scale[1]
+        return float(rule.checked(where, {where: number}))
     except ValueError:
-        raise FitError(f"{where}: '{text}' must be a number") from None
-    if not abs(value) < _TOO_LARGE:
-        raise FitError(f"{where}: '{text}' must be a finite number below {_TOO_LARGE:g}")
-    if quantity == 'speed' and value < 0.0:
-        raise FitError(f"{where}: '{text}' must not be negative: give the amount of the speed")
-    if quantity in ('std', 'weight') and not value > 1.0 / _TOO_LARGE:
-        raise FitError(f"{where}: '{text}' must be greater than 0")
-    return value
+        raise FitError(str(refused(where, text, rule.rule()))) from None

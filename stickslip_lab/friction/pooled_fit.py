@@ -17,9 +17,8 @@ from scipy.optimize import minimize_scalar
 
 from stickslip_lab.friction.curve_file import FrictionCurve
 from stickslip_lab.friction.friction_fit import CAUCHY, PLAIN, StribeckFit, Viscous, fit_stribeck, solve_law
-from stickslip_monitor.arrays import BoolArray, FloatArray
-from stickslip_monitor.errors import FitError
-from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE, Lubrication, viscosity
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.physics.lubrication import Lubrication, viscosity
 
 LEAST_RATIO = 1.05
 """Loads that differ by less than this factor are one load: cells scatter by a few per cent."""
@@ -111,24 +110,18 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
     """Fit the law to a curve, or to curves at several loads or water temperatures.
 
     Raises:
-        FitError: The curve cannot identify the law, or a load or a temperature is not possible.
+        FitError: The curve cannot identify the law.
     """
     if curve.load is None and curve.temperature is None:
         return fit_stribeck(curve, viscous)
     load, temperature, ratio = np.nan, np.nan, np.ones(curve.speed.size)
     log_load = np.zeros(curve.speed.size)
     if curve.load is not None:
-        _require_values(curve, 'load', curve.load, curve.load > 0.0, 'above 0 N')
         load = float(np.exp(np.mean(np.log(curve.load))))
         log_load = np.log(curve.load / load)
     if curve.temperature is not None:
-        water = curve.temperature
-        liquid = (water >= MIN_TEMPERATURE) & (water <= MAX_TEMPERATURE)
-        _require_values(
-            curve, 'temperature', water, liquid, f'from {MIN_TEMPERATURE:g} to {MAX_TEMPERATURE:g} C'
-        )
-        temperature = float(np.mean(water))
-        ratio = np.asarray(viscosity(water) / viscosity(temperature))
+        temperature = float(np.mean(curve.temperature))
+        ratio = np.asarray(viscosity(curve.temperature) / viscosity(temperature))
 
     def reduced(exponent: float) -> FrictionCurve:
         return replace(curve, speed=curve.speed * ratio * np.exp(-exponent * log_load))
@@ -143,13 +136,6 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
     return PooledFit(
         **values, measured=curve, load=load, temperature=temperature, exponent=exponent, has_exponent=differs
     )
-
-
-def _require_values(
-    curve: FrictionCurve, name: str, values: FloatArray, possible: BoolArray, rule: str
-) -> None:
-    for k in np.flatnonzero(~possible):
-        raise FitError(f'line {curve.line[k]}: {name} = {values[k]:g} must be {rule}')
 
 
 def _fit_exponent(reduced: Callable[[float], FrictionCurve], names: tuple[str, ...]) -> float:

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_logs.tables.whole_table import read_table
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import ConfigurationError, SceneError, did_you_mean
@@ -25,8 +26,6 @@ from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, shown
 
 # Far beyond every sensor and sea; products of a few such numbers are still finite.
 LARGEST = 1e15
-# A table of a million rows [bytes].
-_LARGEST_TABLE = 32 << 20
 
 
 class Settings:
@@ -237,7 +236,7 @@ def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
 
 def _table_rows(path: Path) -> list[tuple[str, Any]]:
     """Return the rows of a table headed ``time,value``, each with its name for sentences."""
-    rows, _ = read_table(path, _LARGEST_TABLE, SceneError, ['time', 'value'].__eq__)
+    rows, _ = read_table(path, MAX_TABLE_BYTES, SceneError, ['time', 'value'].__eq__)
     if not rows or rows[0].cells != ['time', 'value']:
         raise SceneError(f"table '{path}' must begin with a line 'time,value'")
     if len(rows) == 1:

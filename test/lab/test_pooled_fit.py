@@ -110,24 +110,66 @@ def test_columns_of_load_and_temperature_are_read(tmp_path: Path) -> None:
     assert curve.temperature is not None
     assert curve.load.tolist() == [1500.0, 2000.0]
     assert curve.temperature.tolist() == [15.0, 20.0]
-    path.write_text('speed [m/s],mu,load [bar]\n0.1,0.3,1.5\n')
-    with pytest.raises(FitError, match=r"column 'load \[bar\]': unit 'bar' must be N or kN"):
+
+
+@pytest.mark.parametrize(
+    ('heading', 'text', 'newtons'),
+    [
+        ('load [kN]', '1.5', 1500.0),
+        ('load kN', '1.5', 1500.0),
+        ('Load_kN', '1.5', 1500.0),
+        ('normal load, MN', '0.1', 1e5),
+        ('Last (t)', '2', 2.0 * 9806.65),
+        ('load [lbf]', '100', 444.82216152605),
+        ('load', '1.5', 1.5),
+    ],
+)
+def test_a_load_may_be_in_any_unit_of_force(tmp_path: Path, heading: str, text: str, newtons: float) -> None:
+    path = tmp_path / 'bench.csv'
+    path.write_text(f'speed [m/s];mu;{heading}\n0.1;0.3;{text}\n')
+    load = read_curve(path).load
+    assert load is not None
+    assert load.tolist() == pytest.approx([newtons])
+
+
+@pytest.mark.parametrize(('heading', 'celsius'), [('temp C', 50.0), ('water temperature [F]', 10.0)])
+def test_a_temperature_may_have_its_unit_in_words(tmp_path: Path, heading: str, celsius: float) -> None:
+    path = tmp_path / 'bench.csv'
+    path.write_text(f'speed [m/s],mu,{heading}\n0.1,0.3,50\n')
+    water = read_curve(path).temperature
+    assert water is not None
+    assert water.tolist() == pytest.approx([celsius])
+
+
+@pytest.mark.parametrize(
+    ('heading', 'row', 'text'),
+    [
+        (
+            'load [bar]',
+            '1.5',
+            r"column 'load \[bar\]': unit 'bar' must be one of N, kN, MN, .*projected area",
+        ),
+        ('temperature [R]', '1.5', "unit 'R' must be C, K or F"),
+        ('load [kN]', '0', r"line 2, column 'load \[kN\]' = '0' must be a finite number above 0 .*N$"),
+        ('temp [C]', '99', r"column 'temp \[C\]' = '99' must be a finite number between -2 and 60 C"),
+    ],
+)
+def test_impossible_conditions_are_refused(tmp_path: Path, heading: str, row: str, text: str) -> None:
+    path = tmp_path / 'bench.csv'
+    path.write_text(f'speed [m/s],mu,{heading}\n0.1,0.3,{row}\n')
+    with pytest.raises(FitError, match=text):
         read_curve(path)
 
 
 @pytest.mark.parametrize(
-    ('load', 'water', 'text'),
+    ('headings', 'text'),
     [
-        (0.0, 15.0, 'line 2: load = 0 must be above 0 N'),
-        (1.0, 99.0, 'line 2: temperature = 99 must be from -2'),
+        ('speed [m/s],mu @ 500 N,mu @ 1 kN', 'several columns may be the coefficient: .*below each other'),
+        ('speed [m/s],friction force [N],load [N]', r'coefficient \(friction force over load\) among'),
     ],
 )
-def test_impossible_conditions_are_refused(load: float, water: float, text: str) -> None:
-    curve = made(1.0, 0.0)
-    assert curve.load is not None
-    own = FrictionCurve(
-        curve.speed, curve.coefficient, curve.std, curve.line, 'm/s', '', 0.0 * curve.load + load,
-        0.0 * curve.speed + water,
-    )  # fmt: skip
+def test_a_table_of_another_form_is_told_how_to_write_it(tmp_path: Path, headings: str, text: str) -> None:
+    path = tmp_path / 'bench.csv'
+    path.write_text(f'{headings}\n0.1,0.3,0.25\n')
     with pytest.raises(FitError, match=text):
-        fit_curve(own)
+        read_curve(path)
