@@ -17,9 +17,6 @@ MOST = {
     'stickslip_monitor/monitor': 20,
     'stickslip_monitor/offline': 5,
     'stickslip_monitor/physics': 40,
-    'stickslip_lab/accuracy': 1,
-    'stickslip_lab/friction': 1,
-    'stickslip_lab/scenes': 3,
 }
 
 

@@ -106,7 +106,9 @@ def time_call(
     call()
     inner = max(1, math.ceil(effort.sample / max(wall() - start, 1e-9)))
     samples: list[tuple[float, float]] = []
-    while len(samples) < effort.min_samples or (len(samples) < effort.max_samples and wall() - start < effort.budget):
+    while len(samples) < effort.min_samples or (
+        len(samples) < effort.max_samples and wall() - start < effort.budget
+    ):
         wall_begin, cpu_begin = wall(), cpu()
         for _ in range(inner):
             call()

@@ -114,7 +114,7 @@ and which."""
 class EpisodeEvent(NamedTuple):
     """The start or the end of an episode."""
 
-    known: float  # when it could be known [s]
+    known_at: float  # when it could be known [s]
     name: str  # ``'first_stick'`` or ``'last_stick'``
     time: float  # when it was [s]
     # Of an end the stretches of sticking and the time of sticking in them [s].

@@ -89,9 +89,9 @@ def known_truth(bag: Recording, bearing: str) -> TruthRecord:
     start = bag.start_ns if bag.start_ns is not None else times[0]
     over = bool(events) and events[-1][0] == 'end'
     end = times[-1] if over or bag.end_ns is None else bag.end_ns
-    requests = {each: Request(topic(bearing, each), 'data', FLOAT64) for each in _NUMBERS}
+    requests = {name: Request(topic(bearing, name), 'data', FLOAT64) for name in _NUMBERS}
     series = bag.read(r for r in requests.values() if r.topic in bag.topics)
-    numbers = {each: _to_numbers(series.get(request)) for each, request in requests.items()}
+    numbers = {name: _to_numbers(series.get(request)) for name, request in requests.items()}
     return TruthRecord(start, end, tuple(_find_episodes(events, end)), **numbers)
 
 

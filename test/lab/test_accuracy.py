@@ -30,7 +30,7 @@ from stickslip_monitor.drawing.canvas import write_csv
 from stickslip_monitor.errors import ConfigurationError
 
 DOCS = Path(__file__).parents[2] / 'docs'
-TINY = Effort(budget=0.0, sample=1e-9, fewest=1, most=1)
+TINY = Effort(budget=0.0, sample=1e-9, min_samples=1, max_samples=1)
 
 
 @pytest.mark.parametrize('name', ['38 rpm', '20 rpm', 'eta = 5'])

@@ -16,7 +16,7 @@ STORED = str(Path(__file__).parents[3] / 'docs' / 'accuracy.csv')
 
 @pytest.fixture
 def fast(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(accuracy, 'QUICK', Effort(budget=0.0, sample=1e-9, fewest=1, most=1))
+    monkeypatch.setattr(accuracy, 'QUICK', Effort(budget=0.0, sample=1e-9, min_samples=1, max_samples=1))
     chosen = ('KBM', 'exact cycle', 'harmonic balance, H = 1')
     monkeypatch.setattr(accuracy, 'METHODS', [m for m in accuracy.METHODS if m.name in chosen])
 
