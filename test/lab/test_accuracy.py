@@ -76,7 +76,7 @@ def test_the_median_of_undisturbed_samples_counts(steps, effort, seconds, sample
     taken, count, busy = time_call(clocks.call, effort, lambda: clocks.wall, lambda: clocks.cpu)
     assert taken == pytest.approx(seconds, rel=1e-6)
     assert (count in samples, busy) == (True, disturbed)
-    assert clocks.wall > effort.sample * effort.fewest
+    assert clocks.wall > effort.sample * effort.min_samples
 
 
 def row(method='KBM', case='a', error=0.1, seconds=1.0, outcome='cycle', points=1) -> Row:
