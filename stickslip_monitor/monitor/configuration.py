@@ -457,6 +457,8 @@ class _Section:
                 yield f'{shown}: the law {law} takes {", ".join(taken)}; is friction.law right?'
             elif row.name.endswith('_probability') and not config.alarms_by_chance:
                 yield f'{shown}: alarms go by margins without tolerances, and after a calibration'
+            elif row.name == 'alarm.caution_margin' and config.alarms_by_chance:
+                yield f'{shown} near the fold: with tolerances caution goes by alarm.caution_probability'
 
     def _build_speed(self, factor: float, rest: float) -> SpeedConfig:
         """Return the input of the speed, over the gear of an engine; ``factor`` is its unit in m/s."""

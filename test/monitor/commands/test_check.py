@@ -319,7 +319,7 @@ def test_a_clip_that_cannot_be_written_costs_no_verdict(
     def refuse(*_: object) -> None:
         raise BagError('no space left')
 
-    monkeypatch.setattr(BagWriter, '_finish', refuse)
+    monkeypatch.setattr(BagWriter, '_publish_draft', refuse)
     done = stickslip(*CHECK, BAG, '--clips', tmp_path / 'clips', '--json')
     assert done.code == 1
     assert done.json['bearings']['aft_stern']['events']

@@ -272,3 +272,10 @@ def test_a_probability_without_tolerances_is_named(more: dict[str, float], has_n
     notes = configured(alarm__can_probability=0.4, **more).notes
     named = [note for note in notes if note.startswith('aft.alarm.can_probability = 0.4 has no effect: ')]
     assert len(notes) == len(named) == has_no_effect
+
+
+@pytest.mark.parametrize(('more', 'has_no_effect'), [({}, False), ({'tolerance__damping': 0.1}, True)])
+def test_a_margin_of_caution_beside_tolerances_is_named(more: dict[str, float], has_no_effect: bool) -> None:
+    notes = configured(alarm__caution_margin=5.0, **more).notes
+    named = [note for note in notes if 'goes by alarm.caution_probability' in note]
+    assert len(notes) == len(named) == has_no_effect
