@@ -436,20 +436,32 @@ def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | No
         decimal: The decimal sign.
         width: How many cells most rows have.
     """
-    data = [k for k, row in enumerate(rows) if _is_data(row, decimal, width)]
-    for k in data:
-        run = [_is_data(cells, decimal, width) for cells in rows[k : k + 2 * _RUN_ROWS] if cells][:_RUN_ROWS]
+    is_data = [_is_data(row, decimal, width) for row in rows]
+    places = [k for k, is_one in enumerate(is_data) if is_one]
+    for k in places:
+        run = [is_data[n] for n in range(k, min(k + 2 * _RUN_ROWS, len(rows))) if rows[n]][:_RUN_ROWS]
         if sum(run) > 0.5 * len(run):
-            break
-    else:
-        return data[0] if data else None
-    # Numbers may stand above the headings, too: those of a preamble or a statistic stand behind a word.
-    is_headed, is_preamble, is_next = bool(_find_headings(rows[:k], width)[0]), True, False
-    for n, row in enumerate(rows[k:], k):
-        is_data = _is_data(row, decimal, width)
-        if is_next and is_data:
-            return n
-        if is_data:
+            return _skip_preamble(rows, is_data, k, width)
+    return places[0] if places else None
+
+
+def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, width: int) -> int:
+    """Return the place of the first row of numbers below headings that stand below other numbers.
+
+    Those of a preamble or of a statistic stand behind a word; where there are none, the place is as it was.
+
+    Args:
+        rows: The rows of the head of a file.
+        is_data: Whether each is a row of numbers.
+        first: The place of the first row of numbers.
+        width: How many cells most rows have.
+    """
+    is_headed, is_preamble, is_next = bool(_find_headings(rows[:first], width)[0]), True, False
+    for k in range(first, len(rows)):
+        row = rows[k]
+        if is_next and is_data[k]:
+            return k
+        if is_data[k]:
             is_timed = is_headed and any(is_stamp(cell) or is_time(cell) for cell in row)
             is_preamble &= not _is_value(row[0]) and not is_timed
         if is_headed and not is_preamble:
@@ -457,7 +469,7 @@ def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | No
         is_words = len(row) == width and all(cell.strip() and not _is_value(cell) for cell in row)
         has_time = is_words and any(TIME_WORDS.search(parse_heading(cell).name) for cell in row)
         is_next |= has_time or (is_words and is_preamble and not is_headed)
-    return k
+    return first
 
 
 def _is_data(row: Cells, decimal: str, width: int) -> bool:

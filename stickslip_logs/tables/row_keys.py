@@ -55,11 +55,7 @@ def find_key_column(
         if not 2 <= len(codes) <= min(_MAX_WORDS, max(len(filled) // 2, 2)):
             continue
         key, filled_ns = np.array([codes[cells[k]] for k in filled]), time_ns[filled]
-        order = np.lexsort((key, filled_ns))
-        is_shared = np.diff(filled_ns[order]) == 0
-        is_twice = is_shared & (np.diff(key[order]) == 0)
-        shared = np.count_nonzero(is_shared & ~is_twice)
-        is_apart = shared >= max(2, _MIN_SHARED * len(filled)) and is_twice.sum() <= _MAX_TWICE * len(filled)
+        is_apart = _are_times_shared(filled_ns, key)
         if not any(map(_is_number, codes)):
             changes = np.count_nonzero(np.diff(key))
             if is_apart or changes > max(2, _MIN_CHANGES * len(filled)):
@@ -70,6 +66,20 @@ def find_key_column(
             if _are_values_apart(filled_ns, key, np.array(values)):
                 return place
     return None
+
+
+def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
+    """Return whether different things share times often, and rows of one thing seldom.
+
+    Args:
+        time_ns: The times of the rows [ns], shape (n,).
+        key: The number of the thing of each row, shape (n,).
+    """
+    order = np.lexsort((key, time_ns))
+    is_shared = np.diff(time_ns[order]) == 0
+    is_twice = is_shared & (np.diff(key[order]) == 0)
+    shared = np.count_nonzero(is_shared & ~is_twice)
+    return bool(shared >= max(2, _MIN_SHARED * key.size) and is_twice.sum() <= _MAX_TWICE * key.size)
 
 
 def _is_number(word: str) -> bool:

@@ -85,13 +85,9 @@ def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock
     ]
     apart = alike or [clock for clock in extra_clocks if _is_apart(table, main, clock)]
     used = sorted([main, *apart], key=lambda clock: clock.columns)
-    if values and values[0] < used[0].columns[0] and values[-1] < used[-1].columns[0]:
-        # No clock is left of the first column: all are right of theirs.
-        owners = {k: next(clock for clock in used if clock.columns[0] > k) for k in values}
-    else:
-        owners = {k: [used[0], *(clock for clock in used if clock.columns[0] < k)][-1] for k in values}
+    owners = _clocks_beside(used, values)
     if any(clock is not main for clock in named.values()):
-        if all(clock is not main for clock in named.values()):
+        if main not in named.values():
             owners = dict.fromkeys(values, main)
         owners |= named
     elif any(clock not in owners.values() for clock in used):
@@ -101,6 +97,18 @@ def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock
         replace(clock, values=frozenset(k for k, owner in owners.items() if owner.columns == columns))
         for columns, clock in by_columns.items()
     )
+
+
+def _clocks_beside(clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, Clock]:
+    """Return the clock left of each column, by its place; right of it where none is left of the first column.
+
+    Args:
+        clocks: The clocks from left to right.
+        values: The places of the columns from left to right.
+    """
+    if values and values[0] < clocks[0].columns[0] and values[-1] < clocks[-1].columns[0]:
+        return {k: next(clock for clock in clocks if clock.columns[0] > k) for k in values}
+    return {k: [clocks[0], *(clock for clock in clocks if clock.columns[0] < k)][-1] for k in values}
 
 
 def _clocks_by_name(table: TableColumns, clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, Clock]:

@@ -154,38 +154,55 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
     Raises:
         BagError: No column is one, or the one that is headed so is empty.
     """
-    width = len(table.names)
-    rows = [row for row in table.rows[:_MAX_ROWS] if len(row) >= max(width - 1, 1)]
-    rows = [row if len(row) >= width else [*row, ''] for row in rows]
+    rows = _complete_rows(table)
     named = [k for k, (words, _) in enumerate(table.headings) if TIME_WORDS.search(words)]
-
-    def columns_of(is_kind: Callable[[str], bool]) -> list[int]:
-        counts = [sum(is_kind(row[k]) for row in rows) for k in range(width)]
-        return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
-
-    stamps = rank_stamps(table, columns_of(is_stamp))
+    stamps = rank_stamps(table, _columns_of(is_stamp, rows))
     changing = [k for k in stamps if k in named or len(rows) == 1 or len({row[k] for row in rows}) > 1]
-    days, times = columns_of(is_day), columns_of(is_time)
+    days, times = _columns_of(is_day, rows), _columns_of(is_time, rows)
     # Hours that an engine has run are no time of the rows.
     of_day = [k for k in times if k in named or any(is_time_of_day(row[k]) for row in rows)]
-    if changing or (days and of_day):
-        return _clock_of_stamps(table, rows, (changing[0],) if changing else (days[0], of_day[0]))
+    if changing:
+        return _clock_of_stamps(table, rows, (changing[0],))
+    if days and of_day:
+        return _clock_of_stamps(table, rows, (days[0], of_day[0]))
     if clock := _clock_of_parts(table, rows):
         return clock
     if of_day:
         return _clock_of_day_times(table, of_day[0])
     if clock := _clock_of_digits(table, rows, named) or _first_clock_of_numbers(path, table, rows, named):
         return clock
-    if stamps or times:
-        return _clock_of_stamps(table, rows, (stamps[0],)) if stamps else _clock_of_day_times(table, times[0])
+    if stamps:
+        return _clock_of_stamps(table, rows, (stamps[0],))
+    if times:
+        return _clock_of_day_times(table, times[0])
+    raise BagError(_lack_of_times(path, table, rows, named, days))
+
+
+def _complete_rows(table: TableColumns) -> list[Cells]:
+    """Return the first rows of a table, a cell for each column; of a row that lacks the last it is empty."""
+    width = len(table.names)
+    rows = [row for row in table.rows[:_MAX_ROWS] if len(row) >= max(width - 1, 1)]
+    return [[*row, ''][:width] for row in rows]
+
+
+def _columns_of(is_kind: Callable[[str], bool], rows: Sequence[Cells]) -> list[int]:
+    """Return the places of the columns most of whose cells are of a kind."""
+    counts = [sum(map(is_kind, cells)) for cells in zip(*rows, strict=False)]
+    return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
+
+
+def _lack_of_times(
+    path: Path, table: TableColumns, rows: Sequence[Cells], named: Sequence[int], days: Sequence[int]
+) -> str:
+    """Return a sentence that no column of a table is a time, with a cell that should be one."""
     if days:
-        raise BagError(
+        return (
             f"log '{path}': column '{table.names[days[0]]}' has dates without a time of the day: nothing can"
             ' be judged by one line a day; write times such as 2026-05-04T06:00:00Z'
         )
     listed = ', '.join(f"'{name}'" for name in table.names[:10])
     shown = next((row[k] for row in rows for k in (*named, 0) if row[k].strip()), '')
-    raise BagError(
+    return (
         f"log '{path}': no column is a time among {listed}: the first must be, or one headed 'time';"
         f" write times such as 2026-05-04T06:00:00Z, not as '{shown[:MAX_SHOWN]}'"
     )
