@@ -216,6 +216,19 @@ class Grazing:
         # What comes from outside must come past it, and slide no faster into another such stretch.
         lowest = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1][every, start]
         is_drawn = (start > 1) & (place[every, start] <= np.minimum(lowest, 0.0))
+        if not ahead:
+            # Back in time what grazes sinks while it crosses to the stretch, and is caught only if it gets
+            # there before it has sunk past it. Crossing at half the stretch's depth it may sink by that half.
+            half_depth = 0.5 * (place[every, start] - place[every, first])
+            crossing = np.maximum(place - (place[every, start] - half_depth)[:, None], 0.0)
+            sinking = np.where(np.arange(v.size) >= start[:, None], np.maximum(away, 0.0), 0.0)
+            with np.errstate(all='ignore'):
+                sunk = np.sum(
+                    (sinking / crossing)[:, 1:] * np.abs(np.diff(z, axis=1)),
+                    axis=1,
+                    where=sinking[:, 1:] > 0.0,
+                )
+            is_drawn &= sunk < half_depth
         return np.where(is_drawn, [place[every, start], z[every, start]], 0.0)
 
     @cached_property

@@ -351,3 +351,18 @@ def test_the_table_of_a_law_that_rises_again_is_its_exact_fold_up_to_the_last_lo
     np.testing.assert_array_equal(
         boundary_table(bearing).fold(beyond), boundary_table(bearing).fold_kbm(beyond)
     )
+
+
+@pytest.mark.parametrize(('seed', 'load'), [(6, 2.647), (14, 3.218), (43, 3.548)])
+def test_a_steep_scatter_far_from_the_belt_catches_nothing_that_grazes(seed, load):
+    """The lining sticks below its fold and not above it, by orbits of :func:`exact_cycle`.
+
+    What grazes passes a short steep fall of a table that scatters before it would be drawn there.
+    """
+    speed = np.append(0.0, np.geomspace(0.02, 10.0, 99))
+    scatter = np.random.default_rng(seed).normal(0.0, 0.0014, 100)
+    bearing = Bearing(1.0, 0.44, 1.0, Tabulated(speed, 0.2 + 0.07 * np.exp(-speed) + scatter), 0.1)
+    below, above = exact_cycle(
+        bearing, exact_fold_speed(bearing, load) * np.array([0.9999, 1.0001]), load
+    ).kind
+    assert below == CycleKind.STICK_SLIP != above
