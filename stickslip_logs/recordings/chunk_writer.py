@@ -117,7 +117,10 @@ class ChunkWriter:
         for rows, records in parts:
             records['channel'], records['sequence'] = channel[rows], sequence[rows]
             records['log_time'] = records['publish_time'] = log_time[rows]
-            _copy_records(records, begins[rows], block)
+            # A view of the block in which an item of their size begins at every byte.
+            kind = f'V{records.dtype.itemsize}'
+            count = block.size - records.dtype.itemsize + 1
+            np.ndarray(count, kind, block.data, strides=(1,))[begins[rows]] = records.view(kind)
         self._append_records(block, ends, channel[order], log_time[order])
 
     def finish(self) -> None:
@@ -178,17 +181,13 @@ class ChunkWriter:
             after = min(max(row, int(np.searchsorted(ends, room, 'right'))) + 1, ends.size)
             rows = slice(row, after)
             starts = np.append(begin, ends[row : after - 1]) - begin + len(self._chunk_records)
-            self._index_messages(channel[rows], log_time[rows], starts)
+            for number, members in _group_by_channel(channel[rows]):
+                places = np.empty(members.size, _INDEX)
+                places['log_time'], places['offset'] = log_time[rows][members], starts[members]
+                self._index.setdefault(number, []).append(places)
             self._chunk_records += block[begin : ends[after - 1]].data
             row, begin = after, int(ends[after - 1])
             self._write_full_chunk()
-
-    def _index_messages(self, channel: IndexArray, log_time: IntArray, offset: IntArray) -> None:
-        """Add messages to the index of the unfinished chunk, with the byte at which each begins in it."""
-        for number, rows in _group_by_channel(channel):
-            places = np.empty(rows.size, _INDEX)
-            places['log_time'], places['offset'] = log_time[rows], offset[rows]
-            self._index.setdefault(number, []).append(places)
 
     def _add_definition(self, record: McapRecord) -> None:
         """Append a schema or channel to the unfinished chunk."""
@@ -307,11 +306,3 @@ def _frame_records(data: NDArray[np.void]) -> NDArray[np.void]:
     records['opcode'], records['length'] = Opcode.MESSAGE, MESSAGE_HEAD.size + data.itemsize
     records['data'] = data
     return records
-
-
-def _copy_records(records: NDArray[np.void], begins: IntArray, block: NDArray[np.uint8]) -> None:
-    """Copy records of one size to where they begin in a block of bytes."""
-    size = records.dtype.itemsize
-    # A view in which an item of their size begins at every byte.
-    at_each_byte = np.ndarray(block.size - size + 1, f'V{size}', block.data, strides=(1,))
-    at_each_byte[begins] = records.view(f'V{size}')

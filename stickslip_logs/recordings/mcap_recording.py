@@ -372,21 +372,18 @@ class McapRecording(Recording):
 
 
 def _list_topics(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
-    """Return the topics of all files by name, each name once."""
-    topics: dict[str, list[TopicInfo]] = {}
+    """Return the topics of all files by name; channels of one name are one topic."""
+    channels: dict[str, list[TopicInfo]] = {}
     for file in files:
         for key, channel in file.channels.items():
             kind, encoding = file.find_type(channel), channel.message_encoding
             info = TopicInfo(channel.topic, kind, file.counts[key], encoding, file.find_problem(channel))
-            topics.setdefault(channel.topic, []).append(info)
-    return {name: _join_channels(topics[name]) for name in sorted(topics)}
-
-
-def _join_channels(members: Sequence[TopicInfo]) -> TopicInfo:
-    """Return one topic for channels of one name, with their messages added and the first problem."""
-    types = list(dict.fromkeys(member.type for member in members))
-    problems = [member.problem for member in members if member.problem]
-    if len(types) > 1:
-        problems.append(f'it has several types: {", ".join(types)}')
-    count = sum(member.count for member in members)
-    return replace(members[0], count=count, problem=problems[0] if problems else '')
+            channels.setdefault(channel.topic, []).append(info)
+    topics = {}
+    for name, infos in sorted(channels.items()):
+        types = list(dict.fromkeys(info.type for info in infos))
+        problems = [info.problem for info in infos if info.problem]
+        problems += [f'it has several types: {", ".join(types)}'] if len(types) > 1 else []
+        count = sum(info.count for info in infos)
+        topics[name] = replace(infos[0], count=count, problem=problems[0] if problems else '')
+    return topics

@@ -270,8 +270,12 @@ class SqliteRecording(Recording):
                     ]
                     unread += len(rows) - len(sound)
                     if sound:
-                        *columns, rowids = _make_columns(sound)
-                        yield *columns, _join_places(file_number, rowids)
+                        data = np.empty(len(sound), np.object_)
+                        data[:] = [row[2] for row in sound]
+                        times, keys, rowids = (
+                            np.array([row[k] for row in sound], np.int64) for k in (0, 1, 3)
+                        )
+                        yield times, keys, data, _join_places(file_number, rowids)
         if unread:
             self._findings.lose(f'{plural(unread, "message")} without time or data were not read')
 
@@ -303,14 +307,6 @@ def _is_time(value: Any) -> bool:
 def _join_places(file: int, rowid: IntArray) -> IntArray:
     """Return the places of messages, which rise through the files of a recording, shape (n,)."""
     return (file << _ROWID_BITS) + rowid.clip(0, (1 << _ROWID_BITS) - 1)
-
-
-def _make_columns(rows: Sequence[tuple[int, int, bytes, int]]) -> Columns:
-    """Turn rows (log time [ns], topic, data, row id) into columns of these, shape (n,) each."""
-    data = np.empty(len(rows), np.object_)
-    data[:] = [row[2] for row in rows]
-    times, topics, rowids = (np.array([row[k] for row in rows], np.int64) for k in (0, 1, 3))
-    return times, topics, data, rowids
 
 
 class SqliteReading(MessageReading):

@@ -226,7 +226,7 @@ class TableRecording(Recording):
         return {
             column.heading: TopicInfo(
                 column.heading,
-                _column_kind(column),
+                f'column in {column.unit}' if column.unit is not None else 'column, unit not known',
                 self.table.line_count,
                 'table',
                 '',
@@ -285,7 +285,8 @@ class TableRecording(Recording):
     def interval(self, column: LogColumn) -> float:
         """Return the median time between numbers of a column in the head [s]; 0 without two times."""
         times = self._rows_of(column, self.table.head)[1]
-        return _median_step(np.sort(times) if self.is_unordered else times) * 1e-9
+        steps = np.abs(np.diff(np.sort(times) if self.is_unordered else times))
+        return float(np.median(steps[steps > 0])) * 1e-9 if steps.any() else 0.0
 
     def _rows_of(self, column: LogColumn, rows: Iterable[Cells]) -> tuple[list[Cells], IntArray]:
         """Return the rows of a column that have a cell in it and a time, and these times [ns]."""
@@ -412,21 +413,8 @@ def listed(texts: Sequence[str]) -> str:
     return ', '.join(f"'{text}'" for text in texts[:MOST_NAMED]) + more
 
 
-def _median_step(time_ns: IntArray) -> float:
-    """Return the median step between times that differ [ns]; 0 where none do."""
-    gaps = np.abs(np.diff(time_ns))
-    return float(np.median(gaps[gaps > 0])) if gaps.any() else 0.0
-
-
 def _ignore_progress(text: str) -> None:
     del text
-
-
-def _column_kind(column: LogColumn) -> str:
-    """Return the type of a column as a listing shows it: 'column in rpm'."""
-    if column.unit is None:
-        return 'column, unit not known'
-    return f'column in {column.unit}'
 
 
 class _PartBuffer:

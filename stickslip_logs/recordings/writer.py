@@ -20,7 +20,6 @@ import yaml
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError
 from stickslip_logs.files import hold, open_file, sweep
 from stickslip_logs.recordings.chunk_writer import COMPRESSORS, ChunkWriter, Messages
@@ -185,22 +184,17 @@ class BagWriter:
         encoded = []
         for name, time, messages in columns:
             times = np.asarray(time, np.int64)
-            channel = self._find_channel(name, times)
+            if name not in self._topics:
+                raise BagError(f"topic '{name}' was not added to bag '{self.path}'")
+            for log_time in times[times < 0][:1].tolist():
+                raise BagError(f"log time {log_time} ns of topic '{name}' is not between 0 and {_LATEST}")
             if len(messages) != times.size:
                 raise BagError(f"topic '{name}' has {times.size} log times for {len(messages)} messages")
             if times.size:
-                encoded.append((channel, times, messages))
+                encoded.append((self._topics[name][1], times, messages))
         if encoded:
             with self._name_bag_in_errors():
                 self._writer.write(encoded)
-
-    def _find_channel(self, topic: str, log_times: IntArray) -> int:
-        """Return the channel id of a topic; raise a BagError for an unknown one or a negative log time."""
-        if topic not in self._topics:
-            raise BagError(f"topic '{topic}' was not added to bag '{self.path}'")
-        for log_time in log_times[log_times < 0][:1].tolist():
-            raise BagError(f"log time {log_time} ns of topic '{topic}' is not between 0 and {_LATEST}")
-        return self._topics[topic][1]
 
     def break_off(self) -> None:
         """End the recording like one that lost power while it was written; nothing more can be written.
