@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.alarms import (
     Facts,
     Priority,
     Trigger,
-    follow,
+    next_state,
 )
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.severity import WordEnum
@@ -61,18 +61,19 @@ class Flood:
         self._flooding = False
 
     def add(self, now_ns: int) -> None:
-        """Count an alarm that was raised."""
+        """Count an alarm that is raised now, and begin a flood where there are more than ten."""
         self._count_recent(now_ns)
         self._times.append(now_ns)
         self._flooding |= len(self._times) > FLOOD_ABOVE
         self.most = max(self.most, len(self._times))
 
     def figures(self, now_ns: int) -> dict[str, Any]:
-        """Return the numbers of alarms raised lately and at most, and whether it is a flood."""
+        """Return ``alarms_10min``, ``most_10min`` and ``flooding`` as in the record of the alarms."""
         self._count_recent(now_ns)
         return {'alarms_10min': len(self._times), 'most_10min': self.most, 'flooding': self._flooding}
 
     def _count_recent(self, now_ns: int) -> None:
+        """Forget alarms older than ten minutes; fewer than five end a flood."""
         while self._times and now_ns - self._times[0] >= WINDOW_NS:
             self._times.popleft()
         self._flooding &= len(self._times) >= FLOOD_ENDS_BELOW
@@ -111,8 +112,12 @@ class LiveAlarm:
         waits = self.state is AlarmState.UNACKNOWLEDGED and not self.silenced
         return waits and self.kind.priority > Priority.CAUTION
 
-    def come(self, now_ns: int, time_ns: int) -> None:
-        """Record that the cause is present: as a recurrence, unless the last time is long ago."""
+    def record_cause(self, now_ns: int, time_ns: int) -> None:
+        """Record that the cause has come now, also while the alarm is active.
+
+        Within ten minutes of the last time it counts as coming back; otherwise the first time, its text and
+        ``came_back`` start anew.
+        """
         if self.came_ns is None or now_ns - self.came_ns > WINDOW_NS:
             self.came_back, self.first_ns, self.first_text = 0, time_ns, self.text
         else:
@@ -162,7 +167,10 @@ class Annunciator:
         return any(alarm.sounding for alarm in self)
 
     def retune(self, config: MonitorConfig) -> None:
-        """Take over new delays, limits and times; no state is lost."""
+        """Replace the configuration of the same bearings; the alarms keep their states.
+
+        A kind of alarm that the configuration newly allows, as vibration with a level, is added.
+        """
         self.config = config
         for bearing in config.bearings:
             self.causes[bearing.name].config = bearing
@@ -172,46 +180,54 @@ class Annunciator:
                     self.alarms[bearing.name].setdefault(kind, LiveAlarm(bearing.name, kind))
 
     def restart(self) -> None:
-        """Start afresh: what was known holds until it is known again."""
+        """Forget the causes of every alarm, but hold those that are active until the inputs show again."""
         for name, old in self.causes.items():
             active = {alarm.kind for alarm in self.alarms[name].values() if alarm.active}
             self.causes[name] = Causes(old.config, active)
 
-    def follow(self, step_ns: int) -> None:
-        """Follow a set of the stamps' clock; shelves end after their time all the same."""
+    def shift_stamps(self, step_ns: int) -> None:
+        """Shift the stamps at which shelves end by a step of the stamps' clock [ns]; they last as long."""
         for alarm in self:
             if alarm.shelved_until_ns is not None:
                 alarm.shelved_until_ns += step_ns
 
     def advance(self, now_ns: int, time_ns: int) -> list[AlarmChange]:
-        """Let running time pass; a time before the latest one counts as the latest."""
+        """Let running time pass, update all alarms, and end the shelves and silences whose time is up.
+
+        Args:
+            now_ns: The running time [ns]; one before the latest counts as the latest.
+            time_ns: The stamp of the changes [ns].
+
+        Returns:
+            The changes, in order.
+        """
         self.now_ns = max(now_ns, self.now_ns)
         changes = []
         for name, causes in self.causes.items():
             causes.advance(self.now_ns)
             changes += self._update_alarms(name, time_ns)
-            changes += self._run_out(self.alarms[name].values(), time_ns)
+            changes += self._expire_timers(self.alarms[name].values(), time_ns)
         return changes
 
     def take_event(self, event: Event) -> list[AlarmChange]:
-        """Take a change of a bearing's condition."""
+        """Take a change of a bearing's condition, or an onset; return how the alarms changed."""
         name, time_ns = event.bearing, event.time_ns
         self.causes[name].take_event(event, self.now_ns)
         changes = self._update_alarms(name, time_ns)
         return changes + (self._note_recurrence(name, changes, time_ns) if event.onset else [])
 
     def _note_recurrence(self, name: str, changes: list[AlarmChange], time_ns: int) -> list[AlarmChange]:
-        """Note a new onset while an alarm of stick-slip stands; give it anew after the matter's time.
+        """Count a new onset under an alarm of stick-slip that is active, and sound for it after ten minutes.
 
-        One that is shelved, or out of service, makes no sound; a milder one speaks for it only
-        where it is about stick-slip too.
+        Nothing happens where ``changes``, those of the same event, raise that alarm already. One that is
+        shelved, or out of service, makes no sound; the other alarm of stick-slip speaks for it.
         """
         active = [alarm for alarm in self._sticking_alarms(name) if alarm.active]
         active.sort(key=lambda alarm: alarm.state not in ON_SHOW)
         if not active or active[0].kind in {change.kind for change in changes}:
             return []
         worst = active[0]
-        worst.come(self.now_ns, time_ns)
+        worst.record_cause(self.now_ns, time_ns)
         if self._has_sounded(worst):
             return []
         if worst.recurring and not worst.suppressed_by:
@@ -219,15 +235,23 @@ class Annunciator:
         return self._fire_trigger(worst, Trigger.RECUR, time_ns, MONITOR)
 
     def _sticking_alarms(self, name: str) -> list[LiveAlarm]:
-        """Return the alarms of stick-slip itself, worst first."""
+        """Return a bearing's amplitude limit and stick-slip alarms, the worse one first."""
         return [self.alarms[name][kind] for kind in LATCHING]
 
     def take_fault(
         self, bearing: str, place: int, fault: str, time_ns: int, *, mixed: bool = False
     ) -> list[AlarmChange]:
-        """Take a refused sample of one input, or one from either of two sources (mixed).
+        """Take a refused sample of one input, or a sample of an input whose values come from two sources.
 
-        As a lost input clears no other alarm, a mix of two sources does not.
+        Args:
+            bearing: Name of the bearing.
+            place: Index of the input in :data:`.signals.INPUTS`.
+            fault: What is wrong, as a clause.
+            time_ns: Stamp of the sample [ns].
+            mixed: Whether two sources are mixed: then the alarms of the ladder that are active are held.
+
+        Returns:
+            How the alarms changed.
         """
         causes = self.causes[bearing]
         causes.take_fault(place, fault, self.now_ns)
@@ -237,7 +261,11 @@ class Annunciator:
         return self._update_alarms(bearing, time_ns)
 
     def take_verdict(self, verdict: Verdict) -> list[AlarmChange]:
-        """Take an operating point; stick-slip that recurs sounds once it has lasted."""
+        """Take the verdict on an operating point, and sound again where stick-slip has lasted long enough.
+
+        Returns:
+            How the alarms changed.
+        """
         name, causes = verdict.bearing, self.causes[verdict.bearing]
         resting, changes = verdict.speed == 0.0, list[AlarmChange]()
         if causes.take_point(self.now_ns, resting=resting, sticking=verdict.sticking):
@@ -245,7 +273,7 @@ class Annunciator:
         return changes + (self._call_again(name, verdict.time_ns) if causes.is_lasting else [])
 
     def _call_again(self, name: str, time_ns: int) -> list[AlarmChange]:
-        """Sound for stick-slip that has come again and lasts, also under an acknowledged alarm."""
+        """Sound a bearing's alarms of stick-slip that are silent: acknowledged, or because they came back."""
         alarms = self._sticking_alarms(name)
         worst = next((alarm for alarm in alarms if alarm.state in ON_SHOW), None)
         changes = []
@@ -256,10 +284,19 @@ class Annunciator:
     def act(
         self, action: Action, time_ns: int, by: str, bearing: str | None = None, kind: AlarmKind | None = None
     ) -> list[AlarmChange]:
-        """Carry out a person's request; return the changes, none where there was nothing to do.
+        """Carry out a person's request on some alarms.
 
-        Without a bearing or a kind it is about all of them. To shelve without a kind is to shelve what
-        stands now, so that whatever comes later is still given.
+        To shelve without a kind is to shelve what stands now, so that whatever comes later is still given.
+
+        Args:
+            action: What to do.
+            time_ns: Stamp of the changes [ns].
+            by: Name of the person.
+            bearing: Name of a bearing; ``None`` for all.
+            kind: Kind of alarm; ``None`` for all.
+
+        Returns:
+            The changes; an empty list where there was nothing to do.
 
         Raises:
             ConfigurationError: There is no such bearing.
@@ -274,6 +311,10 @@ class Annunciator:
     def _choose_alarms(
         self, alarms: dict[AlarmKind, LiveAlarm], action: Action, kind: AlarmKind | None
     ) -> list[LiveAlarm]:
+        """Return the alarms of one bearing that an action is about; without a kind all that it can be about.
+
+        To acknowledge or silence one kind includes the milder alarms that it covers.
+        """
         if kind is not None:
             below = action in (Action.ACKNOWLEDGE, Action.SILENCE)
             # One matter: who knows of the worst knows of what it covers.
@@ -281,11 +322,13 @@ class Annunciator:
         return [a for a in alarms.values() if action is not Action.SHELVE or a.state in STANDING]
 
     def _silence_alarm(self, alarm: LiveAlarm, time_ns: int, by: str) -> AlarmChange:
+        """Silence an alarm for the configured time, and return that change; its state stays."""
         alarm.silenced, alarm.recurring = True, False
         alarm.silence_end_ns = self.now_ns + self.config.silence_time_ns
         return _make_change(alarm, time_ns, Action.SILENCE.value, alarm.state, by)
 
-    def _run_out(self, alarms: Iterable[LiveAlarm], time_ns: int) -> list[AlarmChange]:
+    def _expire_timers(self, alarms: Iterable[LiveAlarm], time_ns: int) -> list[AlarmChange]:
+        """End the shelves and silences of some alarms whose time is up; return the changes."""
         changes = []
         for alarm in alarms:
             if alarm.state is AlarmState.SHELVED and self.now_ns >= alarm.shelf_end_ns:
@@ -295,7 +338,7 @@ class Annunciator:
         return changes
 
     def _end_silence(self, alarm: LiveAlarm, time_ns: int) -> AlarmChange:
-        """End a silence; aloud if a recurring alarm begins to sound by it."""
+        """End the silence of an alarm; return that change, aloud where one that came back begins to sound."""
         recurring, ringing = alarm.recurring, self._is_ringing(alarm.bearing)
         alarm.silenced = alarm.recurring = False
         if alarm.sounding:
@@ -308,11 +351,11 @@ class Annunciator:
         return any(alarm.sounding for alarm in self.alarms[name].values())
 
     def _update_alarms(self, name: str, time_ns: int) -> list[AlarmChange]:
-        """Bring the alarms of a bearing up to their causes, worst first."""
+        """Raise, clear, suppress and cover the alarms of a bearing as its causes say; return the changes."""
         causes, changes = self.causes[name], []
         for alarm in self.alarms[name].values():
-            active = causes.holds(alarm.kind)
-            reasons = tuple(causes.suppression(alarm.kind, self.now_ns))
+            active = causes.is_present(alarm.kind)
+            reasons = tuple(causes.suppression_reasons(alarm.kind, self.now_ns))
             alarm.text = causes.texts.get(alarm.kind, alarm.text)
             triggers = []
             if bool(reasons) != bool(alarm.suppressed_by):
@@ -321,7 +364,7 @@ class Annunciator:
                 triggers.append(Trigger.RAISE if active else Trigger.CLEAR)
                 if active:
                     alarm.since_ns = time_ns
-                    alarm.come(self.now_ns, time_ns)
+                    alarm.record_cause(self.now_ns, time_ns)
             if alarm.active and not active and alarm.state in ON_SHOW:
                 self._given[name][alarm.kind] = self.now_ns
             alarm.active, alarm.suppressed_by = active, reasons
@@ -334,7 +377,7 @@ class Annunciator:
         return changes
 
     def covering(self, alarm: LiveAlarm) -> AlarmKind | None:
-        """Return the worse alarm of the ladder that stands for one, if there is any."""
+        """Return the worse alarm of the ladder that stands for an active one; ``None`` where none does."""
         if not alarm.active or alarm.kind not in RUNG_OF:
             return None
         for kind, alarm_beside in self.alarms[alarm.bearing].items():  # worst first
@@ -344,31 +387,36 @@ class Annunciator:
                 return kind
         return None
 
-    def _is_known(self, alarm: LiveAlarm) -> bool:
-        """Return whether what has sounded and been acknowledged in this manoeuvre was as bad."""
-        is_known = alarm.kind in LATCHING and self.causes[alarm.bearing].is_known(self.now_ns)
+    def _is_acknowledged(self, alarm: LiveAlarm) -> bool:
+        """Return whether a person has acknowledged this alarm, or a worse one, in the same manoeuvre."""
+        is_known = alarm.kind in LATCHING and self.causes[alarm.bearing].is_acknowledged_before(self.now_ns)
         if not is_known or not self._has_sounded(alarm):
             return False
         alarms = self.alarms[alarm.bearing]
-        return any(alarms[kind].is_seen for kind in _as_bad(alarm.kind))
+        return any(alarms[kind].is_seen for kind in _kinds_no_milder(alarm.kind))
 
-    def latching(self, alarm: LiveAlarm) -> bool:
-        """Return whether an alarm stays until it is reset."""
+    def is_latching(self, alarm: LiveAlarm) -> bool:
+        """Return whether an alarm stays until it is reset: one of stick-slip, where that is configured."""
         return alarm.kind in LATCHING and self.causes[alarm.bearing].config.alarm.latch
 
     def _fire_trigger(self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str) -> list[AlarmChange]:
         # What a person put away is given anew when it is back, however well it was known before.
+        """Change the state of an alarm by a trigger, with its silence, shelf, count, sound and the flood.
+
+        Returns:
+            The change as a list of one; an empty list where the state stays.
+        """
         is_back = trigger in (Trigger.UNSHELVE, Trigger.RESTORE)
         facts = Facts(
             suppressed=bool(alarm.suppressed_by),
-            covered=self.covering(alarm) is not None or (self._is_known(alarm) and not is_back),
+            covered=self.covering(alarm) is not None or (self._is_acknowledged(alarm) and not is_back),
             active=alarm.active,
-            latching=alarm.occurred and self.latching(alarm),
+            latching=alarm.occurred and self.is_latching(alarm),
         )
-        before, after = alarm.state, follow(alarm.state, trigger, facts)
+        before, after = alarm.state, next_state(alarm.state, trigger, facts)
         if alarm.suppressed_by:
             # Suppression goes on acting for as long as its reason holds.
-            after = follow(after, Trigger.SUPPRESS, facts)
+            after = next_state(after, Trigger.SUPPRESS, facts)
         alarm.state = after
         if after in ON_SHOW or (after is AlarmState.SHELVED and alarm.active):
             alarm.occurred = True
@@ -380,7 +428,7 @@ class Annunciator:
         if trigger is Trigger.ACKNOWLEDGE and by != MONITOR:
             alarm.is_seen = True
             if alarm.kind in LATCHING:
-                self.causes[alarm.bearing].answer(is_active=alarm.active)
+                self.causes[alarm.bearing].acknowledge(is_active=alarm.active)
         # An alarm that flickers keeps its silence.
         alarm.silenced = alarm.silenced and after in WAITING
         alarm.recurring = alarm.recurring and alarm.silenced
@@ -406,7 +454,7 @@ class Annunciator:
             has_sounded = alarm.recurring = self._has_sounded(alarm)
         else:
             since_ns = self.now_ns - WINDOW_NS
-            has_sounded = any(given.get(kind, since_ns) > since_ns for kind in _as_bad(alarm.kind))
+            has_sounded = any(given.get(kind, since_ns) > since_ns for kind in _kinds_no_milder(alarm.kind))
         given[alarm.kind] = self.now_ns
         if has_sounded and alarm.sounding:
             alarm.silenced, alarm.silence_end_ns = True, self.now_ns + WINDOW_NS
@@ -415,17 +463,18 @@ class Annunciator:
         return replace(change, aloud=alarm.sounding and not ringing)
 
     def _has_sounded(self, alarm: LiveAlarm) -> bool:
-        """Return whether an alarm of its matter that is no milder has sounded within its time."""
+        """Return whether an alarm of the same matter that is no milder has sounded within ten minutes."""
         alarms, since_ns = self.alarms[alarm.bearing], self.now_ns - WINDOW_NS
-        times = (alarms[kind].sounded_ns for kind in _as_bad(alarm.kind))
+        times = (alarms[kind].sounded_ns for kind in _kinds_no_milder(alarm.kind))
         return any(time is not None and time > since_ns for time in times)
 
 
-def _as_bad(kind: AlarmKind) -> list[AlarmKind]:
-    """Return the alarms of one matter that are no milder than one of them."""
+def _kinds_no_milder(kind: AlarmKind) -> list[AlarmKind]:
+    """Return the kinds of one matter that are as bad as a kind or worse, among them the kind itself."""
     rung = RUNG_OF.get(kind)
     return [kind] if rung is None else [k for k in RUNG_OF if RUNG_OF[k] >= rung]
 
 
 def _make_change(alarm: LiveAlarm, time_ns: int, cause: str, before: AlarmState, by: str) -> AlarmChange:
+    """Return the change to the state that an alarm has now; it is silent."""
     return AlarmChange(time_ns, alarm.bearing, alarm.kind, cause, before, alarm.state, by, alarm.text)

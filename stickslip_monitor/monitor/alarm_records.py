@@ -48,7 +48,17 @@ def alarms_record(
     notes: Iterable[dict[str, Any]] = (),
     text_of: Callable[[str], str] = str,
 ) -> dict[str, Any]:
-    """Return every alarm as it stands, and the latest changes; the fields are in interfaces.md."""
+    """Return the record of all alarms and of their latest changes; the fields are in interfaces.md.
+
+    Args:
+        annunciator: The alarms.
+        changes: Those since the last record.
+        time_ns: Stamp of the record [ns].
+        sequence: Number of the record.
+        monitoring: Whether the bearings are watched.
+        notes: Records of what else has happened since the last record.
+        text_of: Returns what a bearing of some name says now.
+    """
     return {
         'schema': ALARM_SCHEMA,
         'time': time_ns,
@@ -80,7 +90,7 @@ def change_record(change: AlarmChange) -> dict[str, Any]:
 
 
 def _common_fields(alarm: LiveAlarm) -> dict[str, Any]:
-    """Return what a record of an alarm and the row of its bearing both have."""
+    """Return the fields that the record of an alarm and the row of its bearing share."""
     return {
         'bearing': alarm.bearing,
         'alarm': alarm.kind.value,
@@ -99,7 +109,7 @@ def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
         'active': alarm.active,
         'sounding': alarm.sounding,
         'silenced': alarm.silenced,
-        'latching': annunciator.latching(alarm),
+        'latching': annunciator.is_latching(alarm),
         'suppressed_by': list(alarm.suppressed_by),
         'shelved_until': alarm.shelved_until_ns,
         'text': alarm.text,
@@ -110,7 +120,13 @@ def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
 def row_records(
     annunciator: Annunciator, time_ns: int, text_of: Callable[[str], str]
 ) -> Iterator[dict[str, Any]]:
-    """Return a row for each bearing with an alarm on show: its worst alarm, and its present state."""
+    """Yield a row for each bearing with an alarm on show: its worst alarm, and its present state.
+
+    Args:
+        annunciator: The alarms.
+        time_ns: Stamp of the record [ns].
+        text_of: Returns what a bearing of some name says now.
+    """
     for name, alarms in annunciator.alarms.items():
         shown = [alarm for alarm in alarms.values() if alarm.state in _SHOWN]
         if not shown:
@@ -125,7 +141,7 @@ def row_records(
         text = text_of(name)
         if worst.kind is AlarmKind.INPUT_IMPLAUSIBLE:
             text = f'{worst.text} {text}'
-        back = annunciator.causes[name].back if worst.kind is AlarmKind.INPUT_LOST else None
+        back = annunciator.causes[name].recovery_times if worst.kind is AlarmKind.INPUT_LOST else None
         shift = time_ns - annunciator.now_ns
         yield _common_fields(worst) | {
             'state': state.value,
@@ -145,7 +161,7 @@ def row_records(
 def state_record(
     annunciator: Annunciator, time_ns: int, memories: Mapping[str, dict[str, Any]] | None = None
 ) -> dict[str, Any]:
-    """Return what to keep over a restart: the alarms, and what is remembered of each bearing."""
+    """Return what is saved for a restart: the alarms, and the memory of each bearing by name."""
     return {
         'schema': STATE_SCHEMA,
         'time': time_ns,
@@ -162,6 +178,7 @@ def state_record(
 
 
 def _saved_record(alarm: LiveAlarm, now_ns: int) -> dict[str, Any]:
+    """Return what is saved of one alarm, with the time that is left of its shelf [ns]."""
     values = {key: getattr(alarm, name) for key, (name, _) in _KEPT.items()}
     left_ns = max(alarm.shelf_end_ns - now_ns, 0)
     reasons = list(alarm.suppressed_by)
@@ -169,16 +186,16 @@ def _saved_record(alarm: LiveAlarm, now_ns: int) -> dict[str, Any]:
 
 
 def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> dict[str, Any]:
-    """Restore a saved state into an annunciator that has not run yet.
+    """Restore the saved alarms into an annunciator that has not run yet.
 
-    Bearings that are no longer configured are passed over; new ones start fresh. The time that
-    has passed meanwhile, as far as the clock shows, counts for the shelves.
+    Bearings that are no longer configured are skipped; new ones start fresh. The time that has passed
+    meanwhile, as far as the clock shows, counts for the shelves.
 
     Returns:
-        What was remembered of each bearing.
+        The saved memory of each bearing by name, unchecked, for :meth:`.State.of_record`.
 
     Raises:
-        AlarmStateError: The document is not one of :func:`state_record`; nothing is taken over.
+        AlarmStateError: The document is not one of :func:`state_record`; nothing is restored.
     """
     kept_ns = _require_entry(document, 'time', (int,), 'the document')
     if (schema := _require_entry(document, 'schema', (str,), 'the document')) != STATE_SCHEMA:
@@ -194,7 +211,7 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
         for kind, record in bearings[name]['alarms'].items():
             alarm = annunciator.alarms[name].get(AlarmKind(kind))
             if alarm is not None:
-                _take_over(alarm, record)
+                _restore_alarm(alarm, record)
                 if alarm.state is AlarmState.SHELVED:
                     left_ns = max(record['shelf_left'] - passed_ns, 0)
                     alarm.shelf_end_ns = annunciator.now_ns + left_ns
@@ -204,6 +221,11 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
 
 
 def _check_saved(name: str, record: object) -> None:
+    """Check the saved alarms of a bearing of that name.
+
+    Raises:
+        AlarmStateError: They are no record of alarms; the text names what is wrong.
+    """
     for kind, saved in _require_entry(record, 'alarms', (dict,), name).items():
         if kind not in {alarm_kind.value for alarm_kind in AlarmKind}:
             raise AlarmStateError(f'{name}: there is no alarm {kind!r}')
@@ -215,6 +237,11 @@ def _check_saved(name: str, record: object) -> None:
 
 
 def _require_entry(record: object, key: str, types: tuple[type[_T], ...], where: str) -> _T:
+    """Return the value of a key in a record, of exactly one of some types.
+
+    Raises:
+        AlarmStateError: It is missing or of another type; the text begins with ``where``.
+    """
     if not isinstance(record, dict) or key not in record:
         raise AlarmStateError(f"{where} has no '{key}'")
     value: _T = record[key]
@@ -223,7 +250,8 @@ def _require_entry(record: object, key: str, types: tuple[type[_T], ...], where:
     return value
 
 
-def _take_over(alarm: LiveAlarm, record: dict[str, Any]) -> None:
+def _restore_alarm(alarm: LiveAlarm, record: dict[str, Any]) -> None:
+    """Set the saved values of an alarm, but not its shelf."""
     for key, (name, _) in _KEPT.items():
         setattr(alarm, name, record[key])
     alarm.state, alarm.suppressed_by = AlarmState(record['state']), tuple(record['suppressed_by'])
@@ -268,7 +296,7 @@ def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
     """Parse a request of :func:`request_record` from an untrusted sender.
 
     Raises:
-        ConfigurationError: It is none; the text names the field, its value and the rule.
+        ConfigurationError: It is no valid request; the text names the field, its value and the rule.
     """
     if not isinstance(document, dict):
         raise ConfigurationError('a request must be a JSON object')
@@ -283,7 +311,7 @@ def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
     action = _parse_choice(document, 'action', actions)
     if action is None:
         raise ConfigurationError('action = null must be one of ' + ', '.join(actions))
-    by, reason = checked_name(document.get('by')), document.get('reason')
+    by, reason = require_person_name(document.get('by')), document.get('reason')
     reason = '' if reason is None else reason
     if not isinstance(reason, str) or len(reason) > LONGEST_REASON or not reason.isprintable():
         raise ConfigurationError(
@@ -292,11 +320,11 @@ def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
     return ActionRequest(action, by, bearing, kind, reason.strip())
 
 
-def checked_name(name: object) -> str:
-    """Return a person's name for the log, without space around it.
+def require_person_name(name: object) -> str:
+    """Check the name of a person for the log, and return it without space around it.
 
     Raises:
-        ConfigurationError: It is none.
+        ConfigurationError: It is empty, too long, not printable, no text, or reserved.
     """
     text = name.strip() if isinstance(name, str) else ''
     if not text or len(text) > LONGEST_NAME or not text.isprintable():
@@ -309,6 +337,11 @@ def checked_name(name: object) -> str:
 
 
 def _parse_choice(document: dict[str, Any], field: str, choices: dict[str, _T]) -> _T | None:
+    """Return what a field's text stands for; ``None`` where the field is missing or null.
+
+    Raises:
+        ConfigurationError: It is not one of the choices.
+    """
     value = document.get(field)
     if value is None:
         return None
@@ -318,5 +351,6 @@ def _parse_choice(document: dict[str, Any], field: str, choices: dict[str, _T]) 
 
 
 def _shorten_value(value: object) -> str:
+    """Return a value as a message shows it, cut after 40 characters."""
     text = repr(value)
     return text if len(text) <= LONGEST_NAME else f'{text[:LONGEST_NAME]}...'

@@ -78,24 +78,24 @@ class Causes:
         self._recalled_until: int | None = None
         self._condition = Condition.NORMAL  # of the operating point
         self._lost, self._lost_until = False, 0
-        self._absurd, self._absurd_last = False, 0
-        self._absurd_since: int | None = None
+        self._implausible, self._implausible_last = False, 0
+        self._implausible_since: int | None = None
         self._resting = self._resting_asked = False
         self._resting_since = self._start_up_until = 0
         self.sticking_ns = 0  # for how long stick-slip has been predicted with the shaft turning
         self._turning_since: int | None = None  # the last point, if stick-slip was predicted there
         self._ended_ns: int | None = None  # when stick-slip was predicted last, with the shaft turning
         self._longest_ns = 0  # the longest stick-slip of this manoeuvre, with the shaft turning
-        self._known_ns = 0  # the same when somebody acknowledged it last; 0 where nobody has
-        self.is_answered = False  # somebody has acknowledged the stick-slip that runs
+        self._acknowledged_ns = 0  # the same when somebody acknowledged it last; 0 where nobody has
+        self.is_acknowledged = False  # somebody has acknowledged the stick-slip that runs
 
-    def stand(self, condition: Condition) -> None:
-        """Take the condition of the bearing as known from before a restart."""
+    def restore_condition(self, condition: Condition) -> None:
+        """Set the condition of the bearing to the one before a restart."""
         self._lost = condition is Condition.INPUT_STALE
         self._condition = Condition.NORMAL if self._lost else condition
 
-    def holds(self, kind: AlarmKind) -> bool:
-        """Return whether the cause is present."""
+    def is_present(self, kind: AlarmKind) -> bool:
+        """Return whether the cause of a kind of alarm is present; one held after a restart counts."""
         if kind in RUNG_OF:
             is_reached = LADDER.index(self._condition) >= RUNG_OF[kind]
         elif kind is AlarmKind.VIBRATION:
@@ -103,24 +103,30 @@ class Causes:
         elif kind is AlarmKind.INPUT_LOST:
             is_reached = self._lost or self._lost_until > 0
         else:
-            is_reached = self._absurd
+            is_reached = self._implausible
         return is_reached or kind in self.recalled
 
     @property
-    def back(self) -> tuple[int, int] | None:
-        """Since when the inputs are fine again, and when their alarm clears; else ``None``."""
+    def recovery_times(self) -> tuple[int, int] | None:
+        """When the lost inputs came back and when their alarm will clear, on the running time [ns].
+
+        ``None`` where no input has come back lately.
+        """
         until = self._lost_until
         return (until - self.config.alarm.input_off_delay_ns, until) if until else None
 
-    def suppression(self, kind: AlarmKind, now_ns: int) -> list[str]:
-        """Return the reasons why the cause means nothing now; none where it counts."""
+    def suppression_reasons(self, kind: AlarmKind, now_ns: int) -> list[str]:
+        """Return ``at_rest``, ``start_up`` or both where they suppress this kind now; else an empty list."""
         if kind not in SUPPRESSIBLE:
             return []
         reasons = {AT_REST: self._resting, START_UP: now_ns < self._start_up_until}
         return [reason for reason, holds in reasons.items() if holds]
 
     def take_event(self, event: Event, now_ns: int) -> None:
-        """Take a change of the bearing's condition."""
+        """Update condition, lost input and texts by a change of the bearing's condition or an onset.
+
+        An onset takes back that the running stick-slip is acknowledged.
+        """
         if event.after is Condition.INPUT_STALE:
             self._lost, self._lost_until = True, 0
             self.texts[AlarmKind.INPUT_LOST] = event.text
@@ -128,7 +134,7 @@ class Causes:
         if event.before is Condition.INPUT_STALE:
             delay = self.config.alarm.input_off_delay_ns
             self._lost, self._lost_until = False, now_ns + delay if delay else 0
-        self.is_answered &= not event.onset
+        self.is_acknowledged &= not event.onset
         before, self._condition = LADDER.index(self._condition), event.after
         now, says = LADDER.index(event.after), event.says
         if event.after is Condition.VIBRATION:
@@ -138,38 +144,56 @@ class Causes:
                 self.texts[kind] = says
 
     def take_fault(self, place: int, fault: str, now_ns: int) -> None:
-        """Take a sample with an invalid value, or one of two mixed sources.
+        """Count a sample with an invalid value, or one of two mixed sources, and write the text of its alarm.
 
-        One absurd value is a glitch: the cause is there when they keep coming, within the off-delay of one
-        another, for the on-delay. It is gone when none has come for the inputs' own off-delay.
+        One such value is a glitch: the cause of ``input_implausible`` is present when they keep coming,
+        within the off-delay of one another, for the on-delay. It is gone when none has come for the inputs'
+        own off-delay.
+
+        Args:
+            place: Index of the input in :data:`.signals.INPUTS`.
+            fault: What is wrong with the value, as a clause.
+            now_ns: The running time [ns].
         """
-        self._settle_absurd(now_ns)
-        if self._absurd_since is None:
-            self._absurd_since = now_ns
-        self._absurd_last = now_ns
-        self._absurd |= now_ns - self._absurd_since >= self.config.alarm.on_delay_ns
+        self._update_implausible(now_ns)
+        if self._implausible_since is None:
+            self._implausible_since = now_ns
+        self._implausible_last = now_ns
+        self._implausible |= now_ns - self._implausible_since >= self.config.alarm.on_delay_ns
         topic = self.config.inputs[INPUTS[place]].topic
         self.texts[AlarmKind.INPUT_IMPLAUSIBLE] = (
             f'{self.config.name}: Input {INPUTS[place]} implausible: on {topic}, {fault}.'
         )
 
     def recall(self, kinds: Set[AlarmKind], now_ns: int) -> None:
-        """Let causes hold until it can be known whether they are still there."""
+        """Let more causes count as present for the on-delay and the off-delay from now."""
         alarm = self.config.alarm
         self.recalled = self.recalled | kinds
         self._recalled_until = now_ns + alarm.on_delay_ns + alarm.off_delay_ns
 
     def take_point(self, now_ns: int, *, resting: bool, sticking: bool) -> bool:
-        """Take an operating point; return whether anything may have changed."""
+        """Take an operating point: count stick-slip, note rest, and time what is held since a restart.
+
+        Args:
+            now_ns: The running time [ns].
+            resting: Whether the shaft is at rest there.
+            sticking: Whether stick-slip is predicted there.
+
+        Returns:
+            Whether the shaft has just come to rest or started to turn, so that the alarms have to be updated.
+        """
         self._count_sticking(now_ns, resting=resting, sticking=sticking)
         if self.recalled and self._recalled_until is None:
             self.recall(self.recalled, now_ns)
         if resting != self._resting_asked:
             self._resting_asked, self._resting_since = resting, now_ns
-        return self._settle_rest(now_ns)
+        return self._update_rest(now_ns)
 
     def _count_sticking(self, now_ns: int, *, resting: bool, sticking: bool) -> None:
-        """Count for how long stick-slip has been predicted with the shaft turning."""
+        """Add the time since the last point to that of stick-slip with the shaft turning; 0 once it ended.
+
+        A pause that is long enough begins another manoeuvre, of which nothing is acknowledged.
+        """
         if self._turning_since is not None:
             self.sticking_ns += now_ns - self._turning_since
             self._longest_ns = max(self._longest_ns, self.sticking_ns)
@@ -177,44 +201,55 @@ class Causes:
             self.sticking_ns = 0
         elif not resting:
             if not self.is_in_manoeuvre(now_ns):
-                self._longest_ns = self._known_ns = 0
+                self._longest_ns = self._acknowledged_ns = 0
             self._ended_ns = now_ns
         self._turning_since = now_ns if sticking and not resting else None
 
     def is_in_manoeuvre(self, now_ns: int) -> bool:
-        """Return whether stick-slip was predicted so lately that what begins is of the same manoeuvre."""
+        """Return whether stick-slip was predicted within the last two minutes, with the shaft turning."""
         return self._ended_ns is not None and now_ns - self._ended_ns < MANOEUVRE_NS
 
-    def is_known(self, now_ns: int) -> bool:
-        """Return whether somebody has acknowledged stick-slip of this manoeuvre."""
-        return self._known_ns > 0 and self.is_in_manoeuvre(now_ns)
+    def is_acknowledged_before(self, now_ns: int) -> bool:
+        """Return whether a person has acknowledged stick-slip of the manoeuvre that still goes on."""
+        return self._acknowledged_ns > 0 and self.is_in_manoeuvre(now_ns)
 
     @property
     def is_lasting(self) -> bool:
-        """Whether stick-slip has lasted for so long that it sounds again, and nobody has acknowledged it."""
-        return self.sticking_ns >= self._known_ns + LASTING_NS and not self.is_answered
+        """Whether stick-slip has lasted long enough to sound again: 15 s beyond what was acknowledged.
 
-    def answer(self, *, is_active: bool) -> None:
-        """Note that somebody has acknowledged an alarm of stick-slip, while its cause is there or after."""
-        self._known_ns, self.is_answered = self._longest_ns, is_active
+        Never while the stick-slip that runs is acknowledged.
+        """
+        return self.sticking_ns >= self._acknowledged_ns + LASTING_NS and not self.is_acknowledged
+
+    def acknowledge(self, *, is_active: bool) -> None:
+        """Record that a person has acknowledged an alarm of stick-slip, with the longest stick-slip so far.
+
+        ``is_active``: its cause is still present, so it is the running stick-slip that was acknowledged.
+        """
+        self._acknowledged_ns, self.is_acknowledged = self._longest_ns, is_active
 
     def advance(self, now_ns: int) -> None:
-        """Let time pass."""
+        """Let time pass without a sample, by which lost inputs, held causes, faults and rest may end."""
         if now_ns >= self._lost_until:
             self._lost_until = 0
         if self._recalled_until is not None and now_ns >= self._recalled_until:
             self.recalled, self._recalled_until = frozenset(), None
-        self._settle_absurd(now_ns)
-        self._settle_rest(now_ns)
+        self._update_implausible(now_ns)
+        self._update_rest(now_ns)
 
-    def _settle_absurd(self, now_ns: int) -> None:
+    def _update_implausible(self, now_ns: int) -> None:
+        """End the cause of ``input_implausible``, or its count, once no invalid value has come for long."""
         alarm = self.config.alarm
-        delay = alarm.input_off_delay_ns if self._absurd else alarm.off_delay_ns
-        if now_ns - self._absurd_last >= delay:
-            self._absurd, self._absurd_since = False, None
+        delay = alarm.input_off_delay_ns if self._implausible else alarm.off_delay_ns
+        if now_ns - self._implausible_last >= delay:
+            self._implausible, self._implausible_since = False, None
 
-    def _settle_rest(self, now_ns: int) -> bool:
-        """Come to rest after the off-delay, start to turn after the on-delay; return whether that changed."""
+    def _update_rest(self, now_ns: int) -> bool:
+        """Note that the shaft has come to rest (after the off-delay) or turns (after the on-delay).
+
+        Returns:
+            Whether that has changed; start-up begins where the shaft turns.
+        """
         alarm, resting = self.config.alarm, self._resting_asked
         delay = alarm.off_delay_ns if resting else alarm.on_delay_ns
         if resting == self._resting or now_ns - self._resting_since < delay:
@@ -295,6 +330,7 @@ in the table changes nothing, and a person's action that is not in it is refused
 
 
 def _parse_choices(text: str) -> Iterator[tuple[str, AlarmState]]:
+    """Yield fact and state of each choice of a row of :data:`LIFE`, "" for a choice that always holds."""
     for choice in text.split(', '):
         state, _, fact = choice.removeprefix('else ').partition(' if ')
         yield fact, AlarmState(state)
@@ -308,8 +344,8 @@ TABLE = {
 """The choices of :data:`LIFE`, each a fact of :class:`Facts` and a state; without a fact always."""
 
 
-def follow(state: AlarmState, trigger: Trigger, facts: Facts) -> AlarmState:
-    """Return the state after a trigger; the same one where the table has no row for it."""
+def next_state(state: AlarmState, trigger: Trigger, facts: Facts) -> AlarmState:
+    """Return the state of an alarm after a trigger; the same state where the table has no row for both."""
     for fact, target in TABLE.get((state, trigger), ()):
         if not fact or getattr(facts, fact):
             return target

@@ -137,7 +137,7 @@ class BearingMonitor(Standing):
         )
         status = update.status
         self.counts[place, status] += 1
-        if rule.may_stand(self.settings.live, place) and not self.config.inputs[INPUTS[place]].is_assumed:
+        if rule.has_repeats(self.settings.live, place) and not self.config.inputs[INPUTS[place]].is_assumed:
             if status.valid:
                 self._held[place] = number, self.state.came[place] + repeat_step(0)
             elif status in VALUE_FAULTS:
@@ -159,9 +159,9 @@ class BearingMonitor(Standing):
         if rule.amplitude_due(state, c):
             size_cycle(self.config, state)
         before, lost, onsets = rule.condition(state), state.lost, state.onsets
-        code, time, si = rule.arrive(state, c, place, time_ns, arrival_ns, number)
+        code, time, si = rule.receive_sample(state, c, place, time_ns, arrival_ns, number)
         status = _STATUS[code]
-        stands = code == rule.REPEATED and rule.may_stand(c, place)
+        stands = code == rule.REPEATED and rule.has_repeats(c, place)
         if place >= Input.LEVEL or not (status.valid or stands):
             return Update(status)
         events = []
@@ -170,7 +170,9 @@ class BearingMonitor(Standing):
             before = rule.condition(state)
         model = settings.model
         if not (
-            rule.stand(state, c, model, place) if stands else rule.take(state, c, model, place, time, si)
+            rule.repeat_value(state, c, model, place)
+            if stands
+            else rule.take_value(state, c, model, place, time, si)
         ):
             return Update(status, None, events)
         chances = state.can, state.will, state.runs

@@ -106,7 +106,7 @@ def _read_calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, A
     return content
 
 
-def _calibrated(
+def _parse_calibration(
     path: str, document: Mapping[str, Any], bearing: Bearing, tolerance: Tolerance
 ) -> tuple[Bearing, Belief]:
     """Return the bearing by which alarms go after a calibration, and what is believed of it.
@@ -281,7 +281,7 @@ def _in_any_water(bearing: Bearing) -> Bearing:
 
 
 # A live parameter that changes makes the whole configuration anew.
-_of_tolerance = lru_cache(maxsize=16)(Belief.from_tolerance)
+_make_belief = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 
 def load_points(name: str, numbers: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
@@ -372,7 +372,9 @@ class _Section:
         if path:
             sensors = {name: sensor_record(source) for name, source in inputs.items()}
             try:
-                return _calibrated(path, _read_calibration(path, self.name, sensors), bearing, tolerance)
+                return _parse_calibration(
+                    path, _read_calibration(path, self.name, sensors), bearing, tolerance
+                )
             except _UnusableCalibration as error:
                 if not self._is_live:
                     raise
@@ -380,7 +382,7 @@ class _Section:
                     f'{self.name}: the calibration is damaged or missing, so {self.name} is monitored as if'
                     f' it had none: {error}'
                 )
-        return bearing, None if tolerance.is_exact else _of_tolerance(_in_any_water(bearing), tolerance)
+        return bearing, None if tolerance.is_exact else _make_belief(_in_any_water(bearing), tolerance)
 
     def _build_friction(self) -> FrictionLaw:
         law = self._own['friction.law']
@@ -627,8 +629,8 @@ def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
     At 0 or below only what needs no load is asked.
     """
     return {
-        'speed': [*_of_averages(config.speed), *_of_speed(config, load)],
-        'load': [*_of_averages(config.load), *_of_load(config, load)],
+        'speed': [*_average_questions(config.speed), *_speed_questions(config, load)],
+        'load': [*_average_questions(config.load), *_load_questions(config, load)],
     }
 
 
@@ -640,7 +642,7 @@ def asked(config: BearingConfig, load: float | None = None) -> list[str]:
     return [f'{config.name}: {name} {clause}' for name, clauses in answers.items() for clause in clauses]
 
 
-def _of_averages(source: InputConfig) -> Iterator[str]:
+def _average_questions(source: InputConfig) -> Iterator[str]:
     named = _AVERAGED.search(f'{source.topic} {source.field_text} {source.column}')
     if named:
         yield (
@@ -649,7 +651,7 @@ def _of_averages(source: InputConfig) -> Iterator[str]:
         )
 
 
-def _of_speed(config: BearingConfig, load: float) -> Iterator[str]:
+def _speed_questions(config: BearingConfig, load: float) -> Iterator[str]:
     diameter, rest = config.bearing.journal_diameter, config.alarm.minimum_speed
     if diameter >= THICKEST:
         yield f'turns a journal of {diameter:g} m: is journal_diameter in metres?'
@@ -660,7 +662,7 @@ def _of_speed(config: BearingConfig, load: float) -> Iterator[str]:
             f'counts as rest up to {rest:g} m/s ({rpm:.3g} rpm), {rest / fold:.2g} times the fold'
             ' speed: is alarm.minimum_speed in m/s?'
         )
-    texts = list(_of_friction(config, load))
+    texts = list(_friction_questions(config, load))
     if not texts and load > 0.0 and diameter < THICKEST and fold_of(config, FACTOR * load) == math.inf:
         texts.append(
             f'has no boundary at any load up to {FACTOR:g} times the largest seen, {load:.4g} N: are the'
@@ -669,7 +671,7 @@ def _of_speed(config: BearingConfig, load: float) -> Iterator[str]:
     yield from texts
 
 
-def _of_load(config: BearingConfig, load: float) -> Iterator[str]:
+def _load_questions(config: BearingConfig, load: float) -> Iterator[str]:
     bearing = config.bearing
     tone = bearing.natural_frequency / math.tau
     if not LOWEST_TONE <= tone <= HIGHEST_TONE:
@@ -720,7 +722,7 @@ def blade_question(bearing: Bearing, load: float) -> str:
     )
 
 
-def _of_friction(config: BearingConfig, load: float) -> Iterator[str]:
+def _friction_questions(config: BearingConfig, load: float) -> Iterator[str]:
     law = config.bearing.friction
     if isinstance(law, Tabulated) and law.values[0] < BREAKAWAY * law.values[1]:
         yield (

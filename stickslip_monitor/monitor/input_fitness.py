@@ -65,12 +65,12 @@ class _Changes:
         self.count += value.size
         blocks = (self.time.size - 1) // _CHANGES
         if blocks > 0:
-            self._judge(blocks)
+            self._judge_blocks(blocks)
             done = blocks * _CHANGES
             self.time, self.value = self.time[done:], self.value[done:]
             self.messages = self.messages[done:]
 
-    def _judge(self, blocks: int) -> None:
+    def _judge_blocks(self, blocks: int) -> None:
         """Judge blocks of a dozen intervals; the clause is that of the latest slow one."""
         end = blocks * _CHANGES + 1
 

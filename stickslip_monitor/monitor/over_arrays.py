@@ -28,13 +28,13 @@ from stickslip_monitor.monitor.rule import (
     Numbers,
     Rows,
     amplitude_due,
-    arrive,
     condition,
-    may_stand,
+    has_repeats,
     measured_now,
-    stand,
+    receive_sample,
+    repeat_value,
     standing_until,
-    take,
+    take_value,
 )
 from stickslip_monitor.monitor.rule_state import (
     LEVEL,
@@ -90,15 +90,15 @@ def run(
             return k, count, made
         place = places[k]
         before, lost, onsets, point = condition(s), s.lost, s.onsets, False
-        status, time, si = arrive(s, c, place, stamps[k], arrivals[k], values[k])
+        status, time, si = receive_sample(s, c, place, stamps[k], arrivals[k], values[k])
         if s.lost != lost:
             note = first + k, s.lost_since, before, condition(s), s.onsets - onsets, made
             count = keep(states, changes, memories, count, note)
             before = condition(s)
         if status == ACCEPTED and place < LEVEL:
-            point = take(s, c, model, place, time, si)
-        elif status == REPEATED and may_stand(c, place):
-            point = stand(s, c, model, place)
+            point = take_value(s, c, model, place, time, si)
+        elif status == REPEATED and has_repeats(c, place):
+            point = repeat_value(s, c, model, place)
         statuses[k], now[k] = status, s.now - s.shift
         if not point:
             continue

@@ -161,7 +161,7 @@ def _node_parameters(path: str | Path, document: object, node: str | None) -> di
             f"{path} must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
         )
     sections = list(_iterate_sections(path, '', document))
-    name = _node_of(path, _own_sections(sections), node)
+    name = _choose_node(path, _candidate_sections(sections), node)
     merged: dict[str, Any] = {}
     for section, content in sections:
         if _is_for_node(section, name):
@@ -191,7 +191,7 @@ def _iterate_sections(
             yield from _iterate_sections(path, name, held)
 
 
-def _own_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> Iterator[str]:
+def _candidate_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> Iterator[str]:
     """Yield the sections that may be for our node: of the patterns those that speak of bearings."""
     listed = [content['bearings'] for _, content in sections if 'bearings' in content]
     words = {'bearings', *(str(name) for names in listed if isinstance(names, list) for name in names)}
@@ -200,18 +200,18 @@ def _own_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> Iterator
             yield section
 
 
-def _node_of(path: str | Path, sections: Iterable[str], node: str | None) -> str:
+def _choose_node(path: str | Path, sections: Iterable[str], node: str | None) -> str:
     """Return the full name of the node that is meant."""
     if node is not None:
         return f'/{node.strip("/")}'
-    named = list(dict.fromkeys(name for name in map(_meant_by, sections) if name))
+    named = list(dict.fromkeys(name for name in map(_node_named_by, sections) if name))
     if len(named) > 1:
         raise ConfigurationError(f'{path} is for several nodes: choose one of {", ".join(named)} by --node')
     # Where no namespace stands, all sections are for the node, whatever its own.
     return named[0] if named else ''
 
 
-def _meant_by(section: str) -> str:
+def _node_named_by(section: str) -> str:
     """Return our node's full name in the namespace that a section names, as `/port/**`; else ''."""
     steps = section.strip('/').split('/')
     named = list(takewhile(lambda step: '*' not in step, steps))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rule of the decision: what one sample changes in the memory of a bearing.
 
-:func:`arrive` judges a sample and lets time pass, :func:`take` takes a valid speed or load, in
-the order of docs/rule.md: is the sample valid, has an input been lost, how has a disturbance
-grown since the last operating point, what does the new point ask for, which rungs of the alarm
-change. What a measured level says is in :mod:`.vibration_rule`. It is plain scalar Python: live it
+:func:`receive_sample` judges a sample and lets time pass, :func:`take_value` takes a valid
+speed or load, in the order of docs/rule.md: is the sample valid, has an input been lost, how has a
+disturbance grown since the last operating point, what does the new point ask for, which rungs of the
+alarm change. What a measured level says is in :mod:`.vibration_rule`. It is plain scalar Python: live it
 runs as it stands, over a recording the loop of :mod:`.over_arrays` is compiled.
 
 Everywhere ``s`` is the memory and ``c`` the numbers of the configuration (:mod:`.rule_state`);
@@ -28,10 +28,10 @@ from stickslip_monitor.monitor.vibration_rule import (
     UNKNOWN,
     VIBRATING,
     doubt_foreign,
-    is_over,
+    is_above_threshold,
     lagged,
-    measured,
     take_level,
+    usable_state,
 )
 from stickslip_monitor.physics.boundary_table import boundary_at, place_at
 from stickslip_monitor.physics.lubrication import scale_at, viscosity
@@ -73,16 +73,19 @@ SIZED = 10**9
 
 
 def si_value(c: RuleNumbers, place: int, number: _Number) -> _Number:
-    """Convert a message's number to SI units (a level stays in its own), deadband applied.
+    """Convert a message's number, or an array of them, to SI units; within the deadband it becomes 0.
 
-    It may be an array of them as well.
+    A level stays in its own unit. ``place`` is the index of the input.
     """
     si = (number * c.scale[place] + c.offset[place]) * c.factor[place]
     return si * (abs(si) >= c.deadband[place]) + 0.0  # no -0.0
 
 
 def load_at(c: RuleNumbers, speed: float) -> float:
-    """Return the load of the table at a speed [m/s], linear between its points, the end value beyond."""
+    """Return the configured load [N] at a surface speed [m/s], linear between the points of its table.
+
+    Beyond the ends it is the value there.
+    """
     above = 1
     while above < MAX_LOAD_POINTS - 1 and c.load_speed[above] < speed:
         above += 1
@@ -94,13 +97,25 @@ def load_at(c: RuleNumbers, speed: float) -> float:
     return load + share * (c.load_there[above] - load)
 
 
-def arrive(
+def receive_sample(
     s: State, c: RuleNumbers, place: int, stamp: int, arrival: int, number: float
 ) -> tuple[int, int, float]:
-    """Judge a sample by its stamp and arrival [ns], and let time pass up to it; a valid level is taken.
+    """Judge a sample, and where it is accepted let time pass up to it.
+
+    A valid level or temperature is stored at once; a valid speed or load is left to
+    :func:`take_value`.
+
+    Args:
+        s: The memory, which changes.
+        c: The numbers of the configuration.
+        place: Index of the input.
+        stamp: Time stamp of the message [ns].
+        arrival: When it came [ns].
+        number: The number in the message.
 
     Returns:
-        What became of it, a :class:`Status`; its time [ns] and its value, for :func:`take`.
+        The :class:`Status` as a number; the time of the sample on the monitor's own clock [ns], 0 where it
+        is refused; and its value in SI units.
     """
     # A load from a table is that at the speed of the message, and as valid as that.
     judged = SPEED if place == LOAD and c.has_load_table else place
@@ -110,20 +125,20 @@ def arrive(
         return status, 0, si
     if judged != place:
         si = load_at(c, abs(si))
-    time, came = own_time(s, place, stamp, arrival), s.came[place]
+    time, came = sample_time(s, place, stamp, arrival), s.came[place]
     # Without a stamp of its own a message is new, in the order in which it came.
     stamped = came != NEVER and stamp != arrival
     if stamped and stamp == s.stamp[place]:
         if judged == place and si == latest_value(s, place):
-            if may_stand(c, place):
+            if has_repeats(c, place):
                 advance(s, c, max(s.now, time))
             return REPEATED, 0, si
         time = max(arrival + s.shift, came)
-    elif stamped and stamp < s.stamp[place] and time - came < patience(s, c, place):
+    elif stamped and stamp < s.stamp[place] and time - came < clock_step_delay(s, c, place):
         return OUT_OF_ORDER, 0, si
     s.stamp[place] = stamp
     if place >= LEVEL:
-        take_beside(s, c, place, time, si)
+        take_level_or_water(s, c, place, time, si)
         return ACCEPTED, time, si
     if s.came[SPEED] == NEVER and s.came[LOAD] == NEVER:
         # The first value may come before the time from which inputs are waited for.
@@ -134,18 +149,18 @@ def arrive(
 
 
 def latest_value(s: State, place: int) -> float:
-    """Return the latest value of an input."""
+    """Return the latest value of an input in SI units; a level is in its own unit."""
     if place == WATER:
         return s.water
     return s.level if place == LEVEL else s.value[place]
 
 
-def take_beside(s: State, c: RuleNumbers, place: int, time: int, si: float) -> None:
-    """Take a valid level, or a temperature of the water, which came at a time [ns]."""
+def take_level_or_water(s: State, c: RuleNumbers, place: int, time: int, si: float) -> None:
+    """Store a valid level or water temperature that came at a time [ns], and update the pace of its input."""
     gap = time - s.came[place] if s.came[place] != NEVER else -1
     s.came[place] = time
     if gap > 0:
-        keep_pace(s, c, place, gap)
+        update_pace(s, c, place, gap)
     if place == LEVEL:
         take_level(s, c, si, gap if gap <= age_limit(s, c, LEVEL) else -1)
     else:
@@ -153,18 +168,18 @@ def take_beside(s: State, c: RuleNumbers, place: int, time: int, si: float) -> N
 
 
 def use_configured_water(s: State, c: RuleNumbers) -> None:
-    """Let friction go by the configured water, until a temperature has come."""
+    """Set the water to the configured temperature until a measured one has come."""
     if s.came[WATER] == NEVER:
         s.water, s.viscosity_ratio = c.water, c.viscosity_ratio
 
 
-def patience(s: State, c: RuleNumbers, place: int) -> int:
-    """Return the time without a newer stamp after which the sender's clock was set back [ns]."""
+def clock_step_delay(s: State, c: RuleNumbers, place: int) -> int:
+    """Return the time without a newer stamp after which older stamps mean a clock that was set back [ns]."""
     return min(age_limit(s, c, place) // 2, max(NEAR, int(LATE * s.gap[place])))
 
 
 def judge_value(c: RuleNumbers, place: int, number: float, si: float) -> int:
-    """Return the status of a number, which is ``si`` in SI units, as a value of its input."""
+    """Return the :class:`Status` of a number by its value alone; ``si`` is the same in SI units."""
     size = abs(si)
     if not size < math.inf:
         return NOT_FINITE
@@ -175,10 +190,12 @@ def judge_value(c: RuleNumbers, place: int, number: float, si: float) -> int:
     return ACCEPTED if si >= c.minimum[place] else BELOW_MINIMUM
 
 
-def own_time(s: State, place: int, stamp: int, arrival: int) -> int:
-    """Return a sample's time on the monitor's own clock, which never goes back [ns].
+def sample_time(s: State, place: int, stamp: int, arrival: int) -> int:
+    """Return a sample's time on the monitor's own clock [ns], and follow a clock that was set back.
 
-    Stamps may be wrong and arrivals may be late: a stamp counts where the two agree.
+    It is the stamp where that is at most a second before the arrival, else the arrival, and never before
+    the input's last sample. Where the arrivals step back, ``s.shift`` makes up for it and the stamps are
+    forgotten.
     """
     last = s.came[place] if s.came[place] != NEVER else s.point
     time = arrival + s.shift
@@ -197,14 +214,14 @@ def own_time(s: State, place: int, stamp: int, arrival: int) -> int:
     return max(time, s.came[place])
 
 
-def take(s: State, c: RuleNumbers, model: Model, place: int, time: int, si: float) -> bool:
-    """Take a valid speed or load, after :func:`arrive`.
+def take_value(s: State, c: RuleNumbers, model: Model, place: int, time: int, si: float) -> bool:
+    """Store a valid speed or load, after :func:`receive_sample`, and decide where both inputs stand.
 
     Returns:
-        Whether it made an operating point.
+        Whether it made an operating point; not while an input is missing or lost.
     """
     until = standing_until(s, c)
-    take_value(s, c, place, min(s.now, time), si)
+    store_value(s, c, place, min(s.now, time), si)
     if place == SPEED and c.has_load_table:
         return False  # the load at this speed follows, of the same message
     whole = s.came[SPEED] != NEVER and s.came[LOAD] != NEVER
@@ -214,21 +231,23 @@ def take(s: State, c: RuleNumbers, model: Model, place: int, time: int, si: floa
     return True
 
 
-def may_stand(c: RuleNumbers, place: int) -> bool:
-    """Return whether a repeated value of an input counts: its source sends changes only."""
+def has_repeats(c: RuleNumbers, place: int) -> bool:
+    """Return whether a repeated value of an input counts, as its source sends changes only."""
     return bool(place < LEVEL and c.hold[place] > 0)
 
 
-def stand(s: State, c: RuleNumbers, model: Model, place: int) -> bool:
-    """Count a value that stands once more, after :func:`arrive` of a repeat; its age goes on.
+def repeat_value(s: State, c: RuleNumbers, model: Model, place: int) -> bool:
+    """Take the latest value of an input once more, after :func:`receive_sample` of a repeat.
+
+    The age of the value is not renewed.
 
     Returns:
-        Whether it made an operating point.
+        Whether it made an operating point; not while an input is missing or lost.
     """
     until = standing_until(s, c)
     if s.came[SPEED] == NEVER or s.came[LOAD] == NEVER or s.now > until:
         return False
-    take_mean(s, place, (s.now - max(s.point, s.came[place])) * 1e-9, s.value[place])
+    update_means(s, place, (s.now - max(s.point, s.came[place])) * 1e-9, s.value[place])
     s.earlier[place], s.before[place] = s.before[place], s.value[place]
     if place == SPEED and c.has_load_table:
         s.earlier[LOAD], s.before[LOAD] = s.before[LOAD], s.value[LOAD]
@@ -237,13 +256,16 @@ def stand(s: State, c: RuleNumbers, model: Model, place: int) -> bool:
 
 
 def age_limit(s: State, c: RuleNumbers, place: int) -> int:
-    """Return the age at which an input is lost [ns]; it is longer where values come slowly."""
+    """Return the age at which an input is lost [ns]: its time-out, or 2.5 of its usual gaps if longer."""
     limit: int = max(c.timeout[place], min(int(LATE * s.pace[place]), MEMORY))
     return limit
 
 
 def standing_until(s: State, c: RuleNumbers) -> int:
-    """Until when both values stand [ns]; one not yet received is waited for from the start."""
+    """Return the time until which neither speed nor load is lost [ns].
+
+    One that has not come yet is waited for from the start.
+    """
     speed = s.came[SPEED] if s.came[SPEED] != NEVER else s.began
     load = s.came[LOAD] if s.came[LOAD] != NEVER else s.began
     until: int = min(speed + age_limit(s, c, SPEED), load + age_limit(s, c, LOAD))
@@ -251,7 +273,7 @@ def standing_until(s: State, c: RuleNumbers) -> int:
 
 
 def advance(s: State, c: RuleNumbers, now: int) -> None:
-    """Let time pass; an input whose value no longer stands is lost from then on."""
+    """Set the latest time [ns], and mark an input as lost since the time at which its value was too old."""
     if s.began == NEVER:
         s.began = now
     before, s.now = s.now, now
@@ -262,12 +284,15 @@ def advance(s: State, c: RuleNumbers, now: int) -> None:
             s.lost, s.lost_since = 1, max(until, before)
 
 
-def take_value(s: State, c: RuleNumbers, place: int, came: int, si: float) -> None:
-    """Take a valid value, which stands from the time it came."""
+def store_value(s: State, c: RuleNumbers, place: int, came: int, si: float) -> None:
+    """Store a valid speed or load as the latest, and update the means and the pace of its input.
+
+    ``came`` is the time from which it stands [ns].
+    """
     if s.came[place] != NEVER:
         gap = came - s.came[place]
-        take_mean(s, place, gap * 1e-9, si)
-        keep_pace(s, c, place, gap)
+        update_means(s, place, gap * 1e-9, si)
+        update_pace(s, c, place, gap)
     elif place == SPEED:
         s.fast = s.slow = si
     else:
@@ -278,8 +303,8 @@ def take_value(s: State, c: RuleNumbers, place: int, came: int, si: float) -> No
     s.value[place] = si
 
 
-def take_mean(s: State, place: int, seconds: float, si: float) -> None:
-    """Let the means of an input follow the median of a value and those before over a time [s]."""
+def update_means(s: State, place: int, seconds: float, si: float) -> None:
+    """Let the lagged means of an input follow the median of a value and the two before, over a time [s]."""
     median = middle(si, s.value[place], s.before[place])
     if place == SPEED:
         s.fast = lagged(s.fast, median, seconds, FAST_LAG)
@@ -288,10 +313,11 @@ def take_mean(s: State, place: int, seconds: float, si: float) -> None:
         s.load_mean = lagged(s.load_mean, median, seconds, LOAD_LAG)
 
 
-def keep_pace(s: State, c: RuleNumbers, place: int, gap: int) -> None:
-    """Note the time between the last two stamps of an input [ns].
+def update_pace(s: State, c: RuleNumbers, place: int, gap: int) -> None:
+    """Update the usual gap of an input by the latest gap between two values [ns].
 
-    Beyond its time-out a pace slows down by and by: two drop-outs are no slow sensor.
+    It is the shorter of the last two gaps, and beyond the time-out it grows by a factor of 2.5 at a time:
+    two drop-outs make no slow sensor.
     """
     pace = s.gap[place] if PAIRED * gap < s.gap[place] else min(gap, s.gap[place])
     slower = max(int(LATE * s.pace[place]), c.timeout[place])
@@ -300,15 +326,18 @@ def keep_pace(s: State, c: RuleNumbers, place: int, gap: int) -> None:
 
 
 def middle(first: float, second: float, third: float) -> float:
-    """Return the median of three values; the first where the others have not come yet."""
+    """Return the median of three values; the first where the third is ``nan``, as it has not come yet."""
     if third != third:
         return first
     return max(min(first, second), min(max(first, second), third))
 
 
 def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
-    """Take the operating point of the values standing now; those before stood ``until`` then."""
-    fresh = spend(s, c, until)
+    """Decide at the operating point of the latest values: stick-slip, and which rungs are to change.
+
+    ``until`` is how long the values before stood [ns].
+    """
+    fresh = count_elapsed(s, c, until)
     s.point, s.lost = s.now, 0
     speed, load = median_point(s)
     s.rate = growth_rate(s, c, model[0], s.value[SPEED], s.value[LOAD])
@@ -334,36 +363,38 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     may_tell = sliding and (wide if s.sticking else inside)
     # What the latest values end, the medians do not begin.
     inside_now = c.by_chance == 1 or abs(s.value[SPEED]) < limit or s.rate > 0.0
-    judge_lining(s, c, measured_now(s, c) if may_tell else UNKNOWN, turns(s) and inside_now, fresh)
+    update_stick_slip(s, c, measured_now(s, c) if may_tell else UNKNOWN, is_turning(s) and inside_now, fresh)
     running = s.sticking == 1
     coming = running or (sliding and comes(s, c, speed, (lower, limit)))
     near, wide = coming or (sliding and near), coming or (sliding and wide)
     inside = running or (sliding and inside)
     # A rise of the level raises it, and it stays for as long as the level is high.
-    is_other_vibration = hears(s, c) and not running and is_over(s, c, s.raised & (1 << VIBRATION) > 0)
-    asks = asked(s, VIBRATION, is_other_vibration and s.vibrating == VIBRATING, not is_other_vibration)
-    asks |= asked(s, CAUTION, near, not wide)
-    asks |= asked(s, BISTABLE, inside, not inside)
-    asks |= asked(s, STICK_SLIP, running, not running)
+    is_raised = s.raised & (1 << VIBRATION) > 0
+    is_other = has_valid_level(s, c) and not running and is_above_threshold(s, c, is_raised)
+    asks = request_bit(s, VIBRATION, is_other and s.vibrating == VIBRATING, not is_other)
+    asks |= request_bit(s, CAUTION, near, not wide)
+    asks |= request_bit(s, BISTABLE, inside, not inside)
+    asks |= request_bit(s, STICK_SLIP, running, not running)
     if not running:
         s.amplitude, s.sized = 0.0, NEVER
     high, low = s.amplitude > c.amplitude_limit, not s.amplitude >= c.amplitude_off
-    s.asks = asks | asked(s, AMPLITUDE, high, low)
-    climb(s, c, fresh)
+    s.asks = asks | request_bit(s, AMPLITUDE, high, low)
+    update_rungs(s, c, fresh)
 
 
-def spend(s: State, c: RuleNumbers, until: int) -> bool:
-    """Count the time since the latest point, for as long as its values stood [ns].
+def count_elapsed(s: State, c: RuleNumbers, until: int) -> bool:
+    """Count the time since the latest point, while its values stood, for growth and for every rung.
+
+    Where they have been lost for longer than the off-delay all medians and means start anew.
 
     Returns:
-        Whether they have not stood for longer than the off-delay: then the next point decides at
-        once, and no value from before is in any mean or median.
+        Whether that is so: then this point decides at once.
     """
     if s.point == NEVER:
         return False
     # Before a restart nobody knows what passed.
     passed = max(0, min(s.now, until) - s.point) if s.point >= s.began else 0
-    grow(s, passed)
+    integrate_growth(s, passed)
     for rung in range(RUNGS):
         s.count[rung] = max(0, s.count[rung] + (passed if s.asks & (1 << rung) else -passed))
     if s.now - s.point - passed <= c.off_delay:
@@ -377,9 +408,9 @@ def spend(s: State, c: RuleNumbers, until: int) -> bool:
 
 
 def scale_of(s: State, c: RuleNumbers, load: float) -> float:
-    """``s`` of :mod:`stickslip_monitor.physics.lubrication` at a load [N].
+    """Return ``s`` of :mod:`stickslip_monitor.physics.lubrication` at a load [N] in the latest water.
 
-    What the model knows is that of friction as measured, at the speed and the load over ``s``.
+    The model is known for friction as measured, at the speed and the load over ``s``.
     """
     return scale_at(c.at_load, c.load_exponent, s.viscosity_ratio, load)
 
@@ -387,12 +418,18 @@ def scale_of(s: State, c: RuleNumbers, load: float) -> float:
 def reach(
     s: State, c: RuleNumbers, model: Model, size: float, place: float, scale: float
 ) -> tuple[float, bool, bool, bool, bool]:
-    """Return what the boundaries, or the probabilities where they decide, say of a point.
+    """Judge a point by the boundaries, or by the probabilities where these decide, and update these.
 
-    ``place`` is where its load over the ``scale`` lies in the table of the boundaries.
+    Args:
+        s: The memory, whose probabilities change where there is a belief.
+        c: The numbers of the configuration.
+        model: The law, the tables of the boundaries and of the belief.
+        size: Magnitude of the speed [m/s].
+        place: Where the load over the scale lies in the table of the boundaries.
+        scale: That of :func:`scale_of`.
 
     Returns:
-        The fold; then whether the point is so near that caution is asked for, is within
+        The fold [m/s]; then whether the point is so near that caution is asked for, is within
         the range in which it is kept, is in the bistable range, and whether a cycle exists.
     """
     _, table, belief = model
@@ -412,29 +449,31 @@ def reach(
 
 
 def amplitude_due(s: State, c: RuleNumbers) -> bool:
-    """Return whether the amplitude of the cycle is due, which is computed once a second.
+    """Return whether the amplitude of the cycle is due: each second of stick-slip, where it has a limit.
 
-    Whoever takes samples does it, by the exact cycle at the medians (:func:`median_point`): that
-    costs a hundred times what all the rest does, and only a limit needs it. Where no cycle exists
-    any more the last amplitude stands until stick-slip has ended.
+    Whoever takes samples computes it, by the exact cycle at :func:`median_point`: that costs a hundred times
+    what the rest does. Where no cycle exists any more the last amplitude stands until stick-slip has ended.
     """
     needed = s.sticking == 1 and c.amplitude_limit < math.inf
     return needed and (s.sized == NEVER or s.now - s.sized >= SIZED)
 
 
-def turns(s: State) -> bool:
-    """Return whether by the latest values the shaft turns under load."""
+def is_turning(s: State) -> bool:
+    """Return whether the shaft turns under load, by the latest values and not by medians."""
     return s.value[SPEED] != 0.0 and s.value[LOAD] > 0.0
 
 
 def median_point(s: State) -> tuple[float, float]:
-    """Speed [m/s] and load [N] by which the alarm is decided: medians of three values."""
+    """Return the speed [m/s] and the load [N] that decide: medians of the latest three values."""
     speed = middle(s.value[SPEED], s.before[SPEED], s.earlier[SPEED])
     return speed, middle(s.value[LOAD], s.before[LOAD], s.earlier[LOAD])
 
 
 def growth_rate(s: State, c: RuleNumbers, law: Numbers, speed: float, load: float) -> float:
-    """Growth rate of a small disturbance, ``(-N mu'(V) - c)/2m`` [1/s]; at rest it dies out."""
+    """Return the growth rate of a small disturbance, ``(-N mu'(V) - c)/2m`` [1/s].
+
+    At rest or without load it is that of damping alone.
+    """
     drive = 0.0
     if speed != 0.0 and load > 0.0:
         scale = scale_of(s, c, load)
@@ -443,7 +482,14 @@ def growth_rate(s: State, c: RuleNumbers, law: Numbers, speed: float, load: floa
 
 
 def comes(s: State, c: RuleNumbers, speed: float, ends: tuple[float, float]) -> bool:
-    """Return whether the slope of the speed leads into the range within the look-ahead time."""
+    """Return whether the speed, on its present slope, will be within the range in the look-ahead time.
+
+    Args:
+        s: The memory, with the means of the speed.
+        c: The numbers of the configuration.
+        speed: The present speed [m/s].
+        ends: Lower and upper end of the range in which a cycle exists [m/s].
+    """
     slope = (s.fast - s.slow) / (SLOW_LAG - FAST_LAG)
     future = speed + slope * c.look_ahead
     future = future if speed > 0.0 else -future
@@ -452,8 +498,8 @@ def comes(s: State, c: RuleNumbers, speed: float, ends: tuple[float, float]) -> 
     return limit > 0.0 and max(future, abs(speed)) >= lower and future < limit
 
 
-def grow(s: State, passed: int) -> None:
-    """Let a disturbance grow or die out over the time that the latest point stood [ns]."""
+def integrate_growth(s: State, passed: int) -> None:
+    """Add up the growth of a disturbance over a time [ns]; while sticking, count the time towards its end."""
     if s.sticking:
         # Only where a cycle exists does it grow again: an input that drops out keeps none alive.
         again = passed if s.course == WITHIN else 0
@@ -464,10 +510,15 @@ def grow(s: State, passed: int) -> None:
     s.borne = max(0.0, s.borne + s.median_rate * passed * 1e-9)
 
 
-def judge_lining(s: State, c: RuleNumbers, verdict: int, may_begin: bool, fresh: bool) -> None:
-    """Decide whether stick-slip runs, by what the level says if it counts here.
+def update_stick_slip(s: State, c: RuleNumbers, verdict: int, may_begin: bool, fresh: bool) -> None:
+    """Begin or end stick-slip at this point.
 
-    It may begin with this point or not; the first one after a gap (fresh) decides at once.
+    Args:
+        s: The memory.
+        c: The numbers of the configuration.
+        verdict: State of the level; ``UNKNOWN`` where it does not count at this point.
+        may_begin: Whether stick-slip may begin here.
+        fresh: Whether this is the first point after a gap, which ends it at once.
     """
     starts = s.median_rate > 0.0 and s.borne >= BORNE * c.onset_growth
     starts = starts and s.growth >= c.onset_growth
@@ -497,28 +548,31 @@ def judge_lining(s: State, c: RuleNumbers, verdict: int, may_begin: bool, fresh:
 
 
 def end_stick_slip(s: State, verdict: int) -> None:
-    """End stick-slip; vibration that a quiet level alone ended within the bistable range was foreign."""
+    """End stick-slip, and doubt a level that ended it alone, by quiet in the bistable range.
+
+    What had vibrated there was then no stick-slip.
+    """
     s.sticking, s.growth, s.borne = 0, 0.0, 0.0
     if verdict == QUIET and s.course == IDLE:
         s.doubt = 2 * DOUBT
 
 
-def asked(s: State, rung: int, holds: bool, clear: bool) -> int:
-    """Return the bit of a rung if it should change: a lower one holds, or a raised one is clear."""
+def request_bit(s: State, rung: int, holds: bool, clear: bool) -> int:
+    """Return the bit of a rung that is to change, else 0: a raised one if clear, another if it holds."""
     change = clear if s.raised & (1 << rung) else holds
     return 1 << rung if change else 0
 
 
-def climb(s: State, c: RuleNumbers, fresh: bool) -> None:
-    """Change the rungs that have been asked for long enough; after a gap clear them at once."""
+def update_rungs(s: State, c: RuleNumbers, fresh: bool) -> None:
+    """Raise or clear the rungs asked for long enough; if ``fresh``, after a gap, clear at once."""
     if not s.asks:
         return
-    resting = not turns(s)
+    resting = not is_turning(s)
     for rung in range(RUNGS):
         bit = 1 << rung
         if not s.asks & bit or (resting and rung > VIBRATION and not s.raised & bit):
             continue
-        if s.count[rung] >= due(s, c, rung) or (fresh and s.raised & bit):
+        if s.count[rung] >= change_delay(s, c, rung) or (fresh and s.raised & bit):
             s.raised ^= bit
             s.asks ^= bit
             s.count[rung] = 0
@@ -528,15 +582,18 @@ def climb(s: State, c: RuleNumbers, fresh: bool) -> None:
                 s.cleared[rung] = NEVER
 
 
-def due(s: State, c: RuleNumbers, rung: int) -> int:
-    """Return the net time that changes a rung [ns]: growth is a delay of its own."""
+def change_delay(s: State, c: RuleNumbers, rung: int) -> int:
+    """Return for how long a rung has to be asked for until it changes [ns].
+
+    Stick-slip is raised at once, since growth is a delay of its own.
+    """
     if s.raised & (1 << rung):
         return c.off_delay if s.cleared[rung] == NEVER else HOLD * c.off_delay
     return 0 if rung == STICK_SLIP and c.onset_growth > 0.0 else c.on_delay
 
 
 def rung_of(s: State) -> int:
-    """Return the place in the ladder on which the alarm stands, 0 for normal."""
+    """Return the index in ``LADDER`` of the worst rung that is raised, 0 for normal."""
     top = 0
     for rung in range(RUNGS):
         if s.raised & (1 << rung) and (rung != AMPLITUDE or top == STICK_SLIP + 1):
@@ -545,27 +602,26 @@ def rung_of(s: State) -> int:
 
 
 def condition(s: State) -> int:
-    """:func:`rung_of`, or one above the end of the ladder while an input is lost."""
+    """Return the index in ``CONDITIONS``: :func:`rung_of`, or that of a lost input."""
     return RUNGS + 1 if s.lost else rung_of(s)
 
 
-def hears(s: State, c: RuleNumbers) -> bool:
-    """Return whether there is a level that is not lost."""
+def has_valid_level(s: State, c: RuleNumbers) -> bool:
+    """Return whether a level is configured, has come and is not too old."""
     last = s.came[LEVEL]
     return bool(c.has_level and last != NEVER and s.now - last <= age_limit(s, c, LEVEL))
 
 
 def may_be_foreign(s: State, c: RuleNumbers) -> bool:
-    """Return whether what vibrates now can be no stick-slip, nor the end of one.
+    """Return whether what vibrates now can be neither stick-slip nor the end of one.
 
-    The point is beyond the fold, the condition was cleared long ago, and the level is not lost: what
-    it said last says nothing any more.
+    The point is beyond the fold, stick-slip was cleared at least 15 s ago, and the level is not lost.
     """
     since = s.cleared[STICK_SLIP]
     ended = not s.raised & (1 << STICK_SLIP) and (since == NEVER or s.now - since >= SHORT)
-    return s.course == BEYOND and not s.sticking and ended and hears(s, c)
+    return s.course == BEYOND and not s.sticking and ended and has_valid_level(s, c)
 
 
 def measured_now(s: State, c: RuleNumbers) -> int:
-    """Return what the level says at the latest point; unknown where it is lost or doubted."""
-    return measured(s) if hears(s, c) else UNKNOWN
+    """Return the state of the level at the latest point; ``UNKNOWN`` where it is lost or doubted."""
+    return usable_state(s) if has_valid_level(s, c) else UNKNOWN

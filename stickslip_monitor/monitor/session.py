@@ -132,7 +132,7 @@ class Session:
         saved = {} if store is None else self._restore_alarms(store)
         self.monitor = Monitor(config, saved)
         for name in self.monitor.bearings.keys() & saved.keys():
-            self.annunciator.causes[name].stand(self.monitor.condition(name))
+            self.annunciator.causes[name].restore_condition(self.monitor.condition(name))
         self.monitoring = False
         self._inputs: InputWatch | None = None
         self._set_ns: int | None = None
@@ -250,7 +250,7 @@ class Session:
             return
         for bearing in self.monitor.bearings.values():
             bearing.follow(step_ns)
-        self.annunciator.follow(step_ns)
+        self.annunciator.shift_stamps(step_ns)
         way = 'forward' if step_ns > 0 else 'back'
         text = f'the clock was set {way} by {about(abs(step_ns) * 1e-9)}: delays go on'
         self._log.warning(text)

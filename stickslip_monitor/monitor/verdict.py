@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.severity import (
     WordEnum,
 )
 from stickslip_monitor.monitor.signals import QUANTITIES
-from stickslip_monitor.monitor.vibration_rule import RISE, UNKNOWN, decibels, is_over
+from stickslip_monitor.monitor.vibration_rule import RISE, UNKNOWN, decibels, is_above_threshold
 from stickslip_monitor.physics.cycles import exact_amplitude
 
 UNSEEN = 60.0
@@ -112,7 +112,7 @@ class Standing:
         state, k = self.state, self.rung - 1
         if k < 0 or not state.asks & (1 << k):
             return None
-        return max(0, rule.due(state, self.settings.live, k) - state.count[k]) * 1e-9
+        return max(0, rule.change_delay(state, self.settings.live, k) - state.count[k]) * 1e-9
 
     @property
     def measured(self) -> Measured | None:
@@ -130,7 +130,7 @@ class Standing:
     def is_loud(self) -> bool:
         """Whether the level is above its threshold and no higher than usual."""
         s, c = self.state, self.settings.live
-        high = rule.hears(s, c) and is_over(s, c, raised=False) and not s.sticking
+        high = rule.has_valid_level(s, c) and is_above_threshold(s, c, raised=False) and not s.sticking
         return high and decibels(c, s.level) < s.background + RISE
 
     @property
@@ -141,7 +141,7 @@ class Standing:
             return None
         if s.came[LEVEL] == NEVER:
             return Unknown.NOTHING
-        if not rule.hears(s, c):
+        if not rule.has_valid_level(s, c):
             return Unknown.LOST
         if s.still > DOUBT:
             return Unknown.STUCK
@@ -262,7 +262,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     assumed = f' ({config.load.origin})' if config.load.is_assumed else ''
     load = f'{rounded(point.load / 1e3)} kN{assumed}{_water_text(b, point)}'
     at = f'{_speed_text(config, point, abs(point.speed))}, {load}'
-    text = f'{config.name}: {condition_text}{_way_out(given)} Now {at}'
+    text = f'{config.name}: {condition_text}{_order_text(given)} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
         return f'{text}. {point.outcome.sentence}'
     if point.outcome is Outcome.BELOW:
@@ -310,7 +310,7 @@ def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) ->
     # The alarm goes by medians: the latest values alone may be within the region already.
     rung = max(b.asked, rule.CAUTION + 1 if warns(b.config, point) else 0)
     if rung > b.rung:
-        delay = rule.due(b.state, b.settings.live, rung - 1) * 1e-9
+        delay = rule.change_delay(b.state, b.settings.live, rung - 1) * 1e-9
         near = LADDER[rung].sentence.rstrip('.').partition(':')[0]
         return f'{near} for less than {delay:.3g} s: no alarm yet.'
     if given is not None and given.kind is OrderKind.STAY_ABOVE:
@@ -462,7 +462,7 @@ def order(b: Standing) -> SpeedOrder | None:
     return SpeedOrder(kind, math.copysign(math.ceil(rpm / step) * step, point.speed))
 
 
-def _way_out(given: SpeedOrder | None) -> str:
+def _order_text(given: SpeedOrder | None) -> str:
     """Return the order as a sentence behind what the condition says."""
     if given is None or given.kind is OrderKind.STAY_ABOVE:
         return ''

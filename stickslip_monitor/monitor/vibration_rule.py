@@ -24,9 +24,13 @@ SHORT = 15 * 10**9
 
 
 def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
-    """Take a valid level, so long after the one before [ns].
+    """Store a valid level, and update its background and whether it vibrates.
 
-    That is negative where the one before is too old, or there is none.
+    Args:
+        s: The memory.
+        c: The numbers of the configuration.
+        si: The level in its own unit.
+        gap: Time since the level before [ns]; negative where that is too old, or there is none.
     """
     level = decibels(c, si)
     s.still = s.still + max(gap, 0) if si == s.level else 0
@@ -52,7 +56,16 @@ def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
 
 
 def count_level(s: State, high: bool, low: bool, step: int) -> None:
-    """Count the net time of a level on either side of its threshold; decide what it is."""
+    """Add up the net time of a level above or below its thresholds, and set ``s.vibrating`` after 3 s.
+
+    A vibration that ends within 15 s makes the next ten minutes doubtful.
+
+    Args:
+        s: The memory.
+        high: Whether the level is above the threshold.
+        low: Whether it is below it by the hysteresis.
+        step: The time that counts [ns].
+    """
     s.level_count += step if high else -step if low else 0
     if s.vibrating == VIBRATING:
         s.level_count = min(s.level_count, 0)
@@ -67,8 +80,8 @@ def count_level(s: State, high: bool, low: bool, step: int) -> None:
         s.vibrating, s.level_count, s.high_for = QUIET, 0, 0
 
 
-def measured(s: State) -> int:
-    """Return what a level that is not lost says at the latest point; unknown where doubted."""
+def usable_state(s: State) -> int:
+    """Return the state of a level that is not lost; ``UNKNOWN`` where it is stuck or doubted."""
     if (
         s.still > DOUBT
         or s.doubt > DOUBT
@@ -79,25 +92,28 @@ def measured(s: State) -> int:
 
 
 def doubt_foreign(s: State) -> None:
-    """Doubt a level that has vibrated for long where no stick-slip can be: it hears something else.
+    """Doubt a level that has vibrated for 15 s where no stick-slip can be: it hears something else.
 
-    Until ten minutes of quiet it then counts for nothing, as :func:`measured` says.
+    Until ten minutes of quiet it then counts for nothing, as :func:`usable_state` says.
     """
     if s.vibrating == VIBRATING and s.high_for >= SHORT:
         s.doubt = 2 * DOUBT
 
 
-def is_over(s: State, c: RuleNumbers, raised: bool) -> bool:
-    """Return whether the latest level is above a configured threshold, whatever its background is."""
+def is_above_threshold(s: State, c: RuleNumbers, raised: bool) -> bool:
+    """Return whether the latest level is above the configured threshold, whatever its background is.
+
+    ``raised``: the condition stands already, so the hysteresis counts.
+    """
     limit = c.threshold - c.hysteresis if raised else c.threshold
     return bool(s.still <= DOUBT and decibels(c, s.level) >= limit)
 
 
 def decibels(c: RuleNumbers, si: float) -> float:
-    """Return a level in decibels."""
+    """Return a level in decibels; one that is in decibels as it is."""
     return si if c.in_db else 20.0 * math.log10(max(si, 1e-20))
 
 
 def lagged(mean: float, value: float, seconds: float, lag: float) -> float:
-    """Return a mean that follows a value by a first-order lag [s]."""
+    """Return a mean that follows a value over some seconds by a first-order lag [s]."""
     return mean + (value - mean) * (1.0 - math.exp(-seconds / lag))

@@ -8,7 +8,7 @@ from itertools import product
 import pytest
 from sending import configured
 
-from stickslip_monitor.monitor.alarms import TABLE, AlarmKind, AlarmState, Causes, Facts, Trigger, follow
+from stickslip_monitor.monitor.alarms import TABLE, AlarmKind, AlarmState, Causes, Facts, Trigger, next_state
 
 EVERY_FACTS = [Facts(*values) for values in product((False, True), repeat=len(Facts._fields))]
 CAUSES = (Trigger.RAISE, Trigger.CLEAR, Trigger.SUPPRESS, Trigger.UNSUPPRESS)
@@ -26,14 +26,14 @@ def test_every_row_ends_with_a_choice_that_always_holds_or_leaves_the_state() ->
 def test_only_a_person_takes_an_unacknowledged_alarm_away() -> None:
     for facts in EVERY_FACTS:
         for state, trigger in product(WAITING, CAUSES):
-            assert follow(state, trigger, facts) in WAITING
+            assert next_state(state, trigger, facts) in WAITING
 
 
 def test_only_a_reset_or_removal_takes_a_latch_away() -> None:
     left = {
         trigger
         for trigger, facts in product(Trigger, EVERY_FACTS)
-        if not facts.active and follow(AlarmState.LATCHED, trigger, facts) is not AlarmState.LATCHED
+        if not facts.active and next_state(AlarmState.LATCHED, trigger, facts) is not AlarmState.LATCHED
     }
     # 'raise' and 'covered' come with an active cause.
     assert left - {Trigger.RAISE, Trigger.UNSUPPRESS} == {Trigger.RESET, Trigger.REMOVE}
@@ -43,7 +43,7 @@ def test_nothing_but_a_cause_gives_an_alarm_and_none_while_suppressed() -> None:
     for state, trigger, facts in product(AlarmState, Trigger, EVERY_FACTS):
         if state is AlarmState.NORMAL and facts.suppressed:
             continue  # Never normal while suppressed: it is suppressed at once.
-        if follow(state, trigger, facts) is AlarmState.UNACKNOWLEDGED is not state:
+        if next_state(state, trigger, facts) is AlarmState.UNACKNOWLEDGED is not state:
             assert facts.active or trigger is Trigger.RAISE
             assert not facts.suppressed or trigger is Trigger.UNSUPPRESS
 
@@ -61,7 +61,7 @@ def test_the_published_transitions() -> None:
     by_letter = {letter: state for state in AlarmState for letter in state.letter.split(', ')}
     for row in PUBLISHED.split(','):
         before, trigger, after = row.split()
-        assert follow(by_letter[before], Trigger(trigger), Facts()) is by_letter[after], row
+        assert next_state(by_letter[before], Trigger(trigger), Facts()) is by_letter[after], row
 
 
 @pytest.mark.parametrize(
@@ -73,8 +73,8 @@ def test_the_published_transitions() -> None:
     ],
 )
 def test_what_comes_back_with_its_cause_is_given_again(state: AlarmState, trigger: Trigger) -> None:
-    assert follow(state, trigger, Facts(active=True)) is AlarmState.UNACKNOWLEDGED
-    assert follow(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED
+    assert next_state(state, trigger, Facts(active=True)) is AlarmState.UNACKNOWLEDGED
+    assert next_state(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED
 
 
 def test_what_waits_for_the_end_of_a_mix_takes_nothing_from_what_was_remembered() -> None:
