@@ -144,11 +144,6 @@ def test_a_time_that_is_empty_is_not_replaced_by_another_column(head: str, cell:
         times_of(tmp_path, log_of(head, lambda t: row.format((t - T0).seconds)))
 
 
-def test_cells_beyond_the_headings_are_no_times(tmp_path: Path) -> None:
-    text = log_of('No', lambda t: str((t - T0).seconds)).replace(',900\n', ',900,2026-05-14T06:00:00Z\n')
-    assert times_of(tmp_path, text)[0] == [k * 10**9 for k in range(90)]
-
-
 def test_dates_alone_are_no_times(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="column 'Date' has dates without a time of the day"):
         times_of(tmp_path, log_of('Date', lambda t: f'{t:%Y-%m-%d}', timedelta(days=1)))
