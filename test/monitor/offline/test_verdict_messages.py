@@ -214,7 +214,7 @@ def test_blocks_of_a_few_messages_give_the_same_file_and_check(
     bag: Path, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = to_json(check_recording(bag, config_of()))
-    monkeypatch.setattr(mcap_recording, '_OF_TOPIC', 2)
+    monkeypatch.setattr(mcap_recording, '_MAX_OF_TOPIC', 2)
     assert to_json(write(bag, tmp_path / 'out.mcap')) == whole
     one, other = (
         sorted((m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages())
@@ -267,7 +267,7 @@ def test_values_that_stand_are_the_same_in_any_blocks_and_are_no_samples(
     sail(tmp_path / 'in', [*samples, (500, 0, 61.0)])
     config = config_of(**{'aft.speed.hold': 900.0, 'aft.load.hold': 900.0})
     whole = write(tmp_path / 'in', tmp_path / 'out.mcap', config)
-    monkeypatch.setattr(mcap_recording, '_OF_TOPIC', 2)
+    monkeypatch.setattr(mcap_recording, '_MAX_OF_TOPIC', 2)
     assert to_json(write(tmp_path / 'in', tmp_path / 'again.mcap', config)) == to_json(whole)
     one, other = (
         {(t, n): m for t, n, m in rosbags_messages(tmp_path / f'{p}.mcap')} for p in ('out', 'again')
