@@ -19,13 +19,16 @@ from stickslip_monitor.errors import SceneError
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     options.add_file(parser, 'scene', metavar='SCENE', help='scene file')
+    options.add_file(
+        parser, '--sensors', metavar='FILE', help="a file of sensors, in place of the scene's own"
+    )
     text = 'the bag to write: a rosbag2 folder, or one file if the name ends in .mcap'
     parser.add_argument('--output', '-o', required=True, metavar='BAG', help=text)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    scene = load_scene(args.scene)
+    scene = load_scene(args.scene, sensors=args.sensors)
     with output.ProgressBar() as bar:
         try:
             written = write_bag(scene, args.output, lambda done: bar.show('simulating', done, scene.duration))

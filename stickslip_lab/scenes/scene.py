@@ -123,7 +123,7 @@ def _build_scene(path: Path, document: Any, seed: int | None, sensors: str | Pat
     telemetry, errors = (
         settings if given is None or key in settings else given for key in ('telemetry', 'parameter_error')
     )
-    meaning = '{speed: {rate: Hz}, load: {rate: Hz}}, or score it with --sensors'
+    meaning = '{speed: {rate: Hz}, load: {rate: Hz}}, or give a file of sensors by --sensors'
     rates = telemetry.value('telemetry', meaning)
     channels = read_channels(config, rates)
     for channel in channels:

@@ -52,6 +52,22 @@ def scene(tmp_path: Path) -> str:
     return str(tmp_path / 'scene.yaml')
 
 
+def test_a_scene_without_rates_takes_those_of_a_file_of_sensors(
+    tmp_path: Path, scene: str, stickslip: Stickslip
+) -> None:
+    without = tmp_path / 'without.yaml'
+    without.write_text('\n'.join(line for line in SCENE.splitlines() if 'telemetry' not in line), 'utf-8')
+    refused = stickslip('simulate', without, '-o', tmp_path / 'bag')
+    assert refused.code == 2
+    assert 'or give a file of sensors by --sensors' in refused.err
+    sensors = tmp_path / 'sensors.yaml'
+    rates = '{speed: {rate: 1.0}, load: {rate: 0.1}}'
+    text = f'sensors: stickslip_monitor/sensors/1\ndescription: Slow.\ntelemetry: {rates}\n'
+    sensors.write_text(text, 'utf-8')
+    done = stickslip('simulate', without, '--sensors', sensors, '-o', tmp_path / 'bag')
+    assert (done.code, '167 messages' in done.out) == (0, True)
+
+
 @pytest.mark.parametrize('name', ['bag', 'bag.mcap', 'new/folder/bag'])
 def test_rosbags_reads_the_bag(tmp_path: Path, scene: str, stickslip: Stickslip, name: str) -> None:
     target = tmp_path / name
