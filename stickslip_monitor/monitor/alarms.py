@@ -108,7 +108,7 @@ class Causes:
 
     @property
     def recovery_times(self) -> tuple[int, int] | None:
-        """When the lost inputs came back and when their alarm will clear, on the running time [ns].
+        """Times at which lost inputs came back, and at which their alarm clears, running time [ns].
 
         ``None`` where no input has come back lately.
         """

@@ -88,9 +88,9 @@ _Number = TypeVar('_Number', float, FloatArray)
 
 
 def margin(speed: FloatArray, boundary: FloatArray) -> FloatArray:
-    """``V/V_b - 1`` of speeds ``V`` >= 0, with the sign of ``V - V_b`` to the last bit.
+    """Return ``V/V_b - 1`` of speeds ``V`` >= 0, with the sign of ``V - V_b`` to the last bit.
 
-    A boundary is ``nan`` where there is none, and ``inf`` where there is no end to it.
+    A boundary may be ``nan`` where there is none, which gives ``inf``, or ``inf``, which gives -1.
     """
     value = (speed - boundary) / boundary
     unbounded = value != value
@@ -129,12 +129,14 @@ class _Assessed(Generic[_Number]):
             return as_measured(self.bearing), self.speed / self.scale, self.load / self.scale
 
     def _apply_flat(self, function: Callable[..., FloatArray], *columns: ArrayLike) -> _Number:
-        """Apply a function of flat arrays to columns of one shape, element by element, finite or not."""
+        """Apply a function of flat arrays to columns of one shape; the result has that shape."""
         shape, flat = flatten(*columns)
         with np.errstate(all='ignore'):
             return restore(in_blocks(lambda *parts: (function(*parts),), *flat)[0], shape)
 
     def _margin_to(self, boundary: _Number) -> _Number:
+        """Return the margin to a boundary [-]; ``nan`` where the point is not finite."""
+
         def known(speed: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
             return np.where(code == NOT_FINITE, np.nan, margin(np.abs(speed), limit))
 
@@ -159,7 +161,7 @@ class _Assessed(Generic[_Number]):
         return amplitude * self.scale
 
     def _load_of(self, boundary: Callable[[Bearing, ArrayLike], Any]) -> _Number:
-        """Return the load of a boundary at each speed [N]; ``nan`` without one."""
+        """Return the load [N] at which ``boundary`` is at the speed of each point; ``nan`` without one."""
         lubrication = self.bearing.lubrication
         if lubrication is None or self.temperature is None:
             return mapped(lambda v, _: boundary(self.bearing, v), self.speed, self.load)
@@ -178,8 +180,8 @@ class _Assessed(Generic[_Number]):
         """The averaged fold as a share of the one that decides; 1 without either."""
 
         def share(kbm: FloatArray, fold: FloatArray) -> FloatArray:
-            known = (kbm > 0.0) & (kbm < np.inf) & (fold > 0.0) & (fold < np.inf)
-            return np.divide(kbm, fold, out=np.ones(fold.shape), where=known)
+            has_both = (kbm > 0.0) & (kbm < np.inf) & (fold > 0.0) & (fold < np.inf)
+            return np.divide(kbm, fold, out=np.ones(fold.shape), where=has_both)
 
         return self._apply_flat(share, self.fold_speed_kbm, self.fold_speed)
 
@@ -437,7 +439,11 @@ def assess(
 def _judge_points(
     bearing: Bearing, table: BoundaryTable | None, speed: FloatArray, load: FloatArray
 ) -> tuple[NDArray[Any], ...]:
-    """Return outcome, Hopf speed, the fold that decides and the averaged one, of flat arrays."""
+    """Judge flat arrays of points.
+
+    Returns:
+        Outcome as index, Hopf speed, the fold that decides, and the averaged fold [m/s].
+    """
     law = bearing.friction
     solver = averaging.averaged(law)
     size = np.abs(speed)

@@ -59,7 +59,7 @@ class BearingMonitor(Standing):
         self.counts = np.zeros((len(Input), len(Status)), dtype=np.int64)
 
     def await_inputs(self) -> None:
-        """Wait for the inputs as at a first start, after a time without listening."""
+        """Forget all times, so that every input is waited for; the lining's memory stays."""
         self.state.now = self.state.began = NEVER
         self.state.came = [NEVER] * len(Input)
         rule.use_configured_water(self.state, self.settings.live)
@@ -79,7 +79,7 @@ class BearingMonitor(Standing):
                 self._rescale_memory(place, old)
 
     def _rescale_memory(self, place: int, old: RuleNumbers) -> None:
-        """Convert what is remembered of an input from the old settings into those of now."""
+        """Convert the values of an input in the memory from the old settings; a level is learned anew."""
         state, new = self.state, self.settings.live
         if place == Input.WATER_TEMPERATURE:
             return  # the next value has the new scale
@@ -126,7 +126,11 @@ class BearingMonitor(Standing):
         self.state.shift -= step_ns
 
     def update(self, place: int, time_ns: int, number: float, arrival_ns: int | None = None) -> Update:
-        """Take one sample of an :class:`Input`; see :class:`Sample`."""
+        """Take one sample of an :class:`Input`, and count it; arguments as in :class:`Sample`.
+
+        Raises:
+            ConfigurationError: The input is not configured.
+        """
         if place >= Input.LEVEL and place not in self.config.places:
             name = INPUTS[place]
             raise ConfigurationError(
@@ -145,7 +149,10 @@ class BearingMonitor(Standing):
         return update
 
     def repeats(self) -> Iterator[Update]:
-        """Count values that stand once more, of inputs whose source sends changes only, where it is time."""
+        """Take once more the values that still stand and are due, and yield the result of each.
+
+        Only inputs whose source sends changes only are repeated.
+        """
         state = self.state
         for place, (number, due_ns) in self._held.items():
             if state.now < due_ns or state.stamp[place] == NEVER:
@@ -154,6 +161,7 @@ class BearingMonitor(Standing):
             yield self._take_sample(place, state.stamp[place], number, state.now - state.shift)
 
     def _take_sample(self, place: int, time_ns: int, number: float, arrival_ns: int) -> Update:
+        """Run the rule on one sample; return its status, and the verdict and events that it made."""
         state, settings = self.state, self.settings
         c = settings.live
         if rule.amplitude_due(state, c):
@@ -207,6 +215,11 @@ class Monitor:
         self.bearings = {b.name: BearingMonitor(b, saved.get(b.name)) for b in config.bearings}
 
     def _require_bearing(self, name: str) -> BearingMonitor:
+        """Return the bearing of that name.
+
+        Raises:
+            ConfigurationError: It is not configured.
+        """
         bearing = self.bearings.get(name)
         if bearing is None:
             self.config.bearing(name)  # says which there are
@@ -214,7 +227,7 @@ class Monitor:
         return bearing
 
     def update(self, sample: Sample) -> Update:
-        """Take one sample.
+        """Take one sample; return its status, and the verdict and events that it made.
 
         Raises:
             ConfigurationError: The sample's bearing or quantity is not configured.

@@ -32,9 +32,9 @@ WITHOUT_CYCLE = {item.name: 0.0 for item in record_fields.NUMBERS if item.is_zer
 
 
 def output_topics(bearings: Iterable[BearingConfig], node: str) -> dict[str, str]:
-    """Return the topics of a node of that full name, with their message types, in order.
+    """Return the output topics of a node, by its full name, with their message types, in order.
 
-    Bearings with tolerances or a calibration have more of them.
+    Bearings with tolerances, a calibration or a level have more of them.
     """
     topics: dict[str, str] = {}
     for bearing in bearings:
@@ -77,7 +77,7 @@ def verdict_value(name: str, verdict: Verdict) -> float | str:
 
 
 def topic_number(name: str, points: Assessment | Assessments) -> FloatArray:
-    """Work out a number of one point or many as its topic says it, only where it is wanted."""
+    """Return a number of one point or many as its topic has it: 0 or ``nan`` where no cycle exists."""
     value = np.asarray(getattr(points, name))
     return np.where(np.isnan(value), WITHOUT_CYCLE.get(name, math.nan), value)
 
@@ -88,7 +88,7 @@ def number(value: float) -> float | None:
 
 
 def point_record(point: Assessment | None) -> dict[str, Any]:
-    """Regime, outcome and numbers of an assessment of scalars; all ``None`` without one."""
+    """Return regime, outcome and numbers of one operating point; all ``None`` without one."""
     if point is None:
         return dict.fromkeys(item.name for item in record_fields.POINT)
     return {
@@ -151,13 +151,13 @@ class BearingState:
 
     @property
     def waiting(self) -> bool:
-        """Whether nothing is known yet: no operating point, nor that an input is lost."""
+        """Whether no operating point has come, and no input is known to be lost."""
         bearing = self.bearing
         return bearing.verdict is None and bearing.condition is not Condition.INPUT_STALE
 
     @property
     def reason(self) -> str:
-        """The condition, or why there is none."""
+        """Word for the present condition, or for why there is none."""
         if not self.monitoring:
             return 'not_monitoring'
         if self.waiting:
@@ -167,7 +167,7 @@ class BearingState:
 
     @property
     def severity(self) -> Severity:
-        """Severity; a bearing that is not watched is never reported as well."""
+        """Severity of the condition, at least WARN where inputs are faulty or the bearing is not watched."""
         if not self.monitoring or self.waiting:
             return Severity.WARN
         doubtful = self.faults or self.mixed
@@ -175,7 +175,7 @@ class BearingState:
 
     @property
     def message(self) -> str:
-        """Text for a person."""
+        """Text for a person: condition, mixed sources and faults of the inputs."""
         name = self.bearing.config.name
         if not self.monitoring:
             return f'{name}: {NOT_MONITORING}'
@@ -226,6 +226,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
 
 
 def _input_record(state: BearingState, name: str) -> dict[str, Any]:
+    """Return the record of one input: whether it is lost, its age, rate, fault and counts."""
     bearing, place = state.bearing, INPUTS.index(name)
     input_state, counts = state.inputs.get(name, InputState()), bearing.counts[place]
     return {
@@ -238,7 +239,7 @@ def _input_record(state: BearingState, name: str) -> dict[str, Any]:
 
 
 def _is_lost(bearing: BearingMonitor, place: int) -> bool:
-    """Return whether an input has come and is lost, or one without which there is no verdict is missing."""
+    """Return whether an input is lost; level and temperature only once they have come."""
     if place == Input.LEVEL:
         return bearing.unknown is Unknown.LOST
     if place == Input.WATER_TEMPERATURE:
@@ -247,9 +248,9 @@ def _is_lost(bearing: BearingMonitor, place: int) -> bool:
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
-    """Return the diagnostic status of a bearing, by a node of that full name without the slash.
+    """Return the diagnostic status of a bearing; the key of each number has its unit.
 
-    One number a key, with its unit in the key.
+    ``node`` is the full name of the node without the leading slash.
     """
     bearing, record = state.bearing, bearing_record(state)
     is_known = state.point is not None
@@ -276,13 +277,14 @@ def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
 
 
 def _write_value(value: str | float | None) -> str:
+    """Write a value of a diagnostic status; ``None`` as nan."""
     if isinstance(value, str):
         return value
     return str(value).lower() if isinstance(value, bool) else f'{math.nan if value is None else value:.9g}'
 
 
 def hardware_id(node: str, bearing: str) -> str:
-    """Return a bearing's name in the namespace of its node: ``aft``, ``port/aft``."""
+    """Return a bearing's name in the namespace of a node, as ``aft`` or ``port/aft``."""
     space = node.rpartition('/')[0]
     return f'{space}/{bearing}' if space else bearing
 
@@ -331,20 +333,20 @@ class NodeHealth:
     _failures_seen: int = 0
 
     def age(self, steady: float) -> None:
-        """Let time pass, once a second: a failure that has passed is no standing error [s]."""
+        """Update ``failing`` at a time of the steady clock [s]: a failure counts for a minute."""
         if self.failures > self._failures_seen:
             self._failures_seen, self._failed_at = self.failures, steady
         self.failing = bool(self.failures) and steady - self._failed_at < FAILURE_PERIOD
 
     def change(self, name: str, before: object, after: object) -> None:
-        """Take note that a parameter was changed; one that is as it was needs no attention."""
+        """Record that a parameter was changed over ROS; one that is back at its first value is dropped."""
         before = self.changed.pop(name, (before,))[0]
         if before != after:
             self.changed[name] = before, after
 
     @property
     def severity(self) -> Severity:
-        """ERROR where something is not done that was asked for."""
+        """ERROR while something that was asked for is not done, WARN for what needs attention."""
         if self.failing or self.state_file_fault or self.clip_fault:
             return Severity.ERROR
         damaged = self.state_file_damage or self.calibration_faults

@@ -83,7 +83,7 @@ class ClipRecorder:
         self._done: list[Clip] = []
 
     def add(self, message: ClipMessage) -> None:
-        """Take a message."""
+        """Take a message, also into the clip that is being taken; a clip that is full ends."""
         self.advance(message.time_ns)
         self._past.append(message)
         self._past_size += message.size
@@ -95,7 +95,7 @@ class ClipRecorder:
                 self.finish()
 
     def note(self, event: Event) -> None:
-        """Take notice of a change of an alarm, whose messages have been added."""
+        """Begin a clip with an alarm, or lengthen the one that is being taken; other events do nothing."""
         if not begins_clip(event):
             return
         self._end_ns = event.time_ns + self.config.around_ns
@@ -105,7 +105,10 @@ class ClipRecorder:
             self._taken_size = self._past_size
 
     def advance(self, time_ns: int) -> None:
-        """Let time pass. A step back by more than a clip's length is a jump of the clock."""
+        """Let time pass, which ends a clip after its length.
+
+        A step back by more than a clip's length is a jump of the clock: it ends the clip and drops the past.
+        """
         if time_ns < self.now_ns - self.config.around_ns:
             self.finish()
             self._past.clear()
@@ -121,7 +124,7 @@ class ClipRecorder:
         return done
 
     def finish(self) -> None:
-        """End the clip that is being taken with what there is."""
+        """End the clip that is being taken, if there is one, with the messages so far."""
         if self._event is None:
             return
         event, taken = self._event, tuple(self._taken)
@@ -130,7 +133,7 @@ class ClipRecorder:
         self._event, self._taken = None, []
 
     def _drop_old(self) -> None:
-        """Drop what is too old, or too much."""
+        """Drop messages that are older than a clip reaches, or that exceed half of its size."""
         oldest = self.now_ns - self.config.around_ns
         while self._past and (self._past[0].time_ns < oldest or self._past_size > self.config.size // 2):
             self._past_size -= self._past.popleft().size

@@ -69,7 +69,17 @@ class _UnusableCalibration(ConfigurationError):
 
 
 def _read_calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Read the file of a bearing's calibration, made with sensors as :func:`sensor_record` has them now."""
+    """Read the file of a bearing's calibration and check that it was made with the same sensors.
+
+    Args:
+        path: The file.
+        name: Name of the bearing.
+        sensors: :func:`sensor_record` of each input as it is configured now.
+
+    Raises:
+        _UnusableCalibration: It is missing, damaged or of another version.
+        ConfigurationError: It is of another bearing, or made with other sensors.
+    """
     try:
         document = read_json(path, LARGEST_JSON)
     except OSError as error:
@@ -109,12 +119,15 @@ def _read_calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, A
 def _parse_calibration(
     path: str, document: Mapping[str, Any], bearing: Bearing, tolerance: Tolerance
 ) -> tuple[Bearing, Belief]:
-    """Return the bearing by which alarms go after a calibration, and what is believed of it.
+    """Return the bearing by which alarms go after a calibration, and the belief about it.
 
-    Mass, stiffness and diameter are those that are configured.
+    Mass, stiffness and diameter are those of ``bearing``.
+
+    Raises:
+        _UnusableCalibration: The document is damaged.
     """
     try:
-        found = _with_law(bearing, document['parameters'])
+        calibrated = _with_law(bearing, document['parameters'])
         # Files of 0.3.0 have one bearing for both.
         believed = _with_law(bearing, document.get('believed', document['parameters']))
         covariance = np.array(document['covariance'], dtype=float)
@@ -129,11 +142,11 @@ def _parse_calibration(
     if not (sound and low <= high):
         raise _UnusableCalibration(f'{path} is damaged: its covariance must be finite, and its loads rise')
     speed = math.hypot(floor, tolerance.speed, tolerance.scatter)
-    return found, Belief(believed, covariance, speed, tolerance.load, (low, high), calibrated=True)
+    return calibrated, Belief(believed, covariance, speed, tolerance.load, (low, high), calibrated=True)
 
 
 def _with_law(bearing: Bearing, values: Mapping[str, Any]) -> Bearing:
-    """Return a bearing with the damping and the law of a calibration."""
+    """Return a bearing with the damping and the friction law that a calibration holds by parameter name."""
     every = (*parameters.LINING_PARAMETERS, *parameters.FRICTION_PARAMETERS)
     rows = {row.name: replace(row, default=REQUIRED) for row in every}
     make, names = LAWS[rows['friction.law'].checked('friction.law', values)]
@@ -152,10 +165,10 @@ _Input = TypeVar('_Input', bound=InputConfig)
 
 
 def check_topic(whose: str, topic: str) -> None:
-    """Refuse what is no name of a topic.
+    """Check that a text is a name of a ROS topic.
 
     Raises:
-        ConfigurationError: It is none; the text names it after ``whose``.
+        ConfigurationError: It is not; the text begins with ``whose``.
     """
     if not _TOPIC.fullmatch(topic):
         raise ConfigurationError(f'{whose} {topic!r} must be a ROS topic name')
@@ -204,19 +217,23 @@ def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> Monitor
 
 
 def _with_lists_of_where(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters with each ``where: {COLUMN: TEXT}``, whose columns have any name, as one list."""
-    found = {key: value for key, value in values.items() if _WHERE not in key}
+    """Return the parameters with all ``where.COLUMN: TEXT`` of an input as one list of pairs."""
+    joined = {key: value for key, value in values.items() if _WHERE not in key}
     for key in (key for key in values if _WHERE in key):
         (name, _, column), text = key.partition(_WHERE), values[key]
         if isinstance(text, bool) or not isinstance(text, str | int | float):
             raise refused(key, text, 'the text of a column, in quotation marks if need be')
-        own = found.setdefault(f'{name}{_WHERE[:-1]}', [])
-        found[f'{name}{_WHERE[:-1]}'] = [*own, column, str(text)]
-    return found
+        pairs = joined.setdefault(f'{name}{_WHERE[:-1]}', [])
+        joined[f'{name}{_WHERE[:-1]}'] = [*pairs, column, str(text)]
+    return joined
 
 
 def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the validated list ``bearings``."""
+    """Return the checked list ``bearings``.
+
+    Raises:
+        ConfigurationError: It is empty, or a name is invalid or given twice.
+    """
     names: tuple[str, ...] = parameters.BEARINGS.checked('bearings', values)
     if not names:
         raise ConfigurationError('bearings = [] must name at least one bearing')
@@ -232,9 +249,13 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _check_retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
-    """Return a sentence on each parameter without effect; refuse what is not known at all."""
+    """Return a sentence on each parameter that has no effect any more.
+
+    Raises:
+        ConfigurationError: A parameter or section is unknown.
+    """
     allowed, notes = parameters.parameters_of(names), []
-    for key in (each for each in values if each not in allowed):
+    for key in (name for name in values if name not in allowed):
         head, _, parameter = key.partition('.')
         members = [name for name in allowed if name.startswith(f'{head}.')]
         if parameter and head not in names and not members:
@@ -253,12 +274,12 @@ def _check_retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[st
 
 
 def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the parameters with mass, damping and stiffness, where torsional values are given."""
+    """Return the parameters with mass, damping and stiffness in place of any torsional values."""
     rows = {row.name: row for row in parameters.LINING_PARAMETERS}
     given = [row for row in parameters.TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
     if not given:
         return values
-    torsional_names = ', '.join(each.name for each in parameters.TORSIONAL_PARAMETERS.values())
+    torsional_names = ', '.join(row.name for row in parameters.TORSIONAL_PARAMETERS.values())
     diameter = rows['journal_diameter'].checked(f'{name}.journal_diameter', values)
     converted = dict(values)
     for key, row in parameters.TORSIONAL_PARAMETERS.items():
@@ -273,7 +294,7 @@ def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _in_any_water(bearing: Bearing) -> Bearing:
-    """Return the bearing that a belief is made of: the same in water of any temperature."""
+    """Return the bearing without a temperature, so that one belief serves water of any temperature."""
     lubrication = bearing.lubrication
     if lubrication is None:
         return bearing
@@ -328,7 +349,11 @@ class _Section:
         return f'{self.name}.{key} = {text}'
 
     def build(self) -> BearingConfig:
-        """Build the bearing, or raise with one sentence why not."""
+        """Build the configuration of the bearing.
+
+        Raises:
+            ConfigurationError: Its parameters contradict one another; the text is one sentence.
+        """
         values, name = self._own, self.name
         lining = {row.name: values[row.name] for row in parameters.LINING_PARAMETERS}
         tolerance = Tolerance(
@@ -367,7 +392,10 @@ class _Section:
     def _apply_calibration(
         self, bearing: Bearing, tolerance: Tolerance, inputs: Mapping[str, InputConfig]
     ) -> tuple[Bearing, Belief | None]:
-        """Return the bearing by which alarms go, and its belief; ``None`` for no uncertainty."""
+        """Return the bearing by which alarms go, and the belief about it; ``None`` for an exact one.
+
+        A calibration that cannot be used is named in ``fault`` while live, and the bearing goes without.
+        """
         path = self._own['calibration']
         if path:
             sensors = {name: sensor_record(source) for name, source in inputs.items()}
@@ -385,6 +413,11 @@ class _Section:
         return bearing, None if tolerance.is_exact else _make_belief(_in_any_water(bearing), tolerance)
 
     def _build_friction(self) -> FrictionLaw:
+        """Return the friction law with its parameters.
+
+        Raises:
+            ConfigurationError: The law needs a parameter that is missing.
+        """
         law = self._own['friction.law']
         make, names = LAWS[law]
         optional = {row.name for row in parameters.FRICTION_PARAMETERS if row.optional}
@@ -428,10 +461,10 @@ class _Section:
         return lubrication.at(values['friction.at_temperature'] if math.isnan(water) else water)
 
     def _water_key(self) -> str:
-        """Return the parameter by which the water has a temperature; empty for none."""
-        own = self._own
+        """Return the name of the parameter that gives the water's temperature; '' where none does."""
+        given = self._own
         keys = ('water_temperature.topic', 'water_temperature.column', 'water_temperature.constant')
-        return next((key for key in keys if own[key] and own[key] == own[key]), '')
+        return next((key for key in keys if given[key] and given[key] == given[key]), '')
 
     def unused(self, config: BearingConfig) -> Iterator[str]:
         """Yield a sentence on each parameter of friction and probability that is not used.
@@ -480,7 +513,10 @@ class _Section:
         return self._build_input(SpeedConfig, 'speed', factor / settings['speed.gear'], rest)
 
     def _build_load(self, speed: InputConfig, per_rpm: float) -> LoadConfig:
-        """Return the input of the load, or what is assumed in its place, which comes with the speed."""
+        """Return the input of the load; one that is assumed comes with the messages of the speed.
+
+        ``per_rpm`` is the surface speed of one revolution a minute [m/s].
+        """
         settings, factor = self._own, parameters.LOAD_UNITS[self._own['load.unit']]
         given = [key for key in parameters.ASSUMED_LOADS if not _is_left_out(settings[key])]
         if not given:
@@ -545,6 +581,11 @@ class _Section:
     def _require_other_field(
         self, name: str, source: InputConfig, sources: Mapping[str, InputConfig]
     ) -> None:
+        """Check that an input is not read from the same field of a topic as another.
+
+        Raises:
+            ConfigurationError: It is.
+        """
         for beside, source_beside in sources.items():
             if source.topic and (source.topic, source.field) == (source_beside.topic, source_beside.field):
                 raise ConfigurationError(
@@ -569,13 +610,13 @@ class _Section:
                 )
         return False
 
-    def _build_water(self, others: Mapping[str, InputConfig]) -> parameters.WaterConfig | None:
+    def _build_water(self, sources: Mapping[str, InputConfig]) -> parameters.WaterConfig | None:
         """Return the input of the water's temperature; ``None`` where nothing measures it."""
         beside = 'water_temperature.constant', 'water_temperature.salinity'
         if not self._is_measured('water_temperature', 'the temperature of the water', beside):
             return None
         water = self._build_input(parameters.WaterConfig, 'water_temperature', 1.0)
-        self._require_other_field('water_temperature', water, others)
+        self._require_other_field('water_temperature', water, sources)
         return water
 
     def _build_level(self, sources: Mapping[str, InputConfig]) -> parameters.LevelConfig | None:
@@ -624,7 +665,7 @@ BREAKAWAY = 0.5
 
 
 def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
-    """Return what to ask about a bearing at a load [N]: clauses on its ``speed`` and its ``load``.
+    """Return clauses that ask about a bearing at a load [N], on its ``speed`` and its ``load``.
 
     At 0 or below only what needs no load is asked.
     """
@@ -643,6 +684,7 @@ def asked(config: BearingConfig, load: float | None = None) -> list[str]:
 
 
 def _average_questions(source: InputConfig) -> Iterator[str]:
+    """Yield a clause where the name of a source says that it is an average."""
     named = _AVERAGED.search(f'{source.topic} {source.field_text} {source.column}')
     if named:
         yield (
@@ -652,6 +694,7 @@ def _average_questions(source: InputConfig) -> Iterator[str]:
 
 
 def _speed_questions(config: BearingConfig, load: float) -> Iterator[str]:
+    """Yield clauses on diameter, speed of rest and friction that cannot be right at a load [N]."""
     diameter, rest = config.bearing.journal_diameter, config.alarm.minimum_speed
     if diameter >= THICKEST:
         yield f'turns a journal of {diameter:g} m: is journal_diameter in metres?'
@@ -672,6 +715,7 @@ def _speed_questions(config: BearingConfig, load: float) -> Iterator[str]:
 
 
 def _load_questions(config: BearingConfig, load: float) -> Iterator[str]:
+    """Yield clauses on mass, stiffness, damping and amplitude limit that cannot be right at a load [N]."""
     bearing = config.bearing
     tone = bearing.natural_frequency / math.tau
     if not LOWEST_TONE <= tone <= HIGHEST_TONE:
@@ -723,6 +767,7 @@ def blade_question(bearing: Bearing, load: float) -> str:
 
 
 def _friction_questions(config: BearingConfig, load: float) -> Iterator[str]:
+    """Yield clauses on a friction law that cannot be right at a load [N]."""
     law = config.bearing.friction
     if isinstance(law, Tabulated) and law.values[0] < BREAKAWAY * law.values[1]:
         yield (
@@ -740,7 +785,7 @@ def _friction_questions(config: BearingConfig, load: float) -> Iterator[str]:
 
 
 def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
-    """Yield what of a verdict at a load rests on speeds at which friction was not measured."""
+    """Yield a clause where the verdict at a load [N] rests on speeds at which friction was not measured."""
     law = bearing.friction
     if not isinstance(law, Tabulated) or not load > 0.0:
         return
@@ -785,6 +830,6 @@ def _last_fall(law: Tabulated) -> float:
 
 
 def fold_of(config: BearingConfig, load: float) -> float:
-    """Return the fold that decides [m/s]; inf where there is none, which asks nothing."""
+    """Return the fold that decides at a load [m/s]; ``inf`` where there is none."""
     fold = float(end_of_vibration(config.bearing, load)) if load > 0.0 else math.nan
     return fold if math.isfinite(fold) else math.inf

@@ -121,7 +121,10 @@ class SourceWatch:
     _there: float = 0.0  # the same on the other one
 
     def see(self, arrival_ns: int, si: float) -> SourceFault | None:
-        """Take one value [SI], finite or not, at its arrival, not falling; the fault it raises."""
+        """Take one value [SI] and its arrival [ns], which must not fall; return the fault that it raises.
+
+        ``None`` where it raises none, also while one stands.
+        """
         if not math.isfinite(si):
             return None
         si = abs(si) if self.least_gap > 0.0 else si
@@ -138,7 +141,7 @@ class SourceWatch:
         return self._count_evidence(arrival_ns, (min(before, si), max(before, si))) if returns else None
 
     def see_column(self, arrival_ns: IntArray, si: FloatArray) -> list[SourceFault]:
-        """:meth:`see` of values of shape (n,); what cannot be a jump costs nothing."""
+        """Take values of shape (n,) as :meth:`see` does, quickly; return the faults that they raise."""
         rows = np.flatnonzero(np.isfinite(si))
         values = np.append(self._value, np.abs(si[rows]) if self.least_gap > 0.0 else si[rows])
         seen = _may_jump(values)
@@ -153,7 +156,11 @@ class SourceWatch:
         return [fault for fault in faults if fault is not None]
 
     def see_steady(self, si: FloatArray) -> bool:
-        """Take finite values of shape (n,) at once and return whether all were taken as harmless."""
+        """Take finite values of shape (n,) if none of them can be a jump and there is no evidence yet.
+
+        Returns:
+            Whether they were taken; otherwise nothing has changed.
+        """
         si = np.abs(si) if self.least_gap > 0.0 else si
         if self._count or _may_jump(np.append(self._value, si)).any():
             return False
@@ -162,13 +169,18 @@ class SourceWatch:
         return True
 
     def standing(self, now_ns: int) -> SourceFault | None:
-        """Return the fault that stands at a time of arrival [ns]."""
+        """Return the fault that stands at a time [ns], else ``None``; a minute without evidence ends it."""
         if now_ns - self._last_ns > HOLD_NS:
             self._weaken_evidence(self._count)
         return self._fault
 
     def _take_run(self, run: int, *, counts: bool) -> None:
-        """Take the length of the run that a jump has ended, but for the one before the first return."""
+        """Add the length of the run that a jump has ended to the means of both levels.
+
+        Args:
+            run: Values since the jump before.
+            counts: Whether it lies between two returns; the first run is of unknown length.
+        """
         if counts:
             self._here += (run - self._here) / _RUNS if self._here else run
         elif not self._count:
@@ -183,13 +195,13 @@ class SourceWatch:
         return min(self._here, self._there) / total if total else 0.0
 
     def _weaken_evidence(self, by: int) -> None:
-        """Take evidence away."""
+        """Take some returns off the count; at 0 the fault is cleared."""
         self._count = max(0, self._count - by)
         if not self._count:
             self._fault = None
 
     def _count_evidence(self, now_ns: int, levels: tuple[float, float]) -> SourceFault | None:
-        """Count one more piece of evidence; return the fault where it raises one."""
+        """Count a return between two levels at a time [ns]; return the fault if this one raises it."""
         if not self._count:
             self._since_ns = now_ns
         self._count, self._last_ns = min(self._count + 1, 2 * ENOUGH), now_ns
@@ -269,7 +281,7 @@ class InputFacts:
 
 
 def input_fault(facts: InputFacts) -> str:
-    """Write the sentence on an input, the most fundamental fault first; empty where there is none."""
+    """Return the sentence on the most fundamental fault of an input; '' where there is none."""
     topic, publishers = facts.topic, facts.publishers
     if facts.without_clock:
         return 'use_sim_time is set, but nothing comes on /clock: no input can be used.'
@@ -330,7 +342,7 @@ def _connection_fault(facts: InputFacts, publishers: Sequence[Publisher]) -> str
 
 
 def _silence_text(facts: InputFacts) -> str:
-    """Say that nothing comes, though nothing speaks against it."""
+    """Return the sentence on an input without messages though its publishers, if any, match."""
     topic, publishers = facts.topic, facts.publishers
     if not publishers:
         return f'No messages on {topic}.'
@@ -392,10 +404,10 @@ class _Track:
     reported: str = ''
 
     def take_fault(self, fault: str) -> tuple[str, bool]:
-        """Take what a look has found, empty for nothing.
+        """Take the sentence that a look has found, '' for none; it is reported when three agree.
 
         Returns:
-            What is to be said, empty for nothing, and whether that is over.
+            The sentence to log, '' for none, and whether it is about a fault that has ended.
         """
         cause = _NUMBERS.sub('', fault)
         self.looks = self.looks + 1 if fault and cause == self.cause else int(bool(fault))
@@ -409,7 +421,7 @@ class _Track:
         return ('' if cause == _NUMBERS.sub('', before) else fault), False
 
     def look(self, now_ns: int, counts: IntArray) -> None:
-        """Take the counts of now."""
+        """Take the counts by status at a time [ns], for the rate and the share of refused samples."""
         self.rates.append((now_ns, int(counts[Status.ACCEPTED])))
         if not self.marks:
             self.marks.append((now_ns, counts))
@@ -454,10 +466,18 @@ class InputWatch:
     def take(
         self, bearing: str, place: int, value: float, now_ns: int, behind_ns: int, *, valid: bool
     ) -> SourceFault | None:
-        """Take note of a sample that came at a time of the steady clock, valid or not.
+        """Take a sample that came at a time of the steady clock, valid or not.
+
+        Args:
+            bearing: Name of the bearing.
+            place: Index of the input.
+            value: The number in the message.
+            now_ns: Steady clock [ns].
+            behind_ns: How far its stamp was behind its arrival [ns].
+            valid: Whether the rule accepts it.
 
         Returns:
-            The fault of its source that stands.
+            The fault of its source that stands; ``None`` for none.
         """
         track, live = self._tracks[bearing][place], self._bearings[bearing].settings.live
         if valid:
@@ -475,7 +495,7 @@ class InputWatch:
         return track.source.standing(now_ns)
 
     def _judge_fitness(self, name: str) -> None:
-        """Judge what came of a bearing's inputs since the last time, once it is enough."""
+        """Judge the values of a bearing's speed and load since the last time, once there are 256 of them."""
         speed, load = (self._values[name, place] for place, _ in enumerate(QUANTITIES))
         if len(speed[0]) + len(load[0]) < _BATCH:
             return
@@ -488,11 +508,11 @@ class InputWatch:
         (speed_ns, speeds), (load_ns, loads) = arrays
         if speed_ns.size:
             latest = np.searchsorted(speed_ns, load_ns, 'right') - 1
-            known = latest >= 0
-            watch.take_points(load_ns[known], speeds[latest[known]], loads[known])
+            has_speed = latest >= 0
+            watch.take_points(load_ns[has_speed], speeds[latest[has_speed]], loads[has_speed])
 
     def mixed(self, bearing: str, now_ns: int) -> str:
-        """:func:`mixed_sentence` on a bearing as it is now."""
+        """Return the sentence on a bearing's speed or load that is a mix of two sources; '' for none."""
         standing = (track.source.standing(now_ns) for track in self._tracks[bearing].values())
         return mixed_sentence(self._bearings[bearing].config, standing)
 
@@ -504,9 +524,9 @@ class InputWatch:
         }
 
     def explain(self, bearing: str, now_ns: int, *, without_clock: bool) -> str:
-        """Explain the lost inputs of a bearing right now; arguments as for look.
+        """Return sentences on why inputs of a bearing are lost right now; '' where nothing is known.
 
-        What the graph says of a sender that is just being discovered is left out.
+        Arguments as for :meth:`look`. A sender that is just being discovered is left out.
         """
         self._publishers.clear()
         lost, texts = self._bearings[bearing].lost(), []
@@ -545,6 +565,7 @@ class InputWatch:
         return list(dict.fromkeys(faults))  # that /clock is silent holds for all inputs
 
     def _input_facts(self, bearing: str, place: int, now_ns: int, *, without_clock: bool) -> InputFacts:
+        """Gather the facts on an input at a time of the steady clock [ns]; may ask the graph."""
         monitor, track = self._bearings[bearing], self._tracks[bearing][place]
         source = monitor.config.inputs[INPUTS[place]]
         lost = monitor.is_lost(place)
@@ -582,6 +603,7 @@ class InputWatch:
 
 
 def _value_age(track: _Track, now_ns: int) -> float:
+    """Return the time since an input's latest valid value [s]; ``inf`` where none has come."""
     return math.inf if track.arrived_ns is None else (now_ns - track.arrived_ns) * 1e-9
 
 

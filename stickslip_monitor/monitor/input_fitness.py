@@ -54,7 +54,7 @@ class _Changes:
     clause: str = ''
 
     def take(self, time_ns: IntArray, value: FloatArray) -> None:
-        """Take values at rising times [ns], shape (n,)."""
+        """Take values at rising times [ns], shape (n,), and judge each dozen of new ones."""
         is_new = np.empty(value.size, np.bool_)
         np.not_equal(value[1:], value[:-1], out=is_new[1:])
         is_new[0] = not (self.value.size and value[0] == self.value[-1])
@@ -71,7 +71,7 @@ class _Changes:
             self.messages = self.messages[done:]
 
     def _judge_blocks(self, blocks: int) -> None:
-        """Judge blocks of a dozen intervals; the clause is that of the latest slow one."""
+        """Set the clause by the latest slow block of a dozen intervals; three others drop it."""
         end = blocks * _CHANGES + 1
 
         def rows(column: FloatArray) -> FloatArray:
@@ -93,7 +93,10 @@ class _Changes:
             self.clause = ''
 
     def _clause_of(self, gap: FloatArray, step: FloatArray, first: int) -> str:
-        """Return the clause on a slow dozen of intervals and steps that begins with a new value."""
+        """Return the clause on a slow dozen of intervals [s] and steps; '' where the values are steady.
+
+        ``first`` is the index of the new value with which the dozen begins.
+        """
         usual = float(np.median(gap))
         copies = float(self.messages[first + _CHANGES] - self.messages[first]) / _CHANGES
         if copies >= _MIN_COPIES:
@@ -112,7 +115,7 @@ class _Changes:
 
 
 def _is_regular(gap: FloatArray, step: FloatArray) -> BoolArray:
-    """Return which rows of intervals and steps, shape (n, 12), are of a regular pace and of uneven steps."""
+    """Return which rows of intervals and steps, shape (n, 12), have a regular pace and uneven steps."""
     share = gap / np.median(gap, axis=1, keepdims=True)
     regular = np.abs(share - np.maximum(1.0, np.round(share))) <= _REGULAR
     uneven = step >= _UNEVEN * step.min(axis=1, keepdims=True)
@@ -130,11 +133,11 @@ class _Pairs:
     def take(self, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> None:
         """Take operating points at rising times [ns], shape (n,); one of each two seconds is kept."""
         slot = time_ns // _PAIR_NS
-        kept = np.flatnonzero(np.diff(slot, prepend=self.slot) > 0)
-        if not kept.size:
+        first = np.flatnonzero(np.diff(slot, prepend=self.slot) > 0)
+        if not first.size:
             return
-        self.slot = int(slot[kept[-1]])
-        pairs = np.column_stack([time_ns[kept] * 1e-9, np.abs(speed[kept]), load[kept]])
+        self.slot = int(slot[first[-1]])
+        pairs = np.column_stack([time_ns[first] * 1e-9, np.abs(speed[first]), load[first]])
         self.rows = np.concatenate([self.rows, pairs])
         blocks = len(self.rows) // _PAIRS
         for rows in np.split(self.rows[: blocks * _PAIRS], blocks) if blocks else ():

@@ -70,11 +70,17 @@ def run(
 ) -> tuple[int, int, int]:
     """Take samples of a recording until there is no more room, or an amplitude is due.
 
-    The memory and the numbers of the configuration are rows of one. A sample is which input it is of, its
-    stamp and its arrival [ns], and its number; the span is the number of the first one in the recording, and
-    which of these to take. Of each is noted what became of it, and the monitor's time. So many points are
-    made already, with the columns of :data:`_POINT` and three chances. A change has 6 numbers, and the memory
-    at it is kept.
+    Args:
+        states: The memory, as a row of one.
+        numbers: The numbers of the configuration, as a row of one.
+        model: The law, the tables of the boundaries and of the belief.
+        samples: Columns: index of the input, stamp [ns], arrival [ns], number.
+        span: Number of the first sample in the recording; begin and end of those to take.
+        noted: Columns that are filled: status and the monitor's time [ns] of each sample.
+        points: Columns of :data:`_POINT` that are filled, and three probabilities.
+        made: How many points are made already.
+        changes: Rows of six numbers that are filled, one for each change of the alarm.
+        memories: Room for a copy of the memory at each change.
 
     Returns:
         The sample after the last one taken, how many changes there were, and how many points are made.
@@ -122,7 +128,7 @@ def keep(
     count: int,
     note: tuple[int, int, int, int, int, int],
 ) -> int:
-    """Note a change of the alarm, with the memory as it is then; how many there are now."""
+    """Store a change of the alarm in the next row, with a copy of the memory; return the new count."""
     for column in range(len(note)):
         changes[count][column] = note[column]
     memories[count] = states[0]
@@ -176,7 +182,7 @@ class Scan:
 
     @property
     def stretch(self) -> IntArray:
-        """Number of clock jumps before each point of a whole recording, shape (n,)."""
+        """Number of clock steps back before each point of a whole recording, shape (n,)."""
         back = np.diff(self.now_ns, prepend=self.now_ns[:1]) < 0
         jumps: IntArray = np.cumsum(back, dtype=np.int64)[self.sample]
         return jumps
@@ -195,7 +201,7 @@ class Scan:
 
 
 def joined(parts: Sequence[Scan]) -> Scan:
-    """Join the verdicts on the parts of a recording."""
+    """Join the verdicts on the successive parts of a recording into one."""
     columns: dict[str, Any] = {
         column.name: np.concatenate([getattr(part, column.name) for part in parts])
         for column in fields(Scan)
@@ -210,7 +216,7 @@ def joined(parts: Sequence[Scan]) -> Scan:
 
 
 def counts_of(inputs: NDArray[np.int8], status: NDArray[np.int8]) -> IntArray:
-    """Return how many samples there are by :class:`Input` and :class:`Status`."""
+    """Count samples by :class:`Input` and :class:`Status`; return shape (4, 7)."""
     kinds = np.bincount(inputs * len(Status) + status, minlength=len(Input) * len(Status))
     return kinds.reshape(len(Input), len(Status))
 
@@ -242,14 +248,18 @@ class BearingScan:
             rule.advance(self.state, self.settings.live, start_ns)
 
     def take(self, stream: Stream) -> Scan:
-        """Take the next samples; what is known of the recording with them comes out."""
+        """Take the next samples and return their verdicts; the last point waits for the next."""
         return self._take_stream(stream, None, final=False)
 
     def finish(self, stream: Stream, end_ns: int | None) -> Scan:
-        """Take the last samples, perhaps none; inputs may go stale until the end [ns]. The rest comes out."""
+        """Take the last samples, perhaps none, and return the rest of the verdicts.
+
+        Inputs may go stale until the end of the recording [ns]; ``None`` where that is unknown.
+        """
         return self._take_stream(stream, end_ns, final=True)
 
     def _take_stream(self, stream: Stream, end_ns: int | None, *, final: bool) -> Scan:
+        """Run the rule over samples; return points and events, the last point only if ``final``."""
         size = stream.time_ns.size
         noted = np.empty(size, np.int8), np.empty(size, np.int64)
         made, changes, _ = self._run_rule(stream, noted)
@@ -289,7 +299,10 @@ class BearingScan:
         )
 
     def memories(self, stream: Stream, ends: Sequence[int]) -> Iterator[tuple[State, FloatArray | None]]:
-        """Take samples without verdicts; the memory and the latest point after so many of them, rising."""
+        """Take samples and yield the memory and the latest point after each of some rising counts of them.
+
+        A point is speed, load, temperature of the water and probabilities; ``None`` before the first.
+        """
         size = stream.time_ns.size
         made, _, saved = self._run_rule(stream, (np.empty(size, np.int8), np.empty(size, np.int64)), ends)
         for state, count in saved:
@@ -298,21 +311,25 @@ class BearingScan:
         self._taken += size
 
     def _latest_point(self, count: int) -> FloatArray | None:
-        """Return the latest of so many points: speed, load, temperature of the water, and chances."""
+        """Return the latest of some points: speed, load, water and probabilities; ``None`` for no points."""
         if not count:
             return None
         *point, chances = (self._points[name][count - 1] for name in ('speed', 'load', 'water', 'chances'))
         return np.array([*point, *chances])
 
     def _hold_point(self, made: int, held: int) -> None:
-        """Keep the last point for the next block, or none."""
+        """Copy the last point to the front for the next block, if ``held`` is 1."""
         if held:
             for column in self._points.values():
                 column[0] = column[made - 1]
         self._held = held
 
     def _make_columns(self, size: int) -> tuple[tuple[Any, ...], Any]:
-        """Make the columns of the points, with room for so many beside the one held back."""
+        """Return columns with room for some points and the one held back; the room is reused.
+
+        Returns:
+            The columns of :data:`_POINT`, and that of the probabilities.
+        """
         if not self._points or self._points['time_ns'].size <= size:
             numbers, before = 0 if self.config.belief is None else 3, self._points
             self._points = {name: np.empty(size + 1, kind) for name, kind in _POINT.items()}
@@ -325,11 +342,11 @@ class BearingScan:
     def _run_rule(
         self, stream: Stream, noted: tuple[NDArray[np.int8], IntArray], ends: Sequence[int] = ()
     ) -> tuple[int, list[tuple[IntArray, State]], list[tuple[State, int]]]:
-        """Run the rule over a block.
+        """Run the rule over a block, compiled where that pays, and fill ``noted`` with status and time.
 
         Returns:
             How many points there are, the changes of the alarm with the memory at each, and the memory and
-            the number of points after so many samples as ``ends`` says.
+            the number of points after each count of samples in ``ends``.
         """
         settings = self.settings
         size, points, made = stream.time_ns.size, self._make_columns(stream.time_ns.size), self._held
@@ -369,7 +386,7 @@ class BearingScan:
         return made, changes, memories
 
     def _make_standing(self, state: State, count: int) -> Standing:
-        """Return the bearing with a memory, after so many operating points."""
+        """Return the bearing with a memory, at the latest of some operating points."""
         standing, point = Standing(self.config, self.settings, state), self._latest_point(count)
         if point is not None:
             standing.judge(point.tolist())

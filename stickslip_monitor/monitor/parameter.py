@@ -76,7 +76,7 @@ class Parameter:
         return ' and '.join([' '.join(words[:2]), *words[2:]]) + f' {self.unit}'.rstrip()
 
     def checked(self, name: str, values: Mapping[str, Any]) -> Any:
-        """Return the checked value of that full name, or the default.
+        """Check the value of that full name and return it; the default where it is left out.
 
         Raises:
             ConfigurationError: It is missing, of the wrong type, or breaks its rule; the text
@@ -99,6 +99,7 @@ class Parameter:
         return tuple(items) if is_list else items[0]
 
     def _is_allowed(self, value: Any) -> bool:
+        """Return whether a value of the right type keeps the rule."""
         if isinstance(value, str):
             return not self.choices or value in self.choices
         if isinstance(value, bool):

@@ -43,6 +43,7 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        """Construct a mapping, or raise where a key is given twice."""
         seen: set[Any] = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
@@ -83,6 +84,7 @@ class _ParameterLoader(_Loader):
     """Refuses besides what a node refuses: keys without a value, and lists of several types."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        """Construct a mapping, or raise where a key has no value; every key is a text."""
         for key_node, value_node in node.value:
             if isinstance(key_node, yaml.ScalarNode):
                 key_node.tag = 'tag:yaml.org,2002:str'  # a bearing called n is no switch
@@ -90,6 +92,7 @@ class _ParameterLoader(_Loader):
         return super().construct_mapping(node, deep)
 
     def construct_sequence(self, node: yaml.SequenceNode, deep: bool = False) -> list[Any]:
+        """Construct a list, or raise where its types differ; numbers in pairs may differ."""
         tags = {item.tag.rsplit(':', 1)[-1] for item in node.value}
         if tags == {'seq'}:
             # A list of pairs, as no node reads it: whole numbers and others may stand side by side.
@@ -106,6 +109,7 @@ class _ParameterLoader(_Loader):
 
     @staticmethod
     def _refuse_empty(key: yaml.ScalarNode, value: yaml.Node) -> None:
+        """Raise where a key has no value."""
         if isinstance(value, yaml.ScalarNode) and not value.value and value.style is None:
             remedy = (
                 ': in braces a comma separates entries, so write a decimal point'
@@ -156,6 +160,11 @@ def load_parameters(path: str | Path, node: str | None = None) -> dict[str, Any]
 
 
 def _node_parameters(path: str | Path, document: object, node: str | None) -> dict[str, Any]:
+    """Return the parameters for a node, by dotted names; ``node`` is as in :func:`load_parameters`.
+
+    Raises:
+        ConfigurationError: There are none, or the file is for several nodes.
+    """
     if not isinstance(document, Mapping):
         raise ConfigurationError(
             f"{path} must be a ROS 2 parameter file: '/**:' with 'ros__parameters:' inside"
@@ -178,7 +187,11 @@ def _node_parameters(path: str | Path, document: object, node: str | None) -> di
 def _iterate_sections(
     path: str | Path, space: str, content: Mapping[Any, Any]
 ) -> Iterator[tuple[str, Mapping[Any, Any]]]:
-    """Full names of nodes, or patterns of them, with their parameters; namespaces may nest."""
+    """Yield the full name of each section, which may be a pattern, with its parameters.
+
+    Raises:
+        ConfigurationError: A section has no parameters.
+    """
     for key, inside in content.items():
         name = f'{space}/{str(key).strip("/")}'
         held: Mapping[Any, Any] = inside if isinstance(inside, Mapping) else {}
@@ -192,7 +205,7 @@ def _iterate_sections(
 
 
 def _candidate_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> Iterator[str]:
-    """Yield the sections that may be for our node: of the patterns those that speak of bearings."""
+    """Yield the names of the sections that may be for our node; patterns only if they name a bearing."""
     listed = [content['bearings'] for _, content in sections if 'bearings' in content]
     words = {'bearings', *(str(name) for names in listed if isinstance(names, list) for name in names)}
     for section, content in sections:
@@ -201,7 +214,11 @@ def _candidate_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> It
 
 
 def _choose_node(path: str | Path, sections: Iterable[str], node: str | None) -> str:
-    """Return the full name of the node that is meant."""
+    """Return the full name of the node to read for; '' where no section names a namespace.
+
+    Raises:
+        ConfigurationError: Sections name several nodes, and ``node`` does not choose.
+    """
     if node is not None:
         return f'/{node.strip("/")}'
     named = list(dict.fromkeys(name for name in map(_node_named_by, sections) if name))
@@ -212,7 +229,7 @@ def _choose_node(path: str | Path, sections: Iterable[str], node: str | None) ->
 
 
 def _node_named_by(section: str) -> str:
-    """Return our node's full name in the namespace that a section names, as `/port/**`; else ''."""
+    """Return our node's full name in the namespace of a section, as `/port/**`; '' where there is none."""
     steps = section.strip('/').split('/')
     named = list(takewhile(lambda step: '*' not in step, steps))
     name = '/'.join(['', *(step for step in named if step != NODE_NAME), NODE_NAME])
@@ -261,7 +278,7 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
 
 
 def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
-    """Return the columns in a log of a ship's buses by input, as ``aft.speed``."""
+    """Return the column of each input, as ``aft.speed``, in a log of a ship's buses."""
     try:
         links = _read_section(path, document, LINKS)
     except ConfigurationError:
@@ -284,6 +301,11 @@ def load_section(path: str | Path, section: str) -> dict[str, Any]:
 
 
 def _read_section(path: str | Path, document: object, section: str) -> dict[str, Any]:
+    """Return the parameters of a section by dotted names.
+
+    Raises:
+        ConfigurationError: There is no such section.
+    """
     content = document.get(section) if isinstance(document, Mapping) else None
     parameters = content.get('ros__parameters') if isinstance(content, Mapping) else None
     if not isinstance(parameters, Mapping):
@@ -297,6 +319,11 @@ def is_ros_parameter(name: str) -> bool:
 
 
 def _flatten_content(path: str | Path, content: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return nested parameters by their dotted names.
+
+    Raises:
+        ConfigurationError: One is given twice.
+    """
     values: dict[str, Any] = {}
     for name, value in _iterate_flat('', content):
         if name in values:
@@ -306,6 +333,7 @@ def _flatten_content(path: str | Path, content: Mapping[Any, Any]) -> dict[str, 
 
 
 def _iterate_flat(prefix: str, content: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield dotted name and value of nested parameters, each name after a prefix."""
     for key, value in content.items():
         name = f'{prefix}{key}'
         if isinstance(value, Mapping):

@@ -38,9 +38,13 @@ def parameter(
 ) -> Any:
     """Declare a field of a dataclass that is a configuration parameter.
 
-    In the text ``{input}`` stands for the name of the section. Rules are further attributes of
-    :class:`Parameter`, where they are not as the field's name and annotation say, and ``convert``, which
-    makes the field's value of the parameter's.
+    Args:
+        default: The parameter's default.
+        text: What it is; ``{input}`` stands for the name of the section.
+        unit: Its unit.
+        within: Least and largest value.
+        **rules: Further attributes of :class:`Parameter`, where they are not as the field's name and
+            annotation say, and ``convert``, which makes the field's value of the parameter's.
     """
     metadata = {'text': text, 'unit': unit, 'default': default, 'minimum': within[0], 'maximum': within[1]}
     rules = {'convert': lambda value: value} | metadata | rules
@@ -55,7 +59,10 @@ def duration(default: float, text: str, within: tuple[float, float] = (0.0, WEEK
 
 
 def rows(section: type[Any], prefix: str = '', **changes: dict[str, Any]) -> tuple[Parameter, ...]:
-    """Return the parameters a dataclass declares, names after a prefix; changes are by that name."""
+    """Return the parameters that a dataclass declares, each name after a prefix.
+
+    ``changes`` replace attributes of a parameter, by its name without the prefix.
+    """
     parameters = []
     for item in fields(section):
         if item.metadata:
@@ -72,7 +79,7 @@ def _parameter_name(item: Field[Any]) -> str:
 
 
 def filled(section: type[Section], prefix: str, values: Mapping[str, Any], **derived: Any) -> Section:
-    """Fill the dataclass with its parameters' checked values, and those of its other fields."""
+    """Build a dataclass from the checked values of its parameters and from ``derived`` other fields."""
     filled_values = {
         item.name: item.metadata['convert'](values[prefix + _parameter_name(item)])
         for item in fields(section)  # type: ignore[arg-type]

@@ -48,7 +48,17 @@ def _declare_part(
     size: int = 0,
     start_at: float | None = None,
 ) -> Any:
-    """Declare one part of the memory: ``size`` numbers, or a plain one for 0."""
+    """Declare one part of the memory: a list of ``size`` numbers, or one number for 0.
+
+    Args:
+        start: Value at a first start.
+        minimum: Least value that a saved one may have.
+        maximum: Largest such value.
+        unit: Its unit.
+        meaning: What it is, for the docs.
+        size: How many numbers.
+        start_at: Another value at the start.
+    """
     start = start if start_at is None else start_at
     facts = {'meaning': meaning, 'unit': unit, 'size': size, 'range': (minimum, maximum)}
     if size:
@@ -161,7 +171,7 @@ class State:
         return state
 
 
-_NAMES = tuple(each.name for each in fields(State))
+_NAMES = tuple(part.name for part in fields(State))
 _AFRESH = (
     *('shift', 'onsets', 'borne', 'still', 'background', 'high_for', 'doubt', 'heard'),
     *('stamp', 'came', 'now', 'began', 'vibrating', 'level_count'),
@@ -175,7 +185,7 @@ _EVERY_INPUT = 'stamp', 'came', 'gap', 'pace'
 
 
 def _type_of(owner: type) -> np.dtype[Any]:
-    """Return the numbers of a class as a record type."""
+    """Return the record type of numpy that holds the numbers of a dataclass."""
     parts = []
     for item in fields(owner):
         size = item.metadata.get('size', len(Input) if 'list' in str(item.type) else 0)
@@ -185,6 +195,7 @@ def _type_of(owner: type) -> np.dtype[Any]:
 
 
 def _to_row(owner: Any, kind: np.dtype[Any]) -> Any:
+    """Return the numbers of an object as an array of one record."""
     row = np.zeros(1, kind)
     for name in kind.names or ():
         row[name] = getattr(owner, name)
@@ -195,7 +206,11 @@ STATE_TYPE = _type_of(State)
 
 
 def _check_saved(part: Any, saved: Any) -> Any:
-    """Check what was kept of a part of the memory, and return it."""
+    """Check the saved value of a part of the memory, and return it with ``None`` as ``nan``.
+
+    Raises:
+        ValueError: It is not of its kind, number and range.
+    """
     size, saved_numbers = part.metadata['size'], saved if isinstance(saved, list) else [saved]
     if part.name in _EVERY_INPUT and isinstance(saved, list) and len(saved) == size - 1:
         saved_numbers = [*saved, part.default_factory()[-1]]
@@ -214,6 +229,7 @@ def _check_saved(part: Any, saved: Any) -> Any:
 
 
 def _to_plain(value: Any) -> Any:
+    """Return numbers as JSON can hold them: ``nan`` as ``None``."""
     if isinstance(value, list):
         return [_to_plain(part) for part in value]
     return None if value != value else value
@@ -291,7 +307,7 @@ class RuleSettings:
 
 
 def settings_of(config: BearingConfig) -> RuleSettings:
-    """Return the settings of a bearing; tabulate its boundaries, once for each bearing."""
+    """Return the settings of the rule for a bearing; its boundaries are tabulated once and cached."""
     bearing, alarm, belief, level = config.bearing, config.alarm, config.belief, config.level
     table, lubrication = known_table(as_measured(bearing)), bearing.lubrication or Lubrication()
     # What is not measured has numbers of no matter.
@@ -351,7 +367,10 @@ def _pad_points(points: Sequence[float], end: float) -> list[float]:
 
 
 def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
-    """Return how long a cycle outlives the fold [ns]; 0 where no memory is configured."""
+    """Return for how long stick-slip outlives the fold [ns].
+
+    0 where growth has no memory; the largest number without damping.
+    """
     if bearing.damping <= 0.0:
         return -NEVER
     return int(min(DECAY, onset_growth * DECAY) * 2e9 * bearing.mass / bearing.damping)

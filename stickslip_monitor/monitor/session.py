@@ -138,7 +138,11 @@ class Session:
         self._set_ns: int | None = None
 
     def _restore_alarms(self, store: Store) -> dict[str, State]:
-        """Take over the alarms that were kept; what was remembered of the bearings with them."""
+        """Restore the saved alarms; set a damaged file aside, and log and keep why.
+
+        Returns:
+            The saved memory of each bearing by name, without those that are damaged.
+        """
         try:
             document = store.read()
             if document is None:
@@ -159,14 +163,14 @@ class Session:
         return states
 
     def inherit(self, old: Session) -> None:
-        """Take over the alarms of before, as the monitor starts afresh with other inputs."""
+        """Take over alarms, notes and damage of the session before, which had other inputs."""
         self.annunciator, self._sequence = old.annunciator, old._sequence
         self._notes, self.damage = old._notes, old.damage
         self.annunciator.retune(self.config)
         self.annunciator.restart()
 
     def begin(self) -> None:
-        """Watch from now on: nothing is known of the time that has passed without samples."""
+        """Start to watch the bearings and publish all alarms; every input is waited for anew."""
         self.monitoring = True
         for bearing in self.monitor.bearings.values():
             bearing.await_inputs()
@@ -180,14 +184,14 @@ class Session:
         self._publish_alarms([])
 
     def end(self) -> None:
-        """Publish that the bearings are no longer watched, so that readers do not keep the last state."""
+        """Stop watching: publish that the bearings are not watched any more, and save the alarms."""
         self.monitoring = False
         self._publish_alarms([])
         self.keep()
         self.show(Moment(0, 0))
 
     def retune(self, config: MonitorConfig) -> None:
-        """Take over new thresholds, delays, scales and timeouts; no state is lost."""
+        """Take over new thresholds, delays, scales and timeouts of the same bearings; the state stays."""
         self.monitor.retune(config)
         self.annunciator.retune(config)
         self.config = config
@@ -195,10 +199,16 @@ class Session:
     def take(
         self, name: str, place: int, time_ns: int, value: float, now: Moment, *, latest: bool = True
     ) -> Update:
-        """Take one number of one input, a place in :data:`.signals.INPUTS`, measured at a time [ns].
+        """Take one number of one input, publish what follows from it, and return it.
 
-        ``latest``: no later number of this bearing waits already. What one that waits will outdate is
-        published only where it changes something.
+        Args:
+            name: Name of the bearing.
+            place: Index of the input in :data:`.signals.INPUTS`.
+            time_ns: Time stamp of the measurement [ns].
+            value: The number in the message.
+            now: The present moment.
+            latest: No later number of this bearing waits already. A verdict that one will outdate is
+                published only where the condition changes.
         """
         self.follow(now)
         # While simulated time is silent nobody knows when it came.
@@ -224,7 +234,18 @@ class Session:
     def _take_update(
         self, name: str, update: Update, changes: list[AlarmChange], now: Moment, *, latest: bool
     ) -> Update:
-        """Publish what came of a sample and the alarms it changed; return it with its events explained."""
+        """Publish the result of a sample and the alarms that it changes.
+
+        Args:
+            name: Name of the bearing.
+            update: Result of the sample.
+            changes: Changes of alarms so far; those of the sample are added.
+            now: The present moment.
+            latest: As in :meth:`take`.
+
+        Returns:
+            The result, its events with the reason why an input is lost or mixed.
+        """
         if update.events:
             update = replace(update, events=self._explain_events(update.events, now))
         if update.verdict is not None:
@@ -238,12 +259,12 @@ class Session:
         return update
 
     def _repeat_values(self, name: str, now: Moment) -> None:
-        """Count the values of a bearing that stand once more, where it is time."""
+        """Take and publish the values of a bearing that are due to be counted again, as they still stand."""
         for update in self.monitor.bearings[name].repeats():
             self._take_update(name, update, [], now, latest=True)
 
     def follow(self, now: Moment) -> None:
-        """Follow a clock that was set; no delay becomes shorter or longer."""
+        """Shift stamps by a step of the clock, and log it; no delay becomes shorter or longer."""
         step_ns = now.set_ns - (now.set_ns if self._set_ns is None else self._set_ns)
         self._set_ns = now.set_ns
         if not step_ns:
@@ -257,7 +278,7 @@ class Session:
         self.note('node', text)
 
     def advance(self, name: str, time_ns: int, now: Moment) -> None:
-        """Let time pass for one bearing, up to a time of its samples [ns], without a sample."""
+        """Let time pass for a bearing without a sample, up to a time [ns]; publish events."""
         self.follow(now)
         events = self._explain_events(self.monitor.bearings[name].advance(time_ns), now)
         self._publish_events(events)
@@ -265,17 +286,20 @@ class Session:
         self._repeat_values(name, now)
 
     def excuse(self, held_ns: int) -> None:
-        """We were held up for so long [ns]: no input is to blame for that time."""
+        """Leave a stall of this process [ns] out of the age of every input."""
         for bearing in self.monitor.bearings.values():
             bearing.excuse(held_ns)
 
     def catch_up(self, now: Moment) -> None:
-        """Nothing waits any more: publish the verdicts that were held back."""
+        """Publish the verdicts that were held back, as no message waits any more."""
         for name in list(self._unsaid):
             self._publish_verdict(name, now, changed=True)
 
     def tick(self, now: Moment, elapsed_ns: int) -> None:
-        """Let the alarms' running time pass (since :meth:`begin`), and look at the inputs."""
+        """Let the alarms' running time pass, and look at the inputs once a second; publish, log and save.
+
+        ``elapsed_ns`` is the time since :meth:`begin`.
+        """
         self.follow(now)
         now_ns = self._begun_ns + elapsed_ns
         changes = self.annunciator.advance(now_ns, self._clock())
@@ -295,11 +319,14 @@ class Session:
             self.note('input', text)
 
     def note(self, matter: str, text: str) -> None:
-        """Put a lifecycle, parameter, input, node or action on record, with the next list of alarms."""
+        """Add a note to the next list of alarms.
+
+        ``matter`` is lifecycle, parameter, input, node or action.
+        """
         self._notes.append({'time': self._clock(), 'what': matter, 'text': text})
 
     def act(self, request: alarm_records.ActionRequest) -> list[AlarmChange]:
-        """Do what a person asks for, put on record why, and return what it changed."""
+        """Carry out a person's request, note its reason, publish and save; return the changes of alarms."""
         action, by, bearing, kind = request.action, request.by, request.bearing, request.kind
         if action is Action.ACKNOWLEDGE and bearing is None:
             self.damage = ''
@@ -316,14 +343,14 @@ class Session:
         self._sink.take_states(self.states(self.monitor.bearings, now), whole=True)
 
     def flush(self, now: Moment) -> None:
-        """Publish the state of the bearings whose condition has changed since the last time."""
+        """Publish the state of the bearings that had an event since the last time they were published."""
         if self._changed:
             states = self.states(sorted(self._changed), now)
             self._changed.clear()
             self._sink.take_states(states, whole=False)
 
     def states(self, names: Iterable[str], now: Moment) -> list[BearingState]:
-        """Return the state of some bearings."""
+        """Return the state of some bearings; inputs are described only while they are watched."""
         looked = self._inputs if self.monitoring else None
         return [
             BearingState(
@@ -336,7 +363,7 @@ class Session:
         ]
 
     def _publish_verdict(self, name: str, now: Moment, *, changed: bool) -> None:
-        """Publish the latest verdict of a bearing, or at most one each period."""
+        """Publish the latest verdict that waits: at once if ``changed``, else once in each period."""
         verdict = self._unsaid.pop(name, None)
         if verdict is None:
             return
@@ -346,6 +373,7 @@ class Session:
             self._sink.take_verdict(verdict)
 
     def _publish_events(self, events: list[Event]) -> None:
+        """Publish and log some events, and mark their bearings for :meth:`flush`."""
         for event in events:
             self._sink.take_event(event)
             self._changed.add(event.bearing)
@@ -358,7 +386,10 @@ class Session:
                 self._log.warning(event.text)
 
     def _publish_changes(self, changes: list[AlarmChange], events: list[Event]) -> None:
-        """Publish and keep what has changed of the alarms, by these events too."""
+        """Apply events to the alarms, and publish and save the alarms where anything changed.
+
+        ``changes`` are those so far; those by the events are added.
+        """
         changes += [c for event in events for c in self.annunciator.take_event(event)]
         # An input that is back changes no alarm yet, but its row says when it clears.
         if changes or any(event.before is Condition.INPUT_STALE for event in events):
@@ -366,7 +397,7 @@ class Session:
             self.keep()
 
     def _publish_alarms(self, changes: list[AlarmChange]) -> None:
-        """Publish every alarm as it stands, with what has just changed."""
+        """Publish every alarm with the changes and notes since the last time; log what people did."""
         self._listed_ns = self.annunciator.now_ns
         self._sequence += 1
         notes, self._notes = self._notes, deque(maxlen=NOTES_KEPT)
@@ -389,7 +420,7 @@ class Session:
                 )
 
     def keep(self) -> None:
-        """Write what is kept; a full disk must not stop the monitor, and is logged once."""
+        """Save alarms and memories, if there is a store; a failure is logged once and not raised."""
         if self._store is None:
             return
         states = {name: b.state.record() for name, b in self.monitor.bearings.items()}
@@ -403,7 +434,7 @@ class Session:
                 self._log.error(f'the alarms are not kept: {cause(error)}')
 
     def _explain_events(self, events: list[Event], now: Moment) -> list[Event]:
-        """Return the events; where an input is lost or a mix, with why."""
+        """Return the events, their texts with why an input is lost or from which two sources it comes."""
         if self._inputs is None:
             return events
         explained = []

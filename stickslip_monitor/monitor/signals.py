@@ -21,7 +21,7 @@ class Input(IntEnum):
     WATER_TEMPERATURE = 3
 
 
-INPUTS = tuple(each.name.lower() for each in Input)
+INPUTS = tuple(quantity.name.lower() for quantity in Input)
 """The names of the inputs, in order."""
 QUANTITIES = INPUTS[: Input.LEVEL]
 """What makes an operating point."""

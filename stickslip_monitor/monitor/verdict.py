@@ -33,7 +33,10 @@ UNSEEN = 60.0
 
 
 def size_cycle(config: BearingConfig, s: State) -> None:
-    """Work out the amplitude of the exact cycle, into the memory ``s``."""
+    """Compute the amplitude of the exact cycle at the medians and store it in the memory ``s``.
+
+    Where no cycle exists the last amplitude stays.
+    """
     speed, load = rule.median_point(s)
     bearing = config.bearing if config.water_temperature is None else config.bearing.at_temperature(s.water)
     amplitude = exact_amplitude(bearing, float(speed), float(load))
@@ -100,7 +103,7 @@ class Standing:
 
     @property
     def raised_lately(self) -> int:
-        """1 for a rung that is raised, 2 for one that is held because it came back."""
+        """State of the rung: 0 for normal, 1 raised, 2 raised again within a minute and held."""
         rung = self.rung
         if not rung:
             return 0
@@ -108,7 +111,7 @@ class Standing:
 
     @property
     def clears(self) -> float | None:
-        """Time until the rung clears if the point stays [s]; ``None`` where the point holds it."""
+        """Time until the rung clears if the point stays [s]; ``None`` where it is normal or lasts."""
         state, k = self.state, self.rung - 1
         if k < 0 or not state.asks & (1 << k):
             return None
@@ -128,7 +131,7 @@ class Standing:
 
     @property
     def is_loud(self) -> bool:
-        """Whether the level is above its threshold and no higher than usual."""
+        """Whether the level is above its threshold but no higher than usual, without stick-slip."""
         s, c = self.state, self.settings.live
         high = rule.has_valid_level(s, c) and is_above_threshold(s, c, raised=False) and not s.sticking
         return high and decibels(c, s.level) < s.background + RISE
@@ -164,7 +167,11 @@ class Standing:
         return f'not measured for {about(age * 1e-9)}'
 
     def lost(self, now: int | None = None) -> dict[str, float]:
-        """Return the inputs lost at a time [ns], the latest as a rule, with their ages [s]."""
+        """Return the inputs that make points and are lost, with their ages [s]; inf for one never received.
+
+        Args:
+            now: A time on the memory's clock [ns]; ``None`` for the latest.
+        """
         s, times = self.state, dict[str, float]()
         if s.began == NEVER:
             return times
@@ -181,11 +188,11 @@ class Standing:
         return describe(self, self.lost() if self.state.lost else {})
 
     def judge(self, point: Sequence[float], measured: Measured | None = None) -> Verdict:
-        """Take the operating point that the memory has just come to.
+        """Replace the verdict by that on an operating point which the memory has taken already.
 
         Args:
-            point: Speed, load, temperature of the water, and any probabilities.
-            measured: Verdict of the measured vibration there.
+            point: Speed [m/s], load [N], temperature of the water [C], and any probabilities.
+            measured: State of the level there; ``None`` where none is configured.
         """
         speed, load, water, *chances = point
         bearing, table = self.config.bearing, self.settings.boundaries
@@ -196,7 +203,11 @@ class Standing:
         return self.verdict
 
     def advance(self, time_ns: int) -> list[Event]:
-        """Let time pass without a sample; a time before the latest one changes nothing."""
+        """Let time pass without a sample, up to a time [ns]; one before the latest changes nothing.
+
+        Returns:
+            The event of an input that is lost by then, as a list of one, else an empty list.
+        """
         state = self.state
         time_ns += state.shift
         if state.now != NEVER and time_ns < state.now:
@@ -206,7 +217,10 @@ class Standing:
         return [self.event(before, state.lost_since)] if state.lost > lost else []
 
     def event(self, before: int, time_ns: int, *, onset: bool = False) -> Event:
-        """Return the change of alarm, or the onset, that fell due at a time of the memory [ns]."""
+        """Return the event that changed the condition from index ``before`` at a time of the memory [ns].
+
+        It holds a copy of the memory. ``onset``: stick-slip has begun with it.
+        """
         then = Standing(self.config, self.settings, self.state.copy(), self.verdict)
         lost, was = then.lost(time_ns) if then.state.lost else {}, CONDITIONS[before]
         return Event(time_ns - then.state.shift, was, then, lost, describe(then, lost, was), onset)
@@ -247,7 +261,13 @@ class Event:
 
 
 def describe(b: Standing, lost: dict[str, float], before: Condition | None = None) -> str:
-    """Describe a condition in a few sentences: what it is, what to do, and where the bearing stands."""
+    """Write what a condition means, what to do, and where the bearing stands, for a person.
+
+    Args:
+        b: The bearing.
+        lost: The inputs lost, with their ages [s]; with any of them the text is about these alone.
+        before: The condition before, where the text is about its change.
+    """
     config, condition, point = b.config, b.condition, b.assessment
     if lost:
         return f'{config.name}: {_lost_text(config, lost)}'
@@ -278,7 +298,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
 
 
 def _water_text(b: Standing, point: Assessment) -> str:
-    """Write the temperature of the water, where friction goes by it, and why it is in doubt."""
+    """Return the water's temperature as a clause, with any doubt about it; '' where friction has none."""
     lubrication = b.config.bearing.lubrication
     water = math.nan if lubrication is None else lubrication.water_temperature
     water = water if point.temperature is None else float(point.temperature)
@@ -296,7 +316,10 @@ _OVER = {
 
 
 def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) -> str:
-    """Write one sentence: what is about to change, else what the condition means."""
+    """Return one sentence on what is about to change, else on what the condition means.
+
+    ``given`` is the order to the crew; ``None`` where there is none.
+    """
     condition, clears = b.condition, b.clears
     if clears is not None:
         held = ' It came back within a minute and is held.' if b.raised_lately > 1 else ''
@@ -319,7 +342,7 @@ def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) ->
 
 
 def _bistable_text(b: Standing) -> str:
-    """Say whether a bistable bearing is quiet: measured, remembered, or not known."""
+    """Return the sentence on a bistable bearing: measured quiet, quiet so far, or not known."""
     if b.measured is Measured.QUIET and b.state.heard:
         return 'Bistable: no vibration is measured, but a shock can start stick-slip.'
     if b.state.known:
@@ -328,7 +351,7 @@ def _bistable_text(b: Standing) -> str:
 
 
 def _measured_text(point: Assessment) -> str:
-    """Stick-slip that is measured: how it stands to what the model says."""
+    """Return the sentence on stick-slip that is measured: whether the model expects it there."""
     if point.outcome is Outcome.STICK_SLIP:
         return 'Stick-slip predicted, and vibration is measured.'
     if point.fold_margin < 0.0:
@@ -340,6 +363,7 @@ def _measured_text(point: Assessment) -> str:
 
 
 def _doubt_text(b: Standing) -> str:
+    """Return a sentence on a level that is loud, or quiet for a minute of predicted stick-slip; else ''."""
     if b.is_loud:
         return f' {Unknown.LOUD.sentence[0].upper()}{Unknown.LOUD.sentence[1:]}.'
     quiet = b.measured is Measured.QUIET
@@ -354,6 +378,7 @@ def _doubt_text(b: Standing) -> str:
 
 
 def _belief_text(b: Standing, point: Assessment) -> str:
+    """Return a sentence with the probability of stick-slip and the range of the fold; '' without a belief."""
     config = b.config
     if config.belief is None or not math.isfinite(point.probability_can):
         return ''
@@ -371,6 +396,7 @@ def _belief_text(b: Standing, point: Assessment) -> str:
 
 
 def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
+    """Return one sentence for each lost input."""
     return ' '.join(
         f'Input {name} lost: no valid value on {config.inputs[name].topic}'
         + (' so far.' if math.isinf(age) else f' for {age_text(age)}.')
@@ -388,18 +414,18 @@ _YEAR = 31_557_600.0  # a Julian year [s]
 
 
 def rounded(number: float, digits: int = 3) -> str:
-    """Write a number to some digits, without an exponent where it is of usual size."""
+    """Write a number to some digits, without an exponent below a thousand million."""
     text = f'{number:.{digits}g}'
     return f'{float(text):.9g}' if 'e' in text and abs(number) < 1e9 else text
 
 
 def age_text(seconds: float) -> str:
-    """Return a time that has passed, exactly while it is short."""
+    """Write the age of a value: to three digits below 100 s, above as :func:`about`."""
     return f'{seconds:.3g} s' if seconds < 99.5 else about(seconds)
 
 
 def about(seconds: float) -> str:
-    """Write a time to a precision that matters."""
+    """Write a time [s] in s, min, h, days or years, as precisely as matters."""
     if seconds < 20.0:
         return f'{seconds:.0f} s'
     if seconds < 100.0:
@@ -438,7 +464,10 @@ def _is_starting(b: Standing, point: Assessment) -> bool:
 
 
 def order(b: Standing) -> SpeedOrder | None:
-    """Return what leads out of the condition, and clear of caution; ``None`` where no order is given."""
+    """Return the order that leads out of the condition and clear of caution.
+
+    ``None`` where the condition is normal, asks for no speed, or no speed ends it.
+    """
     point, condition = b.assessment, b.condition
     if point is None or condition in (Condition.NORMAL, Condition.INPUT_STALE):
         return None
@@ -463,7 +492,7 @@ def order(b: Standing) -> SpeedOrder | None:
 
 
 def _order_text(given: SpeedOrder | None) -> str:
-    """Return the order as a sentence behind what the condition says."""
+    """Return the order as a sentence that follows the condition; '' for none, or to stay above a speed."""
     if given is None or given.kind is OrderKind.STAY_ABOVE:
         return ''
     if given.kind is OrderKind.CLEARS_ABOVE:
@@ -472,7 +501,7 @@ def _order_text(given: SpeedOrder | None) -> str:
 
 
 def _clear_speed(b: Standing, point: Assessment) -> float:
-    """Return the speed above which caution, the mildest condition, clears at this load [m/s]."""
+    """Return the speed above which caution clears at this load [m/s]; ``nan`` where none does."""
     alarm, belief = b.config.alarm, b.config.belief
     if belief is None or not b.config.alarms_by_chance or not math.isfinite(point.probability_can):
         return float(point.fold_speed) * (1.0 + alarm.caution_margin + alarm.hysteresis)
