@@ -63,6 +63,10 @@ _MAX_WORDS, _MAX_KINDS, _MAX_LETTERS = 6, 200, 20
 _MAX_ALIKE, _COARSE_NS = 2, 10 * 10**9
 # Of 1973: later times are dates, and no time since a trigger [ns].
 _DATES_FROM_NS = 10**17
+# Numbers for each time, from which on most share theirs.
+_SHARED_TIMES = 1.5
+# Blocks of lines without a number that are kept: the last one is whole, and one wrong time is no end.
+_MAX_BLANK_BLOCKS = 2
 # Rows of a sorted table that are yielded at a time.
 _STRETCH = 1 << 16
 # The source of all lines, whichever of the columns they fill; else it is a bit for each column, of which
@@ -175,10 +179,16 @@ class TableRecording(Recording):
             units = seen.setdefault(row[name], Counter())
             units[row[place] if place is not None and len(row) > place else ''] += 1
         for heading_text, units in seen.items():
+            if not heading_text.strip():
+                continue  # a line without a number
             # The unit of most lines: one line may be damaged.
             heading, known_unit = with_unit(heading_text, units.most_common(1)[0][0])
             yield LogColumn(
-                heading, value, heading_text, known_unit, self.is_sent and first_name(heading_text) in seen
+                heading,
+                value,
+                heading_text,
+                known_unit,
+                self.is_sent and bool(first := first_name(heading_text)) and first in seen,
             )
 
     @property
@@ -287,6 +297,11 @@ class TableRecording(Recording):
         times = self._rows_of(column, self.table.head)[1]
         steps = np.abs(np.diff(np.sort(times) if self.is_unordered else times))
         return float(np.median(steps[steps > 0])) * 1e-9 if steps.any() else 0.0
+
+    def shares_times(self, column: LogColumn) -> bool:
+        """Return whether most numbers of a column share their time with another, as the clock is coarse."""
+        times = self._rows_of(column, self.table.head)[1]
+        return bool(times.size > _SHARED_TIMES * np.unique(times).size)
 
     def _rows_of(self, column: LogColumn, rows: Iterable[Cells]) -> tuple[list[Cells], IntArray]:
         """Return the rows of a column that have a cell in it and a time, and these times [ns]."""
@@ -509,22 +524,35 @@ class TableReading:
             BagError: A column tells rows of the same times apart, which have to be chosen by it.
         """
         recording, row, done = self._recording, 0, 0
-        order, whole, has_whole_lines = TimeOrder(), TimeOrder(), False
+        order, whole, has_whole_lines, has_numbers = TimeOrder(), TimeOrder(), False, False
         first = np.zeros(1, np.int64)
         every = _filled_columns(Part(first, dict.fromkeys(self._columns, (first, np.zeros(1)))))
+
+        def add(time_ns: IntArray, source: IntArray, place: IntArray) -> None:
+            if place.size:
+                whole.add(time_ns, np.full(place.size, _ALL_LINES), place)
+            if place.size and not has_whole_lines:
+                order.add(time_ns, source, place)
+
+        # Lines before the first number and behind the last one tell how long the log lasts.
+        blank: list[tuple[IntArray, IntArray, IntArray]] = []
         for rows in recording.table.blocks(self._wanted, recording.lose, recording.note):
             part = self._read_rows(rows)
             self._buffer.add(part)
-            source = _filled_columns(part)
-            at = np.flatnonzero(source)
+            time_ns, source = part.time_ns, _filled_columns(part)
+            place, at = np.arange(time_ns.size) + row, np.flatnonzero(source)
+            begin = 0
             if at.size:
-                time_ns, source, place = part.time_ns[at], source[at], at + row
                 if self._steps.places:
-                    self._search_keys(rows, time_ns, at)
+                    self._search_keys(rows, time_ns[at], at)
                 has_whole_lines = has_whole_lines or bool((source == every).any())
-                whole.add(time_ns, np.full(at.size, _ALL_LINES), place)
-                if not has_whole_lines:
-                    order.add(time_ns, source, place)
+                if not has_numbers:
+                    for block in (*blank, (time_ns[: at[0]], source[: at[0]], place[: at[0]])):
+                        add(*block)
+                has_numbers = True
+                add(time_ns[at], source[at], place[at])
+                blank, begin = [], int(at[-1]) + 1
+            blank = [*blank[1 - _MAX_BLANK_BLOCKS :], (time_ns[begin:], source[begin:], place[begin:])]
             row += part.time_ns.size
             done += rows.time_ns.size
             if self._progress is not None:
@@ -535,6 +563,8 @@ class TableReading:
                 f"log '{recording.path}': column '{heading}' has {listed(texts)} one after the other, at the"
                 f' same times: choose one beside each input, as in where: {{{heading}: {texts[0]}}}'
             )
+        for block in blank if has_numbers else ():
+            add(*block)
         course = (whole if has_whole_lines else order).course()
         # Lines with a time for each signal are in no order but that of each.
         course.is_unordered &= course.wait_ns is None or len(recording.table.clocks) == 1
@@ -629,6 +659,8 @@ class TableReading:
     def _are_admitted(self, topic: str, cells: Any, rows: Rows, where: IntArray) -> BoolArray:
         """Return which numbers of a topic are of the sender that is used at that time, shape (n,).
 
+        Lines in a unit of something else are of no source, as live.
+
         Args:
             topic: The topic.
             cells: The cells of its numbers and of those of other sources.
@@ -637,10 +669,17 @@ class TableReading:
         """
         sources = rows.columns[self._wanted.index(SOURCE)]
         numbers = self._recording.table.numbers(cells)
-        valid, seconds = np.isfinite(numbers.value).tolist(), (rows.time_ns[where] * 1e-9).tolist()
+        is_number = np.isfinite(numbers.value)
+        if self._unit_place is not None:
+            texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
+            self._convert_units(numbers, [texts[k] for k in where], self._columns[topic].column)
+        valid = np.isfinite(numbers.value)
+        is_offered, seconds = (valid | ~is_number).tolist(), (rows.time_ns[where] * 1e-9).tolist()
         admits = self._admissions[topic].admits
-        samples = zip(where.tolist(), seconds, valid, strict=True)
-        return np.array([admits(sources[k], now, valid=good) for k, now, good in samples], np.bool_)
+        offers = zip(where.tolist(), is_offered, seconds, valid.tolist(), strict=True)
+        return np.array(
+            [counts and admits(sources[k], now, valid=good) for k, counts, now, good in offers], np.bool_
+        )
 
     def _select_rows(
         self, rows: Rows, topic: str, coded: dict[int, tuple[dict[str, int], IntArray]]
@@ -680,16 +719,19 @@ class TableReading:
             return  # its first line says no unit: what it is in is a matter of the reader
         for text in sorted({*units}):
             heading = with_unit(name, text)
-            if text.strip(' []()-') == '' or heading == (column.heading, column.unit):
+            if (text.strip(' []()-') == '' and not self._recording.is_sent) or heading == (
+                column.heading,
+                column.unit,
+            ):
                 continue
             ratio = conversion(heading[1] or '', column.unit or '')
             rows = np.array([unit == text for unit in units], np.bool_) & numbers.is_there
             if ratio is None:
                 numbers.value[rows] = np.nan
-                numbers.words[f'in {text.strip()[:17]}'] += int(np.count_nonzero(rows))
+                numbers.words[f'in {text.strip()[:17] or "no unit"}'] += int(np.count_nonzero(rows))
             else:
                 numbers.value[rows] *= ratio
-            remark = f"'{column.heading}' changes its unit: lines in {text.strip()} are "
+            remark = f"'{column.heading}' changes its unit: lines in {text.strip() or 'no unit'} are "
             remark += 'left out' if ratio is None else f'converted to {column.unit}'
             if remark not in self._converted:
                 self._converted.add(remark)

@@ -18,6 +18,7 @@ from stickslip_logs.fields import signalk_source
 from stickslip_logs.tables.cell_times import is_stamp, is_time
 
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!\r\n]*)\*([0-9A-Fa-f]{2})')
+_NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)', re.ASCII)
 _ISO = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?')
 _EPOCH = re.compile(r'(?:^|\\c:|[,;\s(\\])(\d{10}(?:\.\d+|\d{3})?)(?=[*;,\s)\\])')
 NAMES = 'time', 'name', 'value', 'unit'
@@ -44,28 +45,41 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """Yield the numbers of the sentences of a log as rows.
 
     None for a damaged sentence and for a number without a time, an empty row for a line without a sentence.
+    Rows without a name have the first and the last time: other instruments go on where a sender falls silent.
     As with Signal K, the numbers of a second talker have names of their own.
     """
     when, has_clock, first = '', False, dict[str, str]()
+    latest = ''  # the time of the latest row
     for line in lines:
-        match = _SENTENCE.search(line)
-        if match is None:
-            if line.strip():
-                yield None if line.lstrip().startswith(('$', '!')) else NO_SENTENCE
-            continue
-        talker, kind, text, checksum = match.groups()
-        total = functools.reduce(operator.xor, f'{talker}{kind},{text}'.encode(), 0)
-        if total != int(checksum, 16):
-            yield None
-            continue
-        fields = text.split(',')
-        clock = _time_before(line[: match.start()]) or ('' if kind == 'RMC' else _own_time(kind, fields))
-        has_clock |= clock != ''
-        # RMC may be of another receiver, some seconds late, or of a date 1024 weeks ago.
-        when = clock or ('' if has_clock else _own_time(kind, fields)) or when
-        for number, value, unit in _sentence_numbers(kind, fields):
-            name = _name_of(number, talker, first)
-            yield (when, name, value, unit, talker) if when else None
+        end = 0
+        for match in _SENTENCE.finditer(line):
+            head, end = line[end : match.start()], match.end()
+            talker, kind, text, checksum = match.groups()
+            total = functools.reduce(operator.xor, f'{talker}{kind},{text}'.encode(), 0)
+            if total != int(checksum, 16):
+                yield None
+                continue
+            fields = text.split(',')
+            clock = _time_before(head) or ('' if kind == 'RMC' else _own_time(kind, fields))
+            has_clock |= clock != ''
+            # RMC may be of another receiver, some seconds late, or of a date 1024 weeks ago.
+            when = clock or ('' if has_clock else _own_time(kind, fields)) or when
+            for number, value, unit in _sentence_numbers(kind, fields):
+                name = _name_of(number, talker, first)
+                latest = when
+                yield (when, name, value, unit, talker) if when else None
+            if when and not latest:
+                latest = when
+                yield _row_of_time(when)
+        if not end and line.strip():
+            yield None if line.lstrip().startswith(('$', '!')) else NO_SENTENCE
+    if when != latest:
+        yield _row_of_time(when)
+
+
+def _row_of_time(when: str) -> Row:
+    """Return a row that has a time and no number."""
+    return when, '', '', '', ''
 
 
 def _time_before(head: str) -> str:
@@ -109,12 +123,22 @@ def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, s
         # As the live link reads it: some ships leave the pitch out, none the status.
         is_valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
         number = fields[1].lstrip('0') or fields[1][:1]
-        yield f'RPM {fields[0]} {number}', fields[2] if is_valid else 'not valid', 'rpm'
+        yield f'RPM {fields[0]} {number}', _plain_number(fields[2]) if is_valid else 'not valid', 'rpm'
     elif kind == 'XDR':
         for at in range(0, len(fields) - 3, 4):
             kind, value, unit, name = fields[at : at + 4]
-            # A pressure in bar, or volts, is no force whatever it is called.
-            yield name, value, unit if kind == 'N' or not unit else f'{kind} {unit}'
+            # A pressure in bar, or volts, is no force whatever it is called: it has a name of its own.
+            is_force = kind == 'N' or not unit
+            yield (
+                name if is_force else f'{name} [{kind} {unit}]',
+                _plain_number(value),
+                unit if is_force else '',
+            )
+
+
+def _plain_number(text: str) -> str:
+    """Return a field that is empty or a number without exponent as it is, any other as a word."""
+    return text if not text or _NUMBER.fullmatch(text.strip()) else f"'{text}'"
 
 
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
@@ -182,7 +206,7 @@ def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> lis
         source = signalk_source(update)
         for item in update.get('values', ()):
             value = item['value']
-            if value is None or type(value) in _NUMBERS:
+            if (value is None or type(value) in _NUMBERS) and item['path']:
                 path, when = item['path'], update['timestamp']
                 if not isinstance(when, str):
                     raise TypeError('a time is a text')

@@ -234,7 +234,10 @@ class ColumnBinding:
         # Over a bus comes what the sensor sent, and a scale beside a named column is meant.
         is_scaled = unit is not None and not (self._log.is_sent or source.column)
         interval = self._log.interval(column)
-        timeout_ns = max(min(round(_TIMEOUT_LINES * interval * 1e9), _LONGEST_NS), source.timeout_ns)
+        timeout_ns = source.timeout_ns
+        # What came over a bus is as old as live, but where a clock that comes seldom gives the times.
+        if not self._log.is_sent or self._log.shares_times(column):
+            timeout_ns = max(min(round(_TIMEOUT_LINES * interval * 1e9), _LONGEST_NS), timeout_ns)
         sent = SourceColumn(column)
         if unit is not None:
             ratio, bias = affine_conversion(unit, source.unit) or (1.0, 0.0)
@@ -251,6 +254,11 @@ class ColumnBinding:
         remark = self._remark_on_column(bearing, quantity, source, column, unit, is_scaled=is_scaled)
         if timeout_ns > source.timeout_ns:
             remark += f'; lines are {interval:.4g} s apart, so its timeout is {timeout_ns * 1e-9:.4g} s here'
+        elif interval * 1e9 > source.timeout_ns:
+            remark += (
+                f'; its numbers are {interval:.4g} s apart, more than its timeout of'
+                f' {timeout_ns * 1e-9:.4g} s, as live: write {bearing.name}.{quantity}.timeout'
+            )
         self.remarks.append(remark)
         clauses = [
             *self._questions_on_column(bearing, quantity, source, column, unit, is_scaled=is_scaled),

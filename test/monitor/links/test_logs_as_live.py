@@ -116,6 +116,49 @@ def signalk_lines(samples: list[Sample]) -> Iterator[tuple[float, str]]:
         yield t, json.dumps({'context': own, 'updates': [update]}) + '\n'
 
 
+def rough_nmea_lines(seed: int, samples: list[Sample]) -> Iterator[tuple[float, str]]:
+    """Sentences as rough wires bring them: damaged, joined, without a unit, of other kinds between them."""
+    chance = random.Random(seed)
+    for t, line in nmea_lines(samples):
+        head, _, text = line.rstrip().partition(' ')
+        talker, fields = text[1:3], text[3:-3].split(',')
+        bodies = {
+            'exponent': [*fields[: 1 if 'XDR' in fields else 3], '1e2', '30.0', 'A'],
+            'leading zero': [*fields[:2], f'0{fields[2]}', *fields[3:]] if fields[0] == 'RPM' else fields,
+            'no unit': [*fields[:3], '', *fields[4:]] if fields[0] == 'XDR' else fields,
+            'pressure': ['XDR', 'P', '3.1', 'B', 'AFTLOAD'],
+            'engine': ['RPM', 'E', '1', '500.0', '', 'A'],
+            'position': ['GGA', '1', '2', '3'],
+            'twice': [*fields, 'N', '1700.0', 'N', 'AFTLOAD'] if fields[0] == 'XDR' else fields,
+        }
+        kind = chance.choice([*bodies, *['plain'] * 20])
+        body = talker + ','.join(bodies.get(kind, fields))
+        text = f'${body}*{reduce(xor, body.encode()):02X}'
+        cut = chance.randrange(1, len(text))
+        text = chance.choice([text] * 20 + [text[:cut], text.replace('*', '', 1), text + text])
+        yield t, f'{head} {text}\r\n'
+
+
+def rough_signalk_lines(seed: int, samples: list[Sample]) -> Iterator[tuple[float, str]]:
+    """Deltas of several kinds: other vessels, words, nameless values, damaged lines, sources as objects."""
+    chance = random.Random(seed)
+    for t, line in signalk_lines(samples):
+        frame = json.loads(line)
+        if 'updates' in frame and chance.random() < 0.3:
+            (update,) = frame['updates']
+            (value,) = update['values']
+            kind = chance.randrange(6)
+            frame |= {'context': 'vessels.urn:mrn:imo:mmsi:1'} if kind == 0 else {}
+            frame |= {'context': 'vessels.self'} if kind == 1 else {}
+            value['value'] = chance.choice(['12', True, [1]]) if kind == 2 else value['value']
+            update['values'] += [{'path': '', 'value': 3.0}] * (kind == 3)
+            if kind == 4:
+                update['source'] = {'label': update.pop('$source')}
+            line = json.dumps(frame) + '\n'
+            line = line[: len(line) // 2] + '\n' if kind == 5 else line
+        yield t, line
+
+
 class Events(Sink):
     def __init__(self) -> None:
         self.found: list[Event] = []
@@ -143,12 +186,14 @@ def ship_file(folder: Path, bus: str, column: bool) -> str:
 def live_events(folder: Path, bus: str, lines: list[tuple[float, str]], said: list[str]) -> list[Event]:
     """What `stickslip watch` would have found, its clock being that of the log."""
     config, links = load_watch(ship_file(folder, bus, True), None)
-    now_ns, sink = [T0_NS], Events()
+    # The greeting of a server has the first place, and no number.
+    begin_ns = T0_NS + round(lines[int(bus == 'signalk')][0] * 1e9)
+    now_ns, sink = [begin_ns], Events()
     clock = HostClock(lambda: now_ns[0], lambda: now_ns[0])
     live = LiveMonitor(config, sink, NoLog(), clock=clock)
     live.begin()
     stream, nmea, signalk = SentenceStream(), NmeaInputs(links.of('nmea'), said.append), None
-    tick_ns = T0_NS
+    tick_ns = begin_ns
     for t, line in lines:
         at_ns = T0_NS + round(t * 1e9)
         while (tick_ns := tick_ns + round(TICK * 1e9)) <= at_ns:
@@ -157,11 +202,15 @@ def live_events(folder: Path, bus: str, lines: list[tuple[float, str]], said: li
         tick_ns -= round(TICK * 1e9)
         now_ns[0] = at_ns
         if bus == 'nmea':
-            for found in stream.take(line.encode()):
+            # What stands before a sentence is the logger's.
+            for found in stream.take(line.partition(' ')[2].encode()):
                 for sample in nmea.take(found, t):
                     live.take(*sample)
             continue
-        frame: Any = json.loads(line)
+        try:
+            frame: Any = json.loads(line)
+        except ValueError:
+            continue
         if signalk is None:
             signalk = SignalKInputs(links.of('signalk'), said.append)
             signalk.greet(frame, t)
@@ -183,6 +232,7 @@ def compare(folder: Path, bus: str, samples: list[Sample]) -> tuple[list[tuple[s
 def compare_lines(
     folder: Path, bus: str, lines: list[tuple[float, str]]
 ) -> tuple[list[tuple[str, int]], str, str]:
+    """Check that both give the same of some lines, as :func:`compare` does."""
     (folder / 'a.log').write_text(''.join(line for _, line in lines), newline='')
     said: list[str] = []
     live = events_of(live_events(folder, bus, lines, said))
@@ -237,6 +287,33 @@ def test_units_of_meta_data_are_converted(since: float, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_random_voyages(bus: str, seed: int, tmp_path: Path) -> None:
     compare(tmp_path, bus, random_voyage(seed))
+
+
+@pytest.mark.parametrize('bus', ['nmea', 'signalk'])
+@pytest.mark.parametrize('seed', range(100, 104))
+@pytest.mark.slow
+def test_rough_random_voyages(bus: str, seed: int, tmp_path: Path) -> None:
+    rough = rough_nmea_lines if bus == 'nmea' else rough_signalk_lines
+    compare_lines(tmp_path, bus, list(rough(seed, random_voyage(seed))))
+
+
+@pytest.mark.parametrize('every', [3.0, 8.0])
+def test_a_slow_bus_is_lost_as_live(every: float, tmp_path: Path) -> None:
+    """A value each 8 s is older than 5 s, on board and in the log."""
+    samples = [
+        Sample(every * k, 'II', place, 900.0 if place else 136.0) for k in range(30) for place in (0, 1)
+    ]
+    samples = [sample._replace(place=Input(sample.place)) for sample in samples]
+    events, _, _ = compare(tmp_path, 'nmea', samples)
+    assert ('INPUT_STALE' in {name for name, _ in events}) == (every > 5.0)
+
+
+def test_a_bus_goes_on_where_its_speed_and_load_end(tmp_path: Path) -> None:
+    lines = list(nmea_lines([sample for sample in voyage() if sample.time < 50.0]))
+    body = 'GPGGA,1,2,3'
+    lines += [(t, f'{stamp(t)} ${body}*{reduce(xor, body.encode()):02X}\r\n') for t in range(50, 100)]
+    events, _, _ = compare_lines(tmp_path, 'nmea', lines)
+    assert [name for name, _ in events] == ['INPUT_STALE']
 
 
 @pytest.mark.parametrize('bus', ['nmea', 'signalk'])

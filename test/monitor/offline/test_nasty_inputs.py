@@ -368,3 +368,17 @@ def test_a_question_about_an_input_is_exit_code_1(tmp_path: Path, capsys: pytest
     assert 'so its scale 0.25 and offset 0 are not applied: write' in ' '.join(
         capsys.readouterr().out.split()
     )
+
+
+def test_a_log_goes_on_where_its_speed_and_load_end(tmp_path: Path) -> None:
+    """Half an hour without speed and load is no quiet voyage: other columns go on."""
+    lines = [f'{t},{"120,900" if 600 <= t < 1200 else ","},7' for t in range(1800)]
+    (tmp_path / 'voyage.csv').write_text('\n'.join(['time,speed [rpm],load [N],wind', *lines, '']))
+    report = check_recording(tmp_path / 'voyage.csv', load_config(CONFIG))
+    (bearing,) = report.bearings.values()
+    assert (report.start_ns, report.end_ns) == (0, 1799 * 10**9)
+    assert [(str(event.after), event.time_ns // 10**9) for event in bearing.events] == [
+        ('input_stale', 5),
+        ('normal', 600),
+        ('input_stale', 1204),
+    ]
