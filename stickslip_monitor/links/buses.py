@@ -20,7 +20,7 @@ from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you
 from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.input_faults import Graph
-from stickslip_monitor.monitor.parameter import REQUIRED
+from stickslip_monitor.monitor.parameter import REQUIRED, require_rule
 from stickslip_monitor.monitor.parameter_file import LINKS
 from stickslip_monitor.monitor.parameters import (
     BearingConfig,
@@ -172,25 +172,20 @@ def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
             raise ConfigurationError(f"{SECTION}: unknown parameter '{key}' = {value!r}{hint}")
 
 
-def _require_value(fits: object, name: str, value: object, rule: str) -> None:
-    if not fits:
-        raise ConfigurationError(f'{SECTION}: {name} = {value!r} must be {rule}')
-
-
 def _split_url(name: str, value: str, example: str, schemes: Iterable[str]) -> SplitResult:
     try:
         url = urlsplit(value)
         fits = url.scheme in schemes and url.port != 0
     except ValueError:
         fits = False
-    _require_value(fits, name, value, f'an address such as {example}')
+    require_rule(fits, name, value, f'an address such as {example}')
     return url
 
 
 def _build_signalk(settings: Mapping[str, Any], used: bool) -> SignalKLink | None:
     link, example = filled(SignalKLink, 'signalk.', settings), 'http://127.0.0.1:3000'
     if not link.url:
-        _require_value(not (used or link.prefix), 'signalk.url', '', 'given: Signal K is used')
+        require_rule(not (used or link.prefix), 'signalk.url', '', 'given: Signal K is used')
         return None
     url = _split_url('signalk.url', link.url, example, ('http', 'https'))
     plain = url.hostname and url.path in ('', '/') and not (url.query or url.username)
@@ -201,7 +196,7 @@ def _build_signalk(settings: Mapping[str, Any], used: bool) -> SignalKLink | Non
         (not link.prefix or _PATH.fullmatch(link.prefix), 'prefix', 'a Signal K path'),
         (link.prefix or not link.accept_actions, 'accept_actions', _NOTHING_SENT),
     ):
-        _require_value(fits, f'signalk.{name}', settings[f'signalk.{name}'], rule)
+        require_rule(fits, f'signalk.{name}', settings[f'signalk.{name}'], rule)
     return replace(link, url=link.url.rstrip('/'))
 
 
@@ -216,7 +211,7 @@ def _build_nmea(settings: Mapping[str, Any], used: bool) -> NmeaLink | None:
             'three upper-case letters, or empty',
         ),
     ):
-        _require_value(fits, f'nmea.{name}', settings[f'nmea.{name}'], rule)
+        require_rule(fits, f'nmea.{name}', settings[f'nmea.{name}'], rule)
     for name in ('nmea.listen', 'nmea.alerts'):
         if settings[name]:
             check_port(name, settings[name])
@@ -231,13 +226,13 @@ def check_port(name: str, value: str) -> SplitResult:
     """
     url = _split_url(name, value, ', '.join(_PORTS.values()) + 'dev/ttyUSB0?baud=4800', _PORTS)
     if url.scheme == 'serial':
-        _require_value(not url.netloc and len(url.path) > 1, name, value, 'serial:///dev/ttyUSB0')
+        require_rule(not url.netloc and len(url.path) > 1, name, value, 'serial:///dev/ttyUSB0')
         rates = ', '.join(str(rate) for rate in BAUD_RATES)
         fits = url.query in ('', *(f'baud={rate}' for rate in BAUD_RATES))
-        _require_value(fits, name, value, f'serial:///dev/ttyUSB0?baud=RATE with one of {rates}')
+        require_rule(fits, name, value, f'serial:///dev/ttyUSB0?baud=RATE with one of {rates}')
     else:
         whole = url.hostname and url.port and url.path in ('', '/')
-        _require_value(whole, name, value, f'written {_PORTS[url.scheme]}, with host and port')
+        require_rule(whole, name, value, f'written {_PORTS[url.scheme]}, with host and port')
     return url
 
 
@@ -245,7 +240,7 @@ def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mappin
     settings = {p.name: p.checked(f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
     load = place is Input.LOAD
     assumed = load and bearing.load.is_assumed
-    _require_value(not assumed, name, settings['from'], 'left out, as the load is a constant')
+    require_rule(not assumed, name, settings['from'], 'left out, as the load is a constant')
     source = bearing.inputs.get(place.name.lower())
     if source is None:
         raise ConfigurationError(
@@ -255,29 +250,27 @@ def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mappin
     item = filled(BusInput, '', settings, bearing=bearing.name, place=place, **times)
     if item.bus == SIGNALK:
         _check_unit(source, name, UNITS[place], 'Signal K')
-        _require_value(
+        require_rule(
             _PATH.fullmatch(settings['path']), f'{name}.path', settings['path'], 'a Signal K path, without *'
         )
         return item
     is_spoken = place is not Input.WATER_TEMPERATURE
     rule = f'{SIGNALK}: NMEA brings speed and load only'
-    _require_value(is_spoken, f'{name}.from', settings['from'], rule)
+    require_rule(is_spoken, f'{name}.from', settings['from'], rule)
     sentence, kinds, kind = ('XDR', 'N', 'N, a force') if load else ('RPM', 'SE', _SHAFT)
     for fits, key, rule in (
         (settings['sentence'] == sentence, 'sentence', sentence),
         (settings['kind'] in list(kinds), 'kind', kind),
         (settings['name'] or not load, 'name', 'given: the name of the transducer'),
     ):
-        _require_value(fits, f'{name}.{key}', settings[key], rule)
+        require_rule(fits, f'{name}.{key}', settings[key], rule)
     _check_unit(source, name, 'N' if load else 'rpm', sentence)
     return item
 
 
 def _check_unit(source: InputConfig, name: str, unit: str, who: str) -> None:
     """Check that the monitor expects the unit of the bus: numbers are passed on as received."""
-    unit_read = source.unit
-    if unit_read != unit:
-        raise ConfigurationError(f"{name}.unit = '{unit_read}' must be {unit}, in which {who} gives it")
+    require_rule(source.unit == unit, f'{name}.unit', source.unit, f'{unit}, in which {who} gives it')
 
 
 UNHEARD = 5.0

@@ -141,6 +141,12 @@ def refused(name: str, value: Any, rule: str) -> ConfigurationError:
     return ConfigurationError(f'{name} = {shown(value)} must be {rule}')
 
 
+def require_rule(is_kept: object, name: str, value: Any, rule: str) -> None:
+    """Raise the error of :func:`refused` unless a value keeps its rule."""
+    if not is_kept:
+        raise refused(name, value, rule)
+
+
 def shown(value: Any) -> str:
     """Return a value as sentences show it: a date as it was written, a long value by its beginning."""
     text = value.isoformat() if hasattr(value, 'isoformat') else repr(value)
