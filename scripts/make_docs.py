@@ -22,13 +22,23 @@ from stickslip_monitor.monitor.alarms import LIFE, AlarmState
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS as INPUTS
-from stickslip_monitor.monitor.record_fields import ASSESSMENT, BEARING, WARNING, RecordField, schema_of
+from stickslip_monitor.monitor.record_fields import (
+    ASSESSMENT,
+    BEARING,
+    BELIEF,
+    LEVEL,
+    WARNING,
+    WATER,
+    RecordField,
+    schema_of,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ('stickslip_logs', 'stickslip_monitor', 'stickslip_lab')
 PAGE = ROOT / 'docs' / 'configuration.md'
 RULE = PAGE.with_name('rule.md')
 SHIP = PAGE.with_name('ship.md')
+INTERFACES = PAGE.with_name('interfaces.md')
 DESIGN = PAGE.with_name('design.md')
 TUTORIAL = PAGE.with_name('tutorial.md')
 PICTURE = ROOT / 'docs' / 'images' / 'tutorial.png'
@@ -135,6 +145,9 @@ One ROS 2 parameter file configures everything: of the node by `--params-file` (
 
 LIFECYCLE = re.compile(r'(?<=-->\n).*?(?=<!-- /lifecycle -->)', re.DOTALL)
 LINKS = re.compile(r'(?<=-->\n)[^<]*(?=<!-- /links -->)')
+DIAGNOSTICS = re.compile(r'(?<=-->\n)[^<]*(?=<!-- /diagnostics -->)')
+NEEDED = {'': '', BELIEF: 'tolerances or a calibration', LEVEL: 'a level', WATER: 'a water temperature'}
+"""What a bearing must have for a diagnostic key, by what the field needs."""
 CELL = re.compile(r'^```python\n(?P<code>.*?)^```\n(?:\n```text\n.*?```\n)?', re.DOTALL | re.MULTILINE)
 SIZE = re.compile(r'^\| `([\w/]+)` \| (\d+) \| ([\d,]+) \|$', re.MULTILINE)
 
@@ -255,6 +268,15 @@ def with_links(page: str) -> str:
     return LINKS.sub(lambda _: tables, page, count=1)
 
 
+def with_diagnostics(page: str) -> str:
+    """Return the page on interfaces with the table of a bearing's diagnostic keys made anew."""
+    rows = [(f'`{row.key}`', f'`{row.name}`', row.text, NEEDED[row.needs]) for row in BEARING if row.key]
+    lines = ['| key | field of `~/bearings` | meaning | only with |', '|---|---|---|---|']
+    lines += [f'| {" | ".join(cells)} |'.replace('|  |', '| |') for cells in rows]
+    table = '\n'.join(lines)
+    return DIAGNOSTICS.sub(lambda _: f'\n{table}\n\n', page, count=1)
+
+
 def rooms() -> dict[str, tuple[int, int]]:
     """Return modules and lines of each room; what stands beside the rooms of a package bears its name."""
     found: dict[str, tuple[int, int]] = {}
@@ -358,6 +380,7 @@ def main() -> int:
         TUTORIAL.write_text(run_tutorial(TUTORIAL.read_text('utf-8'), Path(folder)), 'utf-8')
         shutil.copy(Path(folder, PICTURE.name), PICTURE)
     SHIP.write_text(with_links(SHIP.read_text(encoding='utf-8')), encoding='utf-8')
+    INTERFACES.write_text(with_diagnostics(INTERFACES.read_text('utf-8')), 'utf-8')
     PAGE.write_text(render(), encoding='utf-8')
     RULE.write_text(with_life(RULE.read_text(encoding='utf-8')), encoding='utf-8')
     return 0

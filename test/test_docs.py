@@ -39,6 +39,13 @@ def test_reference_page_and_the_parameters_of_the_links_are_fresh() -> None:
     assert '| `signalk.url` |' in page
 
 
+def test_the_diagnostic_keys_are_fresh_and_whole() -> None:
+    page = make_docs.INTERFACES.read_text(encoding='utf-8')
+    _check_fresh(make_docs.INTERFACES, make_docs.with_diagnostics(page), make_docs.COMMAND)
+    missing = [row.key for row in make_docs.BEARING if row.key and f'| `{row.key}` |' not in page]
+    assert missing == []
+
+
 def test_the_life_of_an_alarm_is_fresh() -> None:
     page = make_docs.RULE.read_text(encoding='utf-8')
     _check_fresh(make_docs.RULE, make_docs.with_life(page), make_docs.COMMAND)

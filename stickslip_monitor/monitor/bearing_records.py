@@ -64,6 +64,7 @@ def _with_topic(bearing: BearingConfig, kind: str) -> Iterator[str]:
         '': True,
         record_fields.BELIEF: bearing.belief is not None,
         record_fields.LEVEL: bearing.level is not None,
+        record_fields.WATER: bearing.water_temperature is not None,
     }
     return (item.name for item in record_fields.BEARING if item.topic == kind and has[item.needs])
 
@@ -202,6 +203,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
     given = order(bearing) if monitoring and not lost else None
     measured = bearing.measured if monitoring else None
     unknown = bearing.unknown if monitoring else None
+    has_water = bearing.config.water_temperature is not None or not math.isnan(bearing.state.water)
     return {
         'bearing': bearing.config.name,
         'time': time_ns,
@@ -221,6 +223,8 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
         'measured': None if measured is None else measured.value,
         'unmeasured': '' if unknown is None else unknown.sentence,
         'unseen': bearing.unseen,
+        'water_temperature': number(bearing.state.water) if has_water else None,
+        'viscosity_ratio': bearing.state.viscosity_ratio if has_water else None,
         'inputs': {name: _input_record(state, name) for name in bearing.config.inputs},
     }
 
@@ -258,6 +262,7 @@ def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
         '': is_known,
         record_fields.BELIEF: is_known and bearing.config.belief is not None,
         record_fields.LEVEL: record['measured'] is not None,
+        record_fields.WATER: is_known and record['viscosity_ratio'] is not None,
     }
     values = {
         item.key: record[item.name]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 FLOAT64, STRING = 'std_msgs/msg/Float64', 'std_msgs/msg/String'
-BELIEF, LEVEL = 'belief', 'level'
+BELIEF, LEVEL, WATER = 'belief', 'level', 'water'
 
 
 class RecordField(NamedTuple):
@@ -27,9 +27,8 @@ class RecordField(NamedTuple):
     path_unit: str = ''  # its unit there
     shown: tuple[tuple[str, str], ...] = ()  # titles and units in the table of assess
     topic: str = ''  # message type of a topic of its own; only what an assessment has can have one
-    needs: str = (
-        ''  # what of a bearing has to be configured for a topic and a diagnostic key: BELIEF or LEVEL
-    )
+    # What of a bearing has to be configured for a topic and a diagnostic key: BELIEF, LEVEL or WATER.
+    needs: str = ''
     is_zero_without_cycle: bool = False  # topics, metrics and Signal K say 0 where no cycle exists
     values: tuple[str, ...] = ()  # all that it can be, where its schema says so
     is_recorded: bool = True  # warnings and bearings have it; assess alone has the others
@@ -345,6 +344,21 @@ BEARING = (
         's',
         key='predicted but not measured for [s]',
         needs=LEVEL,
+    ),
+    RecordField(
+        'water_temperature',
+        'temperature of the water by which friction is scaled',
+        'C',
+        'before the first value as configured or as when friction was measured; null without one',
+        key='water temperature [C]',
+        needs=WATER,
+    ),
+    RecordField(
+        'viscosity_ratio',
+        'viscosity of that water over its viscosity when friction was measured',
+        note='null without a water temperature',
+        key='viscosity ratio',
+        needs=WATER,
     ),
 )
 """The fields of a bearing as it is now, but for its inputs."""

@@ -144,6 +144,33 @@ def test_diagnostics_of_a_level() -> None:
     assert values['measured unknown'] != ''
 
 
+def test_water_in_use_is_published_with_its_viscosity() -> None:
+    """Before the first temperature that of the friction measurement counts.
+
+    Fresh water has 1.002 mPa s at 20 C and 0.547 at 50 C (Kestin, Sokolov and Wakeham, 1978).
+    """
+    water = {'friction__at_temperature': 20.0, 'water_temperature__salinity': 0.0}
+    monitor = Monitor(configured(water_temperature__topic='/water', water_temperature__unit='C', **water))
+    feed(monitor, 0.0, 'speed', 20.0)
+    feed(monitor, 0.1, 'load', 1000.0)
+    values = values_of(monitor)
+    assert (values['water temperature [C]'], values['viscosity ratio']) == ('20', '1')
+    feed(monitor, 0.2, 'water_temperature', 50.0)
+    values = values_of(monitor)
+    assert values['water temperature [C]'] == '50'
+    assert float(values['viscosity ratio']) == pytest.approx(0.547 / 1.002, rel=0.015)
+
+
+def test_a_configured_water_is_published() -> None:
+    water = {'friction__at_temperature': 20.0, 'water_temperature__constant': 50.0}
+    monitor = Monitor(configured(**water))
+    record = bearing_record(BearingState(monitor.bearings['aft']))
+    assert record['water_temperature'] == 50.0
+    assert 0.5 < record['viscosity_ratio'] < 0.6
+    dry = bearing_record(BearingState(Monitor(configured()).bearings['aft']))
+    assert (dry['water_temperature'], dry['viscosity_ratio']) == (None, None)
+
+
 def test_topics_of_a_bearing() -> None:
     """docs/interfaces.md names them; the amplitudes, which are the dearest, come first."""
     numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
