@@ -12,11 +12,7 @@ import argparse
 import asyncio
 import logging
 import math
-import os
-import re
-import socket
 import time
-import uuid
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -66,7 +62,6 @@ LOGGED_AGAIN = 300.0
 """The same state of a link is logged again after so long [s]."""
 _TICK = 0.5
 _GOING = 2.0
-_LONGEST_TOKEN = 10_000
 _log = logging.getLogger(NODE_NAME)
 
 
@@ -96,7 +91,10 @@ def run(args: argparse.Namespace) -> int:
         logging.basicConfig(level=logging.INFO, format='%(asctime)s %(levelname)s %(message)s')
         config, links = load_watch(args.config, args.node)
         if args.request_token:
-            return asyncio.run(_request_token(links))
+            from stickslip_monitor.links.signalk_token import save_requested_token
+
+            asyncio.run(save_requested_token(links.signalk, _log.info))
+            return 0
         with _open_page(args, config) as board:
             asyncio.run(_watch_ship(args, config, links, board))
     return 0
@@ -378,7 +376,7 @@ def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
 
     clients: list[Client] = []
     if links.signalk is not None:
-        token = _read_token(links.signalk.token_file)
+        token = _read_signalk_token(links.signalk.token_file)
         inputs = links.of(SIGNALK)
         theirs = {item.bearing for item in inputs if item.place is Input.LOAD}
         own_load = [name for name in side.bearings if name not in theirs]
@@ -396,8 +394,12 @@ def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
     return clients
 
 
-def _read_token(path: str) -> str:
-    """Read the token from a file that nobody else can read; '' without a file."""
+def _read_signalk_token(path: str) -> str:
+    """Read the token of the server from ``signalk.token_file``; '' where none is configured.
+
+    Raises:
+        LinkError: Others can read the file.
+    """
     if not path:
         return ''
     from stickslip_monitor.dashboard.access import read_token
@@ -406,31 +408,3 @@ def _read_token(path: str) -> str:
     if Path(path).stat().st_mode & 0o077:
         raise LinkError(f"signalk.token_file = '{path}' can be read by others: chmod 600 it")
     return token
-
-
-def _is_token(path: Path) -> bool:
-    """Return whether a file is empty or holds a JSON Web Token, as a server gives."""
-    if not path.is_file() or path.is_symlink() or path.stat().st_size > _LONGEST_TOKEN:
-        return False
-    return re.fullmatch(rb'([\w-]+(\.[\w-]+){2,})?\n?', path.read_bytes()) is not None
-
-
-async def _request_token(links: LinksConfig) -> int:
-    from stickslip_monitor.links.signalk_client import request_token
-
-    if links.signalk is None or not links.signalk.token_file:
-        raise LinkError('--request-token needs signalk.url and signalk.token_file')
-    path = Path(links.signalk.token_file).absolute()
-    if not path.parent.is_dir():
-        raise LinkError(f"signalk.token_file = '{path}': there is no folder {path.parent}")
-    if path.exists() and not _is_token(path):
-        raise LinkError(f"signalk.token_file = '{path}' is there and holds no token: it is not overwritten")
-    # The same for the same machine and file, so that the officer sees one device, not many.
-    client_id = str(uuid.uuid5(uuid.NAMESPACE_URL, f'{socket.gethostname()}{path}'))
-    token = await request_token(links.signalk, client_id, _log.info)
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    with os.fdopen(descriptor, 'w', encoding='ascii') as file:
-        os.fchmod(descriptor, 0o600)
-        file.write(f'{token}\n')
-    _log.info(f'The token is in {path}')
-    return 0

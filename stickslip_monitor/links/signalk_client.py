@@ -10,7 +10,7 @@ import re
 import ssl
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
@@ -43,9 +43,6 @@ _WAIT_FOR = (408, 425, 429)
 _VALUES_EVERY = 1.0
 _OUTBOX = 1000
 _LARGEST_FRAME = 4 << 20
-_ASKED_EVERY = 2.0
-
-
 _NEEDS_TOKEN = (
     'gives nothing without a token: name a file as signalk.token_file and run'
     ' `stickslip watch --request-token`'
@@ -117,7 +114,7 @@ class SignalKClient(Sink):
                         raise
                     reason = str(error)
                 except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-                    reason = _failure_reason(error)
+                    reason = failure_reason(error)
                 self._report_lost(reason)
                 wait = BACK_OFF[0] if time.monotonic() - begun > LIVED else wait
                 await asyncio.sleep(wait * random.uniform(0.5, 1.0))
@@ -304,7 +301,7 @@ class SignalKClient(Sink):
             async with self._session.get(url, headers=self._headers, ssl=self._ssl, timeout=limit) as answer:
                 status, value = answer.status, await answer.text()
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-            status, value = 0, _failure_reason(error)
+            status, value = 0, failure_reason(error)
         why = _explain_silence(status, value, bool(self._headers))
         self._side.log.warning(f'Signal K {path}: no value for {UNHEARD:g} s: {why}')
 
@@ -338,51 +335,8 @@ async def _send_update(socket: aiohttp.ClientWebSocketResponse, update: Update) 
     await socket.send_str(json.dumps({'updates': [update]}, allow_nan=False))
 
 
-def _failure_reason(error: BaseException) -> str:
+def failure_reason(error: BaseException) -> str:
     """Return why a connection failed, without the names that Python has for its parts."""
     inner = getattr(error, 'os_error', None) or error
     text = getattr(inner, 'strerror', None) or re.sub(r'ssl:(<[^>]*>|\S+) ?', '', str(inner))
     return text or 'no answer'
-
-
-async def request_token(
-    link: SignalKLink, client_id: str, started: Callable[[str], None], every: float = _ASKED_EVERY
-) -> str:
-    """Ask a server for a token, and wait for an officer to approve it in the server's pages.
-
-    Args:
-        link: The configuration.
-        client_id: A UUID that stays the same.
-        started: Given what to do meanwhile.
-        every: Time between two looks [s].
-
-    Raises:
-        LinkError: The server cannot be asked, or the request is denied.
-    """
-    url, context = link.url, ssl_context(link.ca_file)
-    body = {'clientId': client_id, 'description': 'stickslip_monitor', 'permissions': 'readwrite'}
-    try:
-        async with aiohttp.ClientSession() as session:
-            answer = await _ask_server(
-                session.post(f'{url}/signalk/v1/access/requests', json=body, ssl=context)
-            )
-            started(f'Approve stickslip_monitor in the pages of {url} (Security, Access Requests)')
-            while answer.get('state') == 'PENDING':
-                await asyncio.sleep(every)
-                answer = await _ask_server(session.get(f'{url}/{answer["href"].lstrip("/")}', ssl=context))
-    except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError, KeyError) as error:
-        raise LinkError(
-            f"signalk.url = '{url}' cannot be asked for a token: {_failure_reason(error)}"
-        ) from error
-    token = (answer.get('accessRequest') or {}).get('token')
-    if not isinstance(token, str):
-        raise LinkError(f"signalk.url = '{url}': the request for a token was denied")
-    return token
-
-
-async def _ask_server(request: Any) -> dict[str, Any]:
-    async with request as response:
-        answer = await response.json(content_type=None)
-        if response.status >= 400 or not isinstance(answer, dict):
-            raise aiohttp.ClientError(f'it answers {response.status}: {answer}')
-        return answer

@@ -22,7 +22,8 @@ from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import signalk_client
 from stickslip_monitor.links.buses import BusInput, MonitorSide, SignalKLink
 from stickslip_monitor.links.signalk import SignalKInputs
-from stickslip_monitor.links.signalk_client import SignalKClient, request_token
+from stickslip_monitor.links.signalk_client import SignalKClient
+from stickslip_monitor.links.signalk_token import request_token
 from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.signals import Input
 

@@ -21,7 +21,8 @@ from stickslip_monitor import build_config
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links.buses import BusInput, LiveMonitor, MonitorSide, SignalKLink
 from stickslip_monitor.links.signalk import SignalKInputs
-from stickslip_monitor.links.signalk_client import SignalKClient, request_token
+from stickslip_monitor.links.signalk_client import SignalKClient
+from stickslip_monitor.links.signalk_token import request_token
 from stickslip_monitor.monitor import alarm_list
 from stickslip_monitor.monitor.parameter_file import load_parameters
 from stickslip_monitor.monitor.session import Sink
