@@ -234,7 +234,7 @@ async def _watch_ship(
         clients = _make_clients(links, MonitorSide(names, take, feed.act, report, _log))
         feed.sinks += clients
         for client in clients:
-            await client.start()
+            await client.open_ports()
         tasks = [
             asyncio.create_task(work)
             for work in (

@@ -185,7 +185,7 @@ class Connections:
             self._since[request.protocol] = time.monotonic()
 
     def sweep(self, connections: Iterable[Any]) -> None:
-        """End those of a server's connections that must."""
+        """Abort the connections of a server that are idle for too long, and the idlest of too many."""
         now = time.monotonic()
         open_since = {
             connection: self._since.get(connection, now) for connection in connections if connection.transport

@@ -66,7 +66,7 @@ class Replay:
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        """Stand before the first sample, with a monitor that knows nothing."""
+        """Rewind to before the first sample, with a new session."""
         self._session = Session(self._config, self._shown, NoLog(), lambda: self._log_ns, None, Graph())
         self._shown.act = self._session.act
         self._next = 0
@@ -84,13 +84,13 @@ class Replay:
         return min(self._from_ns + round(passed * 1e9), self._start_ns + self._length_ns)
 
     def hold(self, paused: bool) -> None:
-        """Stand still, or go on."""
+        """Pause or resume the replay."""
         self._go_from(self._wanted_ns())
         self._paused = paused
         self._changed.set()
 
     def seek(self, seconds: float) -> None:
-        """Go to a time since its beginning [s]."""
+        """Go to a time since the beginning [s]; a step back clears all results and starts a new session."""
         place = self._start_ns + round(min(max(seconds, 0.0), self._length_ns * 1e-9) * 1e9)
         if place < self._log_ns or self._board.finished:
             self._log_ns = self._start_ns
@@ -100,14 +100,14 @@ class Replay:
         self._changed.set()
 
     async def run(self) -> None:
-        """Play it to its end, and again after each step back."""
+        """Play the recording until cancelled: to its end, and again after each step back."""
         while True:
             await self.play()
             self._changed.clear()
             await self._changed.wait()
 
     async def play(self) -> None:
-        """Play it from where it is to its end."""
+        """Play the recording from its present place to its end."""
         shown = -math.inf
         while self._next < len(self._samples):
             behind = self._play_until(self._wanted_ns())
@@ -120,7 +120,7 @@ class Replay:
         self._board.finish()
 
     def _time_to_pause(self) -> float:
-        """Return the time in which nothing has to be done [s]."""
+        """Return the time until the next sample or step is due [s]."""
         if self._next == len(self._samples):
             return 0.0
         if self._paused:
@@ -146,7 +146,7 @@ class Replay:
         return False
 
     def _advance_to(self, log_ns: int) -> None:
-        """Let the recorder's time pass without a sample."""
+        """Advance all bearings to a log time [ns] without a sample."""
         self._log_ns = max(self._log_ns, log_ns)
         now = self._moment_now()
         for name in self._session.monitor.bearings:

@@ -87,9 +87,9 @@ class Watched:
     off_map: bool = False  # whether the newest is of other parameters than the map
 
     def take(self, record: dict[str, Any], now: float) -> dict[str, Any]:
-        """Take a new record, and return it for the page.
+        """Store a new record and add it to the history; return the record for the page.
 
-        In the history it replaces those of its second, and of its future.
+        In the history it replaces those of its second and all later ones (after a clock step).
         """
         # What rests on a lost input has no value, though the last one is still published.
         hidden = {name for name in ('speed', 'load') if record['inputs'].get(name, {}).get('lost')}
@@ -242,7 +242,7 @@ class WatchedMonitor(Sink):
             yield f'The list of alarms of {name} is {about(late)} old: newer alarms are missing.'
 
     def notice(self) -> str:
-        """Return the faults that the node reports of itself, and whose maps are of another file."""
+        """Return the node's own faults, and the bearings whose map is of another file, as one text."""
         if not self.receiving or self._is_idle():
             return ''
         level, text = self._health
@@ -261,7 +261,7 @@ class WatchedMonitor(Sink):
         return idle or any(record['reason'] == NOT_MONITORING for record in records)
 
     def take_record(self, document: Any) -> None:
-        """Take the record of a bearing; ignore what is none, or of an unknown bearing."""
+        """Store the record of a bearing and send it to the page; ignore what is invalid or unknown."""
         record = checked_record(document)
         if record is None:
             return
@@ -278,7 +278,7 @@ class WatchedMonitor(Sink):
         self._health = (level, text)
 
     def take_alarms(self, document: Any) -> None:
-        """Take the list of alarms; ignore what is none."""
+        """Store the list of alarms and send it to the page; ignore an invalid one."""
         record = checked_alarms(document, self.bearings)
         if record is None:
             return
@@ -301,7 +301,7 @@ class WatchedMonitor(Sink):
         self._remember_name(self._others, f'/{node}')
 
     def _name_fully(self, record: dict[str, Any]) -> None:
-        """Put the namespace before the name of the bearing, in the sentence on it, too."""
+        """Put the namespace before the name of the bearing in a record and its text, in place."""
         if self.space and record['text'].startswith(f'{record["bearing"]}: '):
             record['text'] = f'{self.space}/{record["text"]}'
         record['bearing'] = self.key(record['bearing'])
@@ -311,7 +311,7 @@ class WatchedMonitor(Sink):
             names[name] = self._clock()
 
     def concerned(self, request: ActionRequest) -> bool:
-        """Return whether there is anything that a request could change, as far as is known here."""
+        """Return whether the known alarms have anything that a request could change."""
         if request.bearing not in (None, *(bearing.key for bearing in self.bearings.values())):
             return False
         return self.alarms is None or any(
@@ -410,13 +410,13 @@ class DashboardState:
         self._send_monitor()
 
     def play(self, place: dict[str, Any]) -> None:
-        """Take the place of a replay."""
+        """Store the place of a replay, and send it to the page."""
         if place != self.playing:
             self.playing = place
             self.send('replay', place, '')
 
     def begin_again(self, place: dict[str, Any]) -> None:
-        """Forget the results of a recording that starts from its beginning."""
+        """Clear all results before a recording restarts, and send the page its new place."""
         self.finished, self.playing = False, place
         self.log.clear()
         for monitor in self.monitors:

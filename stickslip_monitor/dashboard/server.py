@@ -69,7 +69,7 @@ class Reader:
         self.closed = False
 
     def put(self, key: str, event: bytes) -> None:
-        """Let an event wait, in place of an older one of its kind."""
+        """Queue an event for this reader; it replaces a waiting one with the same key."""
         self._waiting.pop(key, None)
         self._waiting[key] = event
         self._something.set()
@@ -80,7 +80,7 @@ class Reader:
         self._something.set()
 
     async def take(self) -> bytes:
-        """Return all waiting events, as soon as there is something."""
+        """Wait for an event, and return all waiting ones as one piece of the stream."""
         await self._something.wait()
         self._something.clear()
         events, self._waiting = self._waiting, {}
@@ -116,7 +116,13 @@ class Hub:
             reader.close()
 
     def send(self, kind: str, document: dict[str, Any], key: str = '') -> None:
-        """Give an event to every reader; the key is that among others of its kind."""
+        """Queue an event for every reader.
+
+        Args:
+            kind: Name of the event.
+            document: Its content.
+            key: Tells it from others of its kind; a later one with the same key replaces it.
+        """
         event = event_of(kind, document)
         for reader in self.readers:
             reader.put(f'{kind} {key}', event)
@@ -198,7 +204,7 @@ class Server:
         return listening
 
     async def close(self) -> None:
-        """Listen no more, and end all streams."""
+        """Stop listening, and end all streams."""
         if self._listening is not None:
             self._listening.close()
         await self._runner.cleanup()
@@ -220,7 +226,7 @@ class Server:
             await self.close()
 
     async def _log_in(self, request: web.Request) -> web.Response:
-        """Begin a session for whoever sends the token."""
+        """Answer a token that is right with the cookie of a new session."""
         try:
             form = await asyncio.wait_for(request.post(), SLOWEST_REQUEST)
         except asyncio.TimeoutError:
@@ -335,7 +341,7 @@ def _parse_course(document: Any) -> tuple[bool | None, float | None]:
     """Return whether a replay is to stand still, and where it is to go [s]; ``None`` for as it is.
 
     Raises:
-        ConfigurationError: The request is none.
+        ConfigurationError: The request is not one for a replay.
     """
     if not isinstance(document, dict):
         raise ConfigurationError('a request must be a JSON object')

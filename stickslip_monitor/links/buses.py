@@ -164,6 +164,7 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
 
 
 def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
+    """Raise ``ConfigurationError`` for the first name that is not a parameter, with the nearest one."""
     names = [p.name for p in LINK_PARAMETERS]
     names += [f'{b}.{q}.{p.name}' for b in bearings for q in BUS_INPUTS for p in INPUT_PARAMETERS]
     for key, value in values.items():
@@ -173,6 +174,7 @@ def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
 
 
 def _split_url(name: str, value: str, example: str, schemes: Iterable[str]) -> SplitResult:
+    """Split an address of one of some schemes; raise ``ConfigurationError`` with an example otherwise."""
     try:
         url = urlsplit(value)
         fits = url.scheme in schemes and url.port != 0
@@ -183,6 +185,10 @@ def _split_url(name: str, value: str, example: str, schemes: Iterable[str]) -> S
 
 
 def _build_signalk(settings: Mapping[str, Any], used: bool) -> SignalKLink | None:
+    """Build the Signal K link from checked parameters; ``None`` where it has no address and none is needed.
+
+    ``used`` says whether inputs come from it.
+    """
     link, example = filled(SignalKLink, 'signalk.', settings), 'http://127.0.0.1:3000'
     if not link.url:
         require_rule(not (used or link.prefix), 'signalk.url', '', 'given: Signal K is used')
@@ -201,6 +207,7 @@ def _build_signalk(settings: Mapping[str, Any], used: bool) -> SignalKLink | Non
 
 
 def _build_nmea(settings: Mapping[str, Any], used: bool) -> NmeaLink | None:
+    """Build the NMEA link from checked parameters; ``None`` without a port. ``used``: inputs come from it."""
     link = filled(NmeaLink, 'nmea.', settings)
     for fits, name, rule in (
         (link.listen or not used, 'listen', 'given: inputs come from it'),
@@ -237,6 +244,7 @@ def check_port(name: str, value: str) -> SplitResult:
 
 
 def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mapping[str, Any]) -> BusInput:
+    """Build one input from the values under its name; raise ``ConfigurationError`` if one breaks a rule."""
     settings = {p.name: p.checked(f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
     load = place is Input.LOAD
     assumed = load and bearing.load.is_assumed
@@ -274,7 +282,7 @@ def _check_unit(source: InputConfig, name: str, unit: str, who: str) -> None:
 
 
 UNHEARD = 5.0
-"""An input without a value for so long is asked after [s]."""
+"""Silence of an input, or of the echo of an alarm, after which it is reported [s]."""
 
 
 class BusInputs:
@@ -299,21 +307,21 @@ class BusInputs:
         self.log, self._told = log, set[BusInput]()
         self._heard: dict[BusInput, float] = {}
 
-    def wait(self, now: float) -> None:
-        """Wait for all inputs from now on [s]."""
+    def start_waiting(self, now: float) -> None:
+        """Count the silence of every input from now on [s]."""
         self._heard = {items[0]: now for items, _ in self.groups}
 
-    def brought(self, item: BusInput, now: float) -> None:
-        """Note that an input has a value; log it where the input was reported as silent."""
+    def note_received(self, item: BusInput, now: float) -> None:
+        """Note the time of a value [s]; log that values are back where the input was reported as silent."""
         self._heard[item] = now
         if item in self._told:
             self._told.discard(item)
             self.log(f'{item.label}: values again')
 
-    def silent(self, now: float) -> list[BusInput]:
-        """Return the inputs that have become silent, each once."""
+    def take_silent(self, now: float) -> list[BusInput]:
+        """Return the inputs that have become silent, each once until it has values again."""
         if not self._heard:
-            self.wait(now)
+            self.start_waiting(now)
         new = [
             item
             for item, at in self._heard.items()
@@ -324,11 +332,11 @@ class BusInputs:
 
 
 TICK = 0.1
-"""Time between two looks at the inputs [s]."""
+"""Period in which inputs are checked for silence [s]."""
 BEHIND_NS = 500_000_000
-"""The passing of time is passed on so late that a sample delivered late is not overtaken."""
+"""Delay of the time that is passed on [ns]: a sample delivered later than that is overtaken."""
 HELD_UP_NS = 3 * 10**8
-"""So long [ns] after the last look we were held up, or slept: no input is to blame."""
+"""Time between two ticks from which this process was stalled, and no input is to blame [ns]."""
 _SHOWN_EVERY_NS = 10**9
 
 
@@ -344,8 +352,8 @@ class MonitorSide:
     report_link: Callable[[str, bool | None, str], None]
     log: Log  # where faults are logged
 
-    def ask(self, request: ActionRequest) -> None:
-        """Pass on a request that came over a bus; log a refusal."""
+    def pass_request(self, request: ActionRequest) -> None:
+        """Let the monitor carry out a request that came over a bus; log a refusal as an error."""
         try:
             self.act(request)
         except StickslipError as error:
@@ -379,7 +387,10 @@ class LiveMonitor:
         return self._session.damage
 
     def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
-        """Take one number of one input, which comes now, with its sender's stamp if it has one."""
+        """Take a number that arrives now, by its sender's stamp [ns] if it has one.
+
+        With each speed the load that is assumed there is taken, too.
+        """
         now = self._read_moment()
         time_ns = now.time_ns if stamp_ns is None else stamp_ns
         self._session.take(bearing, place, time_ns, value, now)
@@ -396,7 +407,7 @@ class LiveMonitor:
         self._advance_bearings(self._now(), 0)
 
     def tick(self) -> None:
-        """Let time pass."""
+        """Advance all bearings; once a second publish their state; then publish what has changed."""
         now = self._read_moment()
         self._ticked_ns = now.steady_ns
         self._advance_bearings(now, BEHIND_NS)
@@ -421,7 +432,7 @@ class LiveMonitor:
             self._session.advance(name, now.time_ns - behind_ns, now)
 
     async def run(self) -> None:
-        """Let time pass from now on until cancelled."""
+        """Publish the list of alarms, then tick every :data:`TICK` until cancelled."""
         self.begin()
         while True:
             self.tick()

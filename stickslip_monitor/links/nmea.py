@@ -28,7 +28,7 @@ LONGEST = 82
 """Characters of a sentence, from ``$`` to the end of its line."""
 # Of a maker's own, such as $PFEC, the rest of the name stands for the formatter.
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{2,}),([^*$!]*)\*([0-9A-Fa-f]{2})')
-_LONGEST_KEPT = 1024
+_MAX_REST = 1024  # characters kept of a beginning: an IEC 61162-450 header, tag block and sentence fit
 _UNREADABLE = 'unreadable (another baud rate?)'
 _NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)', re.ASCII)
 _UNFIT = re.compile(r'[^A-Z0-9 .+\-%]')
@@ -65,6 +65,7 @@ def sentence(body: str) -> str:
 
 
 def _xor_checksum(body: str) -> int:
+    """Return the exclusive or of all characters between ``$`` and ``*``."""
     return reduce(xor, map(ord, body), 0)
 
 
@@ -95,7 +96,10 @@ class SentenceStream:
         self._rest = ''
 
     def take(self, data: bytes) -> list[str]:
-        """Return the sentences with a good checksum that some bytes complete."""
+        """Return the sentences with a good checksum that some bytes complete.
+
+        A beginning is kept for the next call, and what is unreadable is counted.
+        """
         text = self._rest + data.decode('ascii', 'replace')
         pieces = [piece for piece in re.split('(?=[$!])', text) if piece.startswith(('$', '!'))]
         sentences, self._rest = [], ''
@@ -106,7 +110,7 @@ class SentenceStream:
                 sentences += [match[0]] if good else []
                 self.unused['bad checksum'] += not good
             elif number == len(pieces) - 1 and not re.search('[\r\n]', piece):
-                self._rest = piece[-_LONGEST_KEPT:]
+                self._rest = piece[-_MAX_REST:]
             else:
                 named = re.match('[$!][A-Z0-9]{4,},', piece)
                 self.unused['no checksum' if named else _UNREADABLE] += 1
@@ -115,8 +119,11 @@ class SentenceStream:
         return sentences
 
 
-def numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
-    """Return the numbers of a sentence of the right kind; NaN where it is marked as invalid."""
+def read_numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
+    """Return the numbers for an input in the fields of a sentence; none where it is of another source.
+
+    A number that is marked as invalid, or cannot be read, is NaN.
+    """
     if item.sentence == 'XDR':
         unit = [item.kind, 'N', item.name]
         return [_parse_number(q[1]) for q in _split_transducers(fields) if [q[0], q[2], q[3]] == unit]
@@ -128,8 +135,8 @@ def numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
     return [_parse_number(fields[2]) if valid else math.nan]
 
 
-def passed_over(item: BusInput, formatter: str, fields: Sequence[str]) -> str:
-    """Describe what a sentence of an input's formatter brings in its place; '' for other formatters."""
+def describe_unused(item: BusInput, formatter: str, fields: Sequence[str]) -> str:
+    """Describe the content of a sentence that brings an input nothing; '' if it is of another formatter."""
     if formatter != item.sentence:
         return ''
     if formatter == 'RPM':
@@ -145,6 +152,7 @@ def _split_transducers(fields: Sequence[str]) -> list[Sequence[str]]:
 
 
 def _parse_number(text: str) -> float:
+    """Parse a decimal number; NaN for anything else."""
     return float(text) if _NUMBER.fullmatch(text.strip()) else math.nan
 
 
@@ -156,37 +164,40 @@ class NmeaInputs(BusInputs):
         self._others: dict[BusInput, Counter[str]] = {items[0]: Counter() for items, _ in self.groups}
 
     def take(self, text: str, now: float) -> Iterator[tuple[str, Input, float]]:
-        """Yield bearing, input and number of every input that a sentence brings."""
+        """Yield bearing, input and number (NaN if invalid) for each input that an admitted talker brings.
+
+        What a sentence brings in place of an input is counted, for :meth:`log_silent`.
+        """
         parsed = parse(text)
         if parsed is None:
             return
         talker, formatter, fields = parsed
         for items, admission in self.groups:
             first = items[0]
-            values = numbers(first, fields) if first.sentence == formatter else []
+            values = read_numbers(first, fields) if first.sentence == formatter else []
             if not values:
-                self._others[first][passed_over(first, formatter, fields)] += 1
+                self._others[first][describe_unused(first, formatter, fields)] += 1
             elif admission.admits(talker, now, valid=not all(map(math.isnan, values))):
                 for value in values:
                     self._note_value(first, value, now)
                     yield from ((item.bearing, item.place, value) for item in items)
 
     def _note_value(self, item: BusInput, value: float, now: float) -> None:
-        """Count a NaN among what came in the input's place; else forget that count."""
+        """Note that an input has a value, and reset its counts; count a NaN as invalid instead."""
         if math.isnan(value):
             self._others[item]['invalid by its talker'] += 1
         else:
-            self.brought(item, now)
+            self.note_received(item, now)
             self._others[item].clear()
 
-    def look(self, now: float, unused: Mapping[str, int]) -> None:
-        """Log once for each silent input what was received in its place.
+    def log_silent(self, now: float, unused: Mapping[str, int]) -> None:
+        """Log, once for each input that has become silent, what was received in its place.
 
         Args:
             now: Of a steady clock [s].
             unused: What the port could not use, by reason.
         """
-        for item in self.silent(now):
+        for item in self.take_silent(now):
             counts = Counter({text: n for text, n in self._others[item].items() if text}) + Counter(unused)
             named = ', '.join(f'{count} x {text}' for text, count in counts.most_common(4))
             if other_count := self._others[item]['']:
@@ -236,7 +247,7 @@ class Alerts:
         self._sequence = self._list_sequence = self._beat_sequence = 0
 
     def take_alarms(self, record: dict[str, Any]) -> list[str]:
-        """Return ALF sentences for the changes in a list of alarms."""
+        """Return ALF sentences for the alarms that differ from the last call, and note their states."""
         times = {(c['bearing'], c['alarm']): c['time'] for c in record['changes']}
         lines = []
         for alarm in record['alarms']:
@@ -251,14 +262,14 @@ class Alerts:
             lines += self._alf_sentences(alert, with_text=raised)
         return lines
 
-    def current(self) -> list[str]:
-        """Return ALF sentences for every alert that is not normal."""
+    def standing_sentences(self) -> list[str]:
+        """Return ALF sentences, with text, for every alert that is not normal."""
         return [
             line for alert in self._standing_alerts() for line in self._alf_sentences(alert, with_text=True)
         ]
 
-    def listing(self) -> list[str]:
-        """Return the cyclic list: ALC sentences of the alerts that are not normal."""
+    def make_list(self) -> list[str]:
+        """Return the ALC sentences of the next cyclic list of alerts that are not normal."""
         entries = [f',{self._alert_id(alert)},{alert.revision}' for alert in self._standing_alerts()]
         # Four entries of the longest kind would not fit into one sentence.
         groups = [entries[i : i + 3] for i in range(0, len(entries), 3)] or [[]]
@@ -269,14 +280,17 @@ class Alerts:
             for i, group in enumerate(groups, 1)
         ]
 
-    def heartbeat(self, period: float, is_present: bool) -> str:
-        """Return the HBT sentence: time to the next one [s], and whether the monitor is there."""
+    def make_heartbeat(self, period: float, is_present: bool) -> str:
+        """Return the next HBT sentence: time to the one after it [s], and if the monitor is there."""
         line = self._make_sentence(f'HBT,{period:.1f},{"A" if is_present else "V"},{self._beat_sequence}')
         self._beat_sequence = (self._beat_sequence + 1) % 10
         return line
 
     def handle_acn(self, line: str, now_ns: int) -> tuple[list[str], ActionRequest | None]:
-        """Return the answers to an ACN sentence for us, and the request that it makes."""
+        """Return the answers to an ACN sentence, and the request that it makes (``None`` for none).
+
+        Neither is given for other sentences, and for an ACN to another device.
+        """
         parsed = parse(line)
         if parsed is None or parsed[1] != 'ACN' or len(parsed[2]) != 6:
             return [], None
@@ -286,7 +300,7 @@ class Alerts:
         if key is None or flag != 'C' or manufacturer != self._manufacturer:
             return [], None
         if command == 'Q':
-            return self.current(), None
+            return self.standing_sentences(), None
         (bearing, kind), alert = key, self._alerts[key]
         action, states = _COMMANDS.get(command, (None, ''))
         # A caution is not acknowledged over this link (IEC 62923-1).
@@ -296,9 +310,11 @@ class Alerts:
         return [], ActionRequest(action, BY, bearing, AlarmKind(kind))
 
     def _standing_alerts(self) -> list[_Alert]:
+        """Return the alerts that are not normal."""
         return [alert for alert in self._alerts.values() if alert.letter != 'N']
 
     def _alert_id(self, alert: _Alert) -> str:
+        """Return manufacturer, identifier and instance as fields of a sentence."""
         return f'{self._manufacturer},{alert.identifier},{alert.instance}'
 
     def _alf_sentences(self, alert: _Alert, with_text: bool) -> list[str]:
@@ -315,6 +331,7 @@ class Alerts:
         return lines
 
     def _make_sentence(self, body: str) -> str:
+        """Return a whole sentence from our talker."""
         return sentence(self._talker + body)
 
 
@@ -326,7 +343,7 @@ def _order_text(text: str) -> str:
 
 
 def short_names(bearings: Sequence[str]) -> list[str]:
-    """Shorten the names of bearings for titles: whole words that fit, numbered where two are alike."""
+    """Shorten the names of bearings to ``_NAME`` characters: whole words, numbered where two are alike."""
     short = [_truncate_words(clean(name), _NAME) for name in bearings]
     return [
         name if short.count(name) == 1 else f'{name[: _NAME - len(str(number)) - 1]} {number}'
@@ -335,7 +352,7 @@ def short_names(bearings: Sequence[str]) -> list[str]:
 
 
 def _truncate_words(text: str, room: int) -> str:
-    """Return as many whole words as fit, or the beginning of a first word that is too long."""
+    """Return the whole words of a text that fit into ``room`` characters, or the start of a longer word."""
     if len(text) <= room:
         return text
     return text[: text.rfind(' ', 0, room + 1)].rstrip(' .') if ' ' in text[: room + 1] else text[:room]
@@ -347,7 +364,7 @@ def clean(text: str) -> str:
 
 
 def _state_letter(alarm: dict[str, Any], priority: str) -> str:
-    # One matter, one alert: what a worse alarm stands for is not given beside it.
+    """Return the letter of the state that the displays are given; 'N' where a worse alarm covers it."""
     letter = 'N' if alarm.get('covered') else _LETTERS.get(alarm['state'], 'N')
     if priority == 'C':
         return {'V': 'A', 'U': 'N'}.get(letter, letter)
@@ -355,4 +372,5 @@ def _state_letter(alarm: dict[str, Any], priority: str) -> str:
 
 
 def _format_utc(time_ns: int) -> str:
+    """Format a time [ns since 1970] as hhmmss.ss."""
     return f'{datetime.fromtimestamp(time_ns / 1e9, timezone.utc):%H%M%S.%f}'[:9]

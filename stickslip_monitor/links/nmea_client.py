@@ -26,11 +26,11 @@ from stickslip_monitor.links.nmea import Alerts, NmeaInputs, SentenceStream
 from stickslip_monitor.monitor.session import Sink
 
 SILENT = 30.0
-"""A port that should bring lines and has brought none for so long is opened again [s]."""
+"""Silence after which a port with inputs is reopened [s]: a vanished serial line reports nothing."""
 AGAIN = 1.0
 """Time between two attempts to open a port [s]."""
-_NO_ANSWER = 5.0
-_MOST_AT_ONCE = 1 << 16
+_CONNECT_TIMEOUT = 5.0  # of a TCP connection [s]; on a ship's network one takes milliseconds
+_MAX_READ_BYTES = 1 << 16  # of one read: no datagram is larger
 OnLine = Callable[[str], None]
 OnLink = Callable[[bool | None, str], None]
 """Given whether a port works (None: nobody can know), and if not, why."""
@@ -41,12 +41,13 @@ class Port:
 
     Args:
         name: The parameter that has the address.
-        on_link: Called when the port begins or ceases to work.
-        listens: Whether datagrams come in; they go one way only.
-        silent: After so long without a line it is opened again; infinite where none need come [s].
+        on_line: Called with each whole sentence received.
+        on_link: Called with the state of the port when it fails and with each receipt.
+        listens: Whether datagrams are received; a UDP port either receives or sends.
+        silent: Time without data after which the port is reopened; infinite where none need come [s].
 
     Raises:
-        ConfigurationError: The address is none.
+        ConfigurationError: The address is not that of a port.
     """
 
     def __init__(
@@ -68,10 +69,10 @@ class Port:
         return self.url.scheme == 'udp' and not self._listens
 
     async def start(self) -> None:
-        """Open it for the first time.
+        """Open the port for the first time; leave a TCP server that does not answer yet to :meth:`run`.
 
         Raises:
-            LinkError: It cannot be opened, in a way that waiting does not mend.
+            LinkError: It cannot be opened, and waiting does not mend it.
         """
         try:
             await self._open_port()
@@ -82,7 +83,7 @@ class Port:
             self._set_fault(cause(error))
 
     async def run(self) -> None:
-        """Keep it open until cancelled."""
+        """Report each failure and reopen the port, until cancelled; then close it."""
         try:
             while True:
                 self._on_link(False, await self._wait_for_end())
@@ -116,6 +117,7 @@ class Port:
                 self._set_fault('the other end takes nothing')
 
     def _close_port(self) -> None:
+        """Close the port, if it is open, and read it no more."""
         if self._descriptor is not None:
             self._loop.remove_reader(self._descriptor)
             os.close(self._descriptor)
@@ -173,13 +175,13 @@ class Port:
                 return sock.detach()
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             try:
-                await asyncio.wait_for(self._loop.sock_connect(sock, address), _NO_ANSWER)
+                await asyncio.wait_for(self._loop.sock_connect(sock, address), _CONNECT_TIMEOUT)
             except asyncio.TimeoutError as error:
-                raise OSError(f'no answer for {_NO_ANSWER:g} s') from error
+                raise OSError(f'no answer for {_CONNECT_TIMEOUT:g} s') from error
             return sock.detach()
 
     async def _wait_for_end(self) -> str:
-        """Wait until the port is at its end; return why."""
+        """Wait until the port fails or is silent for too long; return the reason."""
         self._heard_at = self._loop.time()
         while (left := self._heard_at + self._silent - self._loop.time()) > 0.0:
             done, _ = await asyncio.wait({self._fault}, timeout=None if left == math.inf else left)
@@ -188,13 +190,14 @@ class Port:
         return f'no data for {self._silent:g} s'
 
     def _set_fault(self, why: str) -> None:
+        """Make :meth:`run` close and reopen the port; only the first reason counts."""
         if not self._fault.done():
             self._fault.set_result(why)
 
     def _read_bytes(self, descriptor: int) -> None:
-        """Read available bytes and pass on the whole sentences."""
+        """Read available bytes and pass on the whole sentences; an error or the end is set as the fault."""
         try:
-            data = os.read(descriptor, _MOST_AT_ONCE)
+            data = os.read(descriptor, _MAX_READ_BYTES)
         except BlockingIOError:
             return
         except OSError as error:
@@ -259,11 +262,11 @@ class NmeaClient(Sink):
         self._there: bool | None = None  # as the last heartbeat said
         self._down: dict[str, bool] = {}  # whether a link was down when it was reported last
 
-    async def start(self) -> None:
-        """Open the ports.
+    async def open_ports(self) -> None:
+        """Create the ports for input and alerts and open them; a TCP server may also come later.
 
         Raises:
-            LinkError: One cannot be opened.
+            LinkError: One cannot be opened, and waiting does not mend it.
         """
         link = self._link
         if link.listen:
@@ -296,21 +299,21 @@ class NmeaClient(Sink):
         await asyncio.gather(*(port.run() for port in self._ports))
 
     def take_alarms(self, record: dict[str, Any]) -> None:
-        """Send what has changed at once."""
+        """Send the ALF sentences of the alarms that changed."""
         self._send_lines(self._alerts.take_alarms(record))
 
     def tick(self, is_present: bool) -> None:
-        """Let time pass: the list and the heartbeat are sent when they are due."""
+        """Log silent inputs; send the list and the heartbeat when they are due."""
         now = time.monotonic()
         if self._has_inputs:
-            self._inputs.look(now, self._ports[0].stream.unused)
+            self._inputs.log_silent(now, self._ports[0].stream.unused)
         if now - self._listed >= self._link.list_period:
             self._listed = now
-            self._send_lines(self._alerts.listing())
+            self._send_lines(self._alerts.make_list())
         self._begun = min(self._begun, now)
         if self._is_beat_due(now, is_present):
             self._beaten, self._there = now, is_present
-            self._send_lines([self._alerts.heartbeat(self._link.heartbeat, is_present)])
+            self._send_lines([self._alerts.make_heartbeat(self._link.heartbeat, is_present)])
 
     def _is_beat_due(self, now: float, is_present: bool) -> bool:
         """Return whether a heartbeat is due: periodically, and as soon as what it says has changed.
@@ -322,18 +325,20 @@ class NmeaClient(Sink):
         return is_present is not self._there or now - self._beaten >= self._link.heartbeat
 
     async def finish(self) -> None:
-        """Send the last heartbeat, which says that the monitor is gone."""
-        self._send_lines([self._alerts.heartbeat(self._link.heartbeat, False)])
+        """Send a last heartbeat, which says that the monitor is gone; the ports stay open."""
+        self._send_lines([self._alerts.make_heartbeat(self._link.heartbeat, False)])
         await asyncio.sleep(0)
 
     def _send_lines(self, lines: list[str]) -> None:
+        """Send lines to the port of the alerts, if there is one."""
         if self._out is not None:
             self._out.send(lines)
 
     def _on_line(self, line: str) -> None:
+        """Pass the samples of a sentence to the monitor; answer an ACN and pass on its request."""
         for sample in self._inputs.take(line, time.monotonic()):
             self._side.take(*sample)
         answers, request = self._alerts.handle_acn(line, time.time_ns())
         self._send_lines(answers)
         if request is not None:
-            self._side.ask(request)
+            self._side.pass_request(request)

@@ -63,7 +63,10 @@ def _parse_stamp(stamp: object) -> float:
 
 
 def _own_values(frame: object, vessel: str, kind: str = 'values') -> Iterator[tuple[Update, str, str, Any]]:
-    """Yield update, source, path and value of each value, or meta datum, of the own vessel in a delta."""
+    """Yield update, source, path and value of each value of the own vessel in a delta.
+
+    ``kind`` is the list that is read: ``values`` or ``meta``.
+    """
     # Some servers greet without the word vessels.
     ours = vessel, f'vessels.{vessel}', 'vessels.self'
     if isinstance(frame, dict) and frame.get('context', vessel) in ours:
@@ -89,14 +92,20 @@ class SignalKInputs(BusInputs):
         self._ratios: dict[str, float] = {}  # to Signal K's own unit; NaN where nothing converts to it
 
     def greet(self, hello: Mapping[str, Any], now: float) -> None:
-        """Begin a connection: the first value of each source may be old."""
+        """Begin a connection by the server's greeting: note vessel and clock, and wait for all inputs anew.
+
+        The first value of each source may be old from then on.
+        """
         self._own = hello['self']
         self._server_ahead = _parse_stamp(hello.get('timestamp')) - now
         self._begun: set[tuple[str, str]] = set()
-        self.wait(now)
+        self.start_waiting(now)
 
     def subscription(self, extra: Iterable[str] = ()) -> dict[str, Any]:
-        """Return the frame that asks for our paths. No period: it would count per path, not source."""
+        """Return the frame that subscribes to the paths of the inputs and ``extra``.
+
+        It gives no period, which would count per path and not per source.
+        """
         paths = dict.fromkeys([*(items[0].path for items, _ in self.groups), *extra])
         return {'context': 'vessels.self', 'subscribe': [{'path': path} for path in paths]}
 
@@ -115,12 +124,12 @@ class SignalKInputs(BusInputs):
             stamp_ns = round(stamp * 1e9) if stamp == stamp else None
             number = _read_number(value) * self._ratios.get(path, 1.0)
             for items, admission in groups:
-                self.brought(items[0], now)
+                self.note_received(items[0], now)
                 for item in items if admission.admits(source, now, valid=number == number) else ():
                     yield item.bearing, item.place, number, stamp_ns
 
     def _take_units(self, frame: object) -> None:
-        """Find how to convert the paths whose meta data say another unit, and log it."""
+        """Note how to convert the paths whose meta data give another unit; log each change of unit."""
         inputs = {items[0].path: items[0] for items, _ in self.groups}
         for _, _, path, meta in _own_values(frame, self._own, 'meta'):
             unit = meta.get('units') if isinstance(meta, dict) else None
@@ -138,7 +147,14 @@ class SignalKInputs(BusInputs):
             self._units[path] = unit
 
     def _is_fresh(self, key: tuple[str, str], stamp: float, timeout: float, now: float) -> bool:
-        """Return whether a value is of this connection, not one that the server had kept from before."""
+        """Return whether a value is current: the first of a source is not if older than the timeout.
+
+        Args:
+            key: Path and source of the value, which is noted as having sent.
+            stamp: Its time stamp [s since 1970]; NaN counts as current.
+            timeout: Of the input [s].
+            now: Of the steady clock [s].
+        """
         if key in self._begun:
             return True
         self._begun.add(key)
@@ -147,6 +163,7 @@ class SignalKInputs(BusInputs):
 
 
 def _read_number(value: object) -> float:
+    """Convert a JSON value to a float; NaN where it is not a number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return math.nan
     try:
@@ -178,8 +195,8 @@ class SignalKValues:
     def _path_of(self, bearing: str, name: str) -> str:
         return f'{self._prefix}.{camel(bearing)}.{name}'
 
-    def values(self, bearing: str, record: Mapping[str, Any] | None) -> Update:
-        """Return the values of a bearing; null where its inputs are lost, or without a record."""
+    def make_update(self, bearing: str, record: Mapping[str, Any] | None) -> Update:
+        """Return the update with a bearing's values; null without a record and while inputs are lost."""
         valid = record if record is not None and record['reason'] != 'input_stale' else {}
         none = WITHOUT_CYCLE if valid.get(REGIME) else {}
         numbers = {name: valid.get(VALUES[name][0]) for name in self._value_names(bearing)}
@@ -188,8 +205,11 @@ class SignalKValues:
         values = [{'path': self._path_of(bearing, name), 'value': n} for name, n in numbers.items()]
         return {'$source': SOURCE, 'values': values}
 
-    def meta(self, bearing: str) -> Update:
-        """Return unit and description of the values. No zones: by these the server raises its own alarms."""
+    def make_meta(self, bearing: str) -> Update:
+        """Return the update with unit and description of the values of a bearing.
+
+        It has no zones, by which the server would raise alarms of its own.
+        """
         meta = []
         for name in self._value_names(bearing):
             _, unit, text = VALUES[name]
@@ -256,7 +276,7 @@ class Notifications:
         self._monitor = begun(MONITOR)
 
     def take_alarms(self, record: Mapping[str, Any]) -> list[Update]:
-        """Return the updates by which a list of alarms differs from what was sent."""
+        """Return the updates for the alarms that differ from what was sent, and note them as sent."""
         return [
             update
             for alarm in record['alarms']
@@ -264,8 +284,8 @@ class Notifications:
             for update in self._update_notification(notification, alarm)
         ]
 
-    def take_monitor(self, text: str) -> list[Update]:
-        """Return the update on the monitor itself, where its fault has changed; an empty text is none."""
+    def set_monitor_fault(self, text: str) -> list[Update]:
+        """Return the update on the monitor itself, none if its fault is unchanged; no text: no fault."""
         state = {'state': 'warn', 'method': ['visual']} if text else {}
         value = {**NORMAL, **state, 'message': text, 'data': {'occurrence': self._monitor.token}}
         if value == self._monitor.value:
@@ -273,12 +293,15 @@ class Notifications:
         self._monitor.value = value
         return [self._monitor.update()]
 
-    def all(self) -> list[Update]:
-        """Return all notifications as they stand, for a server that may have forgotten them."""
+    def all_updates(self) -> list[Update]:
+        """Return updates with the latest value of every notification, for a server that forgets."""
         return [alarm.update() for alarm in (*self._alarms.values(), self._monitor)]
 
     def _update_notification(self, alarm: _Alarm, record: Mapping[str, Any]) -> list[Update]:
-        """Return the updates that bring a notification up to the record of its alarm."""
+        """Return the updates that bring a notification up to the record of its alarm; note them as sent.
+
+        An alarm that is raised anew becomes a new occurrence, with its own token.
+        """
         lifecycle = record['state']
         before = alarm.value['data'].get('lifecycle')
         again = lifecycle == AlarmState.UNACKNOWLEDGED.value != before
@@ -295,14 +318,19 @@ class Notifications:
         cleared = [alarm.update(NORMAL)] if again and before in _KNOWN else []
         return [*cleared, alarm.update()]
 
-    def accepts(self, frame: object, own_vessel: str) -> bool:
-        """Return whether a frame brings back what this run has sent: the proof that we may write."""
+    def is_echoed(self, frame: object, own_vessel: str) -> bool:
+        """Return whether a frame brings back a notification of this run, which proves that we may write."""
         return any(
             _occurrence_of(value).startswith(f'{self._run}-') for *_, value in _own_values(frame, own_vessel)
         )
 
     def take_echo(self, frame: object, own_vessel: str) -> tuple[list[Update], list[ActionRequest]]:
-        """Take notifications from the server; return the updates to send, and the requests of people."""
+        """Compare notifications from the server with what was sent, and note what people did there.
+
+        Returns:
+            The updates to send: a restart of an acknowledgement that the server kept, and the end of
+            notifications that another run left. The requests of people: acknowledge or silence.
+        """
         updates, requests = list[Update](), list[ActionRequest]()
         for _, source, path, value in _own_values(frame, own_vessel):
             alarm = self._alarms.get(path)
@@ -316,7 +344,11 @@ class Notifications:
         return updates, requests
 
     def _take_first_echo(self, alarm: _Alarm, value: Mapping[str, Any]) -> list[Update]:
-        """Take the first echo of an occurrence as the state from which people start."""
+        """Note the flags of the first echo of an occurrence, with which later ones are compared.
+
+        Returns:
+            Updates that send it from a fresh source where the server kept an old acknowledgement; else none.
+        """
         if alarm.base is not None:
             return []
         born = _acknowledged_silenced(value)
@@ -330,7 +362,7 @@ class Notifications:
         return [old, alarm.update()]
 
     def _requests_of_echo(self, alarm: _Alarm, value: Mapping[str, Any]) -> list[ActionRequest]:
-        """Return the requests that an echo shows: acknowledged, or silenced, since the echo before."""
+        """Return the request, none or one, by which an echo differs from the one before; note its flags."""
         if alarm.base is None:
             return []
         before, alarm.base = alarm.base, _acknowledged_silenced(value)
@@ -349,7 +381,7 @@ class Notifications:
 
 
 def _notification_value(record: Mapping[str, Any], token: str) -> dict[str, Any]:
-    """Return the value of the notification of an alarm."""
+    """Return the notification's value for the record of an alarm; normal while a worse alarm covers it."""
     lifecycle, kind = record['state'], AlarmKind(record['alarm'])
     # One matter, one notification: what a worse alarm stands for is not given beside it.
     shown = not record.get('covered')
@@ -380,16 +412,18 @@ def _is_waiting(alarm: _Alarm) -> bool:
 
 
 def _occurrence_of(value: object) -> str:
+    """Return the token of the occurrence in a notification; '' without one."""
     data = value.get('data') if isinstance(value, dict) else None
     return str(data.get('occurrence', '')) if isinstance(data, dict) else ''
 
 
 def _acknowledged_silenced(value: Mapping[str, Any]) -> tuple[bool, bool]:
+    """Return whether the server has a notification acknowledged, and silenced."""
     status = value.get('status')
     flags = status if isinstance(status, dict) else {}
     return flags.get('acknowledged') is True, flags.get('silenced') is True
 
 
 def _is_leftover(source: str, value: Mapping[str, Any]) -> bool:
-    """Return whether another run, or source, of ours has left a notification behind."""
+    """Return whether a notification that is not normal was sent by another run of this program."""
     return source.startswith(SOURCE) and value.get('state') != 'normal'

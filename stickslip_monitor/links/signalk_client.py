@@ -90,14 +90,14 @@ class SignalKClient(Sink):
         self._known_once = False
         self._repeated = self._sent_values = 0.0
         self._waiting_since: float | None = None
-        self._looks: set[asyncio.Task[None]] = set()
+        self._silence_tasks: set[asyncio.Task[None]] = set()
         self._session: aiohttp.ClientSession | None = None
 
-    async def start(self) -> None:
-        """Do nothing: there is nothing to be opened beforehand."""
+    async def open_ports(self) -> None:
+        """Do nothing: :meth:`run` connects."""
 
     async def run(self) -> None:
-        """Stay connected until cancelled.
+        """Connect, and reconnect after each loss with growing waits, until cancelled.
 
         Raises:
             LinkError: The first server that answers cannot be used as configured.
@@ -121,13 +121,14 @@ class SignalKClient(Sink):
                 wait = min(2.0 * wait, BACK_OFF[1])
 
     def _report_lost(self, reason: str) -> None:
+        """Report both links as lost, and expect no echo."""
         self._socket, self._waiting_since = None, None
         self._side.report_link(IN, False, reason)
         if self._link.prefix:
             self._side.report_link(OUT, False, reason)
 
     async def _use_connection(self, session: aiohttp.ClientSession) -> str:
-        """Use one connection to its end; return why it ended."""
+        """Connect, subscribe, and exchange frames until the connection ends; return the reason."""
         async with await self._open_stream(session) as socket:
             hello = await self._receive_hello(socket)
             now = time.monotonic()
@@ -137,8 +138,8 @@ class SignalKClient(Sink):
             await socket.send_str(json.dumps(self._inputs.subscription(extra)))
             self._socket = socket
             self._side.report_link(IN, True, '')
-            self._send_all_anew(now)
-            sender = asyncio.create_task(self._send_all(socket))
+            self._queue_all(now)
+            sender = asyncio.create_task(self._send_outbox(socket))
             try:
                 async for message in socket:
                     if message.type is aiohttp.WSMsgType.TEXT:
@@ -181,6 +182,7 @@ class SignalKClient(Sink):
             raise _Unusable(self._refusal_text(error.status)) from error
 
     def _refusal_text(self, status: int) -> str:
+        """Return the error for the HTTP status with which the server refuses the stream."""
         if status in (401, 403) and not self._headers:
             return f"signalk.url = '{self._link.url}' {_NEEDS_TOKEN} ({status})"
         if status in (401, 403):
@@ -210,26 +212,29 @@ class SignalKClient(Sink):
             )
         return hello
 
-    def _send_all_anew(self, now: float) -> None:
-        """Send all that a server may have forgotten."""
+    def _queue_all(self, now: float) -> None:
+        """Empty the outbox, and queue meta data and all notifications for a new connection."""
         self._outbox.clear()
         if self._link.prefix:
-            self._outbox += [self._values.meta(name) for name in self._side.bearings]
+            self._outbox += [self._values.make_meta(name) for name in self._side.bearings]
             self._repeat_alarms(now)
 
     def _repeat_alarms(self, now: float) -> None:
+        """Queue all notifications, and note the time [s]."""
         self._repeated = now
-        self._queue_updates(self._alarms.all())
+        self._queue_updates(self._alarms.all_updates())
 
     def _queue_updates(self, updates: Sequence[Update]) -> None:
+        """Queue notifications and expect their echo; without a connection they are dropped."""
         if self._socket is None or not updates:
             return
         self._outbox.extend(updates)
         self._waiting_since = self._waiting_since or time.monotonic()
         self._wake.set()
 
-    async def _send_all(self, socket: aiohttp.ClientWebSocketResponse) -> None:
-        # That the connection is lost is noticed by who reads it.
+    async def _send_outbox(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        """Send updates as they come into the outbox, until the connection fails or this is cancelled."""
+        # The reader of the connection reports its loss.
         with suppress(aiohttp.ClientError, OSError):
             while True:
                 while self._outbox:
@@ -238,7 +243,7 @@ class SignalKClient(Sink):
                 await self._wake.wait()
 
     def _on_text(self, text: str) -> None:
-        """Pass on the samples, and the requests, of a frame."""
+        """Pass the samples of a frame to the monitor, and process echoes; ignore what is not JSON."""
         try:
             frame = json.loads(text)
         except (ValueError, RecursionError):
@@ -249,34 +254,39 @@ class SignalKClient(Sink):
             self._on_echo(frame)
 
     def _on_echo(self, frame: object) -> None:
-        if self._alarms.accepts(frame, self._own):
+        """Report the outgoing link as working, send what echoes require, and pass on people's requests."""
+        if self._alarms.is_echoed(frame, self._own):
             self._waiting_since = None
             self._side.report_link(OUT, True, '')
         updates, requests = self._alarms.take_echo(frame, self._own)
         self._queue_updates(updates)
         for request in requests if self._link.accept_actions else ():
-            self._side.ask(request)
+            self._side.pass_request(request)
 
     def take_record(self, record: dict[str, Any]) -> None:
-        """Remember the latest record of a bearing; it is sent once a second."""
+        """Keep the latest record of a bearing; :meth:`tick` sends it once a second."""
         self._records[record['bearing']] = record
 
     def take_alarms(self, record: dict[str, Any]) -> None:
-        """Send what has changed at once."""
+        """Queue the notifications of the alarms that changed."""
         if self._link.prefix:
             self._queue_updates(self._alarms.take_alarms(record))
 
     def tick(self, is_present: bool) -> None:
-        """Let time pass: values, repetitions, and whether the server answers."""
+        """Ask about silent paths; queue values and repeated alarms when due; report a missing echo.
+
+        Args:
+            is_present: Whether the monitor gives data.
+        """
         now = time.monotonic()
         if self._socket is not None:
-            self._look_at_silent(now)
+            self._explain_silent_paths(now)
         if not self._link.prefix or self._socket is None:
             return
-        self._queue_updates(self._alarms.take_monitor('' if is_present else 'No data from the monitor.'))
+        self._queue_updates(self._alarms.set_monitor_fault('' if is_present else 'No data from the monitor.'))
         if is_present and now - self._sent_values >= _VALUES_EVERY:
             self._sent_values = now
-            self._outbox += [self._values.values(n, self._records.get(n)) for n in self._side.bearings]
+            self._outbox += [self._values.make_update(n, self._records.get(n)) for n in self._side.bearings]
             self._wake.set()
         if now - self._repeated >= REPEAT:
             self._repeat_alarms(now)
@@ -285,15 +295,15 @@ class SignalKClient(Sink):
             text = f'no echo from the server for {UNHEARD:g} s'
             self._side.report_link(OUT, False, f'{text}: {why}' if self._headers else text)
 
-    def _look_at_silent(self, now: float) -> None:
-        """Ask the server once about each path that brings nothing."""
-        for item in self._inputs.silent(now):
-            task = asyncio.create_task(self._look_at(item.path))
-            self._looks.add(task)
-            task.add_done_callback(self._looks.discard)
+    def _explain_silent_paths(self, now: float) -> None:
+        """Start a task for each path that has become silent, which logs the reason."""
+        for item in self._inputs.take_silent(now):
+            task = asyncio.create_task(self._log_silence(item.path))
+            self._silence_tasks.add(task)
+            task.add_done_callback(self._silence_tasks.discard)
 
-    async def _look_at(self, path: str) -> None:
-        """Log why a path is silent, by one look at the server's present value of it."""
+    async def _log_silence(self, path: str) -> None:
+        """Ask the server for its present value of a path, and log why the path is silent."""
         assert self._session is not None
         url = f'{self._link.url}/signalk/v1/api/vessels/self/{path.replace(".", "/")}'
         try:
@@ -306,12 +316,12 @@ class SignalKClient(Sink):
         self._side.log.warning(f'Signal K {path}: no value for {UNHEARD:g} s: {why}')
 
     async def finish(self) -> None:
-        """Send the last updates: values are null, the monitor was stopped; alarms stand."""
+        """Send null values and that the monitor was stopped; the alarms stay at the server."""
         socket = self._socket
         if socket is None or not self._link.prefix:
             return
-        updates = [self._values.values(name, None) for name in self._side.bearings]
-        updates += self._alarms.take_monitor('The monitor was stopped.')
+        updates = [self._values.make_update(name, None) for name in self._side.bearings]
+        updates += self._alarms.set_monitor_fault('The monitor was stopped.')
         with suppress(aiohttp.ClientError, OSError):
             for update in updates:
                 await _send_update(socket, update)
@@ -332,6 +342,7 @@ def _explain_silence(status: int, value: str, has_token: bool) -> str:
 
 
 async def _send_update(socket: aiohttp.ClientWebSocketResponse, update: Update) -> None:
+    """Send one update as a delta."""
     await socket.send_str(json.dumps({'updates': [update]}, allow_nan=False))
 
 

@@ -76,13 +76,13 @@ async def request_token(
     body = {'clientId': client_id, 'description': 'stickslip_monitor', 'permissions': 'readwrite'}
     try:
         async with aiohttp.ClientSession() as session:
-            answer = await _ask_server(
+            answer = await _await_answer(
                 session.post(f'{url}/signalk/v1/access/requests', json=body, ssl=context)
             )
             started(f'Approve stickslip_monitor in the pages of {url} (Security, Access Requests)')
             while answer.get('state') == 'PENDING':
                 await asyncio.sleep(every)
-                answer = await _ask_server(session.get(f'{url}/{answer["href"].lstrip("/")}', ssl=context))
+                answer = await _await_answer(session.get(f'{url}/{answer["href"].lstrip("/")}', ssl=context))
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError, ValueError, KeyError) as error:
         raise LinkError(
             f"signalk.url = '{url}' cannot be asked for a token: {failure_reason(error)}"
@@ -93,7 +93,7 @@ async def request_token(
     return token
 
 
-async def _ask_server(request: Any) -> dict[str, Any]:
+async def _await_answer(request: Any) -> dict[str, Any]:
     """Await an HTTP request and return the JSON object of its answer.
 
     Raises:

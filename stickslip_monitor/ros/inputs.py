@@ -38,16 +38,16 @@ _NUMBERS = re.compile(r'(boolean|octet|byte|char|float|double|long double|u?int(
 # Two seconds at 1 kHz while the machine is busy.
 _DEPTH = 2000
 TURN_NS = 50_000_000
-"""So long [ns] messages are worked off before services, parameters and alarms have their turn."""
+"""Time for messages in one turn [ns], before services, parameters and alarms have theirs."""
 MOST_WAITING = 1000
-"""Of more messages than these that wait on all topics, some are left out: 0.1 s on a fast core."""
+"""Number of waiting messages, over all topics, beyond which some are skipped: 0.1 s on a fast core."""
 MOST_ANSWERED = 20
-"""Of more messages of a topic in a turn than these (400 Hz) the last is answered."""
+"""Messages of a topic in one turn beyond which only the last is answered: 400 Hz."""
 OVERRIDES = (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 """What a parameter ``qos_overrides...`` may change; a sender that latches needs durability."""
-_PUBLISHERS_KNOWN = 100
+_PUBLISHERS_KNOWN = 100  # publishers remembered for each topic; the oldest is forgotten
 _NAMES_KEPT = 100
-"""Of the names in messages for others; a robot has some dozen joints."""
+"""Names of elements kept for the report of a missing one; a robot has some dozen joints."""
 
 Tap = Callable[[str, str, bytes, int], None]
 """Takes topic, type, encoded message and its time [ns]."""
@@ -163,10 +163,12 @@ class Inputs:
             lane.destroy()
 
     def fetch(self, late: bool) -> None:
-        """Take the messages of all topics from the middleware; of more than :data:`MOST_WAITING` every n-th.
+        """Move the messages of all topics from the middleware into the queue, sorted by arrival.
+
+        Of more than :data:`MOST_WAITING` every n-th is kept. :attr:`piled` is updated.
 
         Args:
-            late: Whether the node was held up, so that what is missing is for that reason.
+            late: Whether the node was stalled, so that missing messages are not counted as lost.
         """
         now = self._clock()
         arrival = self._arrival_clock(now.time_ns) if self._simulated else None
@@ -179,16 +181,16 @@ class Inputs:
         self.piled = max(Counter(one.lane for one in self._waiting).values(), default=0) > MOST_ANSWERED
 
     def numbers(self) -> Iterator[Number]:
-        """Yield the numbers of the waiting messages, in the order of arrival.
+        """Take messages from the queue and yield their numbers, in the order of arrival.
 
-        It ends after :data:`TURN_NS`; later messages wait for the next turn.
+        After :data:`TURN_NS` the rest waits for the next turn.
         """
         begun = self._clock().steady_ns
         while self._waiting and self._clock().steady_ns - begun < TURN_NS:
             yield from self._read_numbers(self._waiting.popleft())
 
     def _thin_out(self, lane: Lane, waiting: list[Waiting]) -> list[Waiting]:
-        """Return every n-th of the messages that wait on a topic, and the last; count the others."""
+        """Return every n-th of the messages of one topic, the last included; count the others as left out."""
         lane_messages = [one for one in waiting if one.lane is lane]
         step = len(lane_messages) * len(self.lanes) // MOST_WAITING + 1
         sampled = lane_messages[::-1][::step][::-1]
@@ -196,9 +198,9 @@ class Inputs:
         return sampled
 
     def _arrival_clock(self, ros_ns: int) -> Callable[[int], int]:
-        """Return a function from a time of the middleware in this turn to simulated time [ns].
+        """Return a function that converts a time of the middleware in this turn to simulated time [ns].
 
-        It moves in ticks, and a fast replay by seconds in a turn.
+        It interpolates between this turn and the one before: a fast replay moves by seconds in a turn.
         """
         (begin, before), end = self._turned, time.time_ns()
         self._turned = end, ros_ns
@@ -208,7 +210,10 @@ class Inputs:
         return lambda came: before + round(pace * (min(max(came, begin), end) - begin))
 
     def _read_numbers(self, waiting: Waiting) -> Iterator[Number]:
-        """Yield the numbers of one message; its sender is noted, and the message goes to the tap."""
+        """Yield the numbers of one message; nothing if it cannot be decoded or came before the first /clock.
+
+        The message goes to the tap, and its sender is noted.
+        """
         _, arrival_ns, lane, data, sender = waiting
         # What comes before the first /clock has no time and is not used.
         message = lane.decoded(data) if arrival_ns else None
@@ -281,11 +286,11 @@ class Lane:
             self._node.destroy_subscription(self.subscription)
 
     def fetch(self, arrival: Callable[[int], int] | None, late: bool) -> Iterator[Waiting]:
-        """Take what waits in the middleware, still encoded, as rclpy's executors do.
+        """Take and yield the messages that wait in the middleware, still encoded; count the missing ones.
 
         Args:
-            arrival: Makes ROS time of the middleware's; ``None`` where both are one.
-            late: Whether the node was held up.
+            arrival: Converts a time of the middleware to ROS time [ns]; ``None`` where both are the same.
+            late: Whether the node was stalled, so that missing messages are left out, not lost.
         """
         handle = self.subscription.handle
         if late:
@@ -303,7 +308,7 @@ class Lane:
                 yield Waiting(came_ns, arrival_ns, self, data, sender)
 
     def decoded(self, data: bytes) -> Any:
-        """Decode a message; return ``None``, and note it, where that is not possible."""
+        """Decode a message and set :attr:`undecodable`; return ``None`` where it cannot be decoded."""
         try:
             message = deserialize_message(data, self._class)
         except ROS_FAULTS:
@@ -312,19 +317,20 @@ class Lane:
         return message
 
     def note_names(self, names: Iterable[str]) -> None:
-        """Take the elements of a message that names none of ours."""
+        """Add the names of elements of a message that has none of ours, for the report of a fault."""
         if len(self.names) < _NAMES_KEPT:
             self.names.update(names)
 
     def note_reading(self, bearing: str, place: int, sender: bytes) -> None:
-        """Take note of who gave an input a number."""
+        """Note that a sender, if it is known, gave an input a number."""
         if sender in self.senders:
             self.senders[sender].readings.add((bearing, place))
 
     def sends(self, publisher: bytes, bearing: str, place: int) -> bool:
-        """Return whether a publisher still sends an input: one that was restarted has two names for a while.
+        """Return whether a publisher has sent since the newest sender of an input began.
 
-        It has sent since the newest sender of this input began, or the middleware does not say who sends.
+        A publisher that was restarted has two names for a while, of which the older sends no more. True
+        also where the middleware does not say who sends.
         """
         senders = {name: one for name, one in self.senders.items() if (bearing, place) in one.readings}
         begun = max((one.first for one in senders.values()), default=0)
@@ -332,10 +338,10 @@ class Lane:
         return not begun or (sender is not None and sender.last >= begun)
 
     def _count_missing(self, info: Any, late: bool) -> None:
-        """Count what lies between a message and the one before of its publisher.
+        """Note the number of a message, and count those missing since the last one of its publisher.
 
-        What is missing since the node was held up was not lost on the way. Some ROS 2 have no
-        numbers. (The event of a lost message does not count those for which the queue had no room.)
+        They count as lost, but after a stall of the node as left out. Without numbers, as in some ROS 2,
+        nothing is counted. (The event of a lost message leaves out those for which the queue had no room.)
         """
         publisher, number = info.get('publisher_gid'), info.get('publication_sequence_number')
         if publisher is None or number is None:
@@ -460,7 +466,7 @@ def stamp_reader(type_name: str) -> Callable[[Any], int]:
 def number_reader(
     path: FieldPath, note_names: Callable[[Iterable[str]], None]
 ) -> Callable[[Any], float | None]:
-    """Make a function that reads the number at a path.
+    """Make a function that reads the number at a path from a message.
 
     The function returns ``nan`` where an array is too short, or has another element at that place, and
     ``None`` where a message names other elements only: ``note_names`` takes their names.

@@ -301,20 +301,20 @@ class MonitorNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Take the publishers down and forget what was learned."""
+        """Destroy the publishers and the session with its alarms."""
         self._take_down()
         self._record_state('unconfigured')
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Take everything down, from whatever state."""
+        """Destroy services, publishers and subscriptions from any state; write clips and alarms."""
         self._stop_listening()
         self._take_down()
         self._record_state('finalized')
         return super().on_shutdown(state)
 
     def destroy_node(self) -> None:
-        """Say the last word, write what is left of clips and alarms, and go."""
+        """Publish that nobody monitors, write unfinished clips and alarms, and destroy the node."""
         was_active = self._running is not None
         self._stop_listening()
         if self._configured is not None:
@@ -382,13 +382,13 @@ class MonitorNode(LifecycleNode):
             self._configured = None
 
     def _check_machine(self, config: MonitorConfig) -> None:
-        """Check what only this machine knows: message types, fields and folders."""
+        """Check message types, fields and folders, which only this machine knows; raise ``RosError``."""
         check_inputs(resolved(self, config), output_names(self, config))
         if config.state_file:
             StateFile(config.state_file).check()
 
     def _on_parameters(self, changes: list[RosParameter[Any]]) -> SetParametersResult:
-        """Apply changes of parameters, all or none, and put them on record."""
+        """Apply changes of parameters, all or none; log them and note them for the diagnostics."""
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [change for change in changes if not change.name.startswith('qos_overrides.')]
         try:

@@ -161,7 +161,7 @@ class Watcher:
         """Send a request to the monitor of that full name.
 
         Raises:
-            RosError: It is not there to take it.
+            RosError: No monitor of that name receives requests.
         """
         actions = self._actions[monitor]
         if not actions.get_subscription_count():

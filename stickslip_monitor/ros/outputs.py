@@ -59,7 +59,7 @@ def output_names(node: LifecycleNode, config: MonitorConfig) -> set[str]:
 
 
 def resolved(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
-    """Return the configuration with the full names of its topics, as people know them."""
+    """Return a copy of the configuration with the full, remapped names of its topics."""
 
     def named(bearing: BearingConfig) -> BearingConfig:
         inputs: dict[str, Any] = {
@@ -111,7 +111,7 @@ class Configured:
         self.outputs = Outputs(self._node, config, self.health, self.clips)
 
     def _make_session(self) -> Session:
-        """Make the session, and the graph that it looks at."""
+        """Make the session, and set :attr:`graph`, by which it finds publishers."""
         node, given = self._node, self.config.bearings
         self.graph = RosGraph(node, [source.topic for b in given for source in b.inputs.values()])
         return Session(
@@ -124,12 +124,12 @@ class Configured:
         )
 
     def retune(self, config: MonitorConfig) -> None:
-        """Take over what may change while the node is active."""
+        """Apply a configuration that differs in live parameters only."""
         self.session.retune(resolved(self._node, config))
         self.config = config
 
     def rebuild(self, config: MonitorConfig) -> None:
-        """Start afresh with other inputs; the alarms stay as they are."""
+        """Replace publishers and session for another configuration; the alarms are taken over."""
         before, outputs = self.session, self.outputs
         self._make_outputs(config)
         outputs.destroy()
@@ -137,7 +137,7 @@ class Configured:
         self.session.inherit(before)
 
     def look_at_files(self) -> None:
-        """Bring the health of what is written up to date."""
+        """Update the health on clips and state file; log each new fault."""
         before = self.health.clip_fault, self.health.state_file_fault
         now = tuple('' if writer is None else writer.fault for writer in (self.clips, self._kept))
         self.health.clip_fault, self.health.state_file_fault = now
@@ -147,19 +147,19 @@ class Configured:
                 self._node.get_logger().error(fault)
 
     def tick_clips(self) -> None:
-        """Let time pass for the clips."""
+        """Advance the clips to the latest time of a bearing, and write those that are complete."""
         if self.clips is not None:
             bearings = self.session.monitor.bearings.values()
             self.clips.advance(max((b.now_ns or 0 for b in bearings), default=0))
             self.clips.write()
 
     def end_clips(self) -> None:
-        """Write what is left of the clips."""
+        """Write the unfinished clips."""
         if self.clips is not None:
             self.clips.close()
 
     def close(self) -> None:
-        """Write what is left of clips and alarms."""
+        """Write the unfinished clips, and close the state file."""
         self.end_clips()
         if self._kept is not None:
             self._kept.close()

@@ -157,7 +157,10 @@ def _list_fault(key: str, listed: object) -> str:
 
 
 def _run_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int) -> None:
-    """Run the node until it is to stop."""
+    """Make the node, start it, and spin until a signal or the end of ROS; take it down in any case.
+
+    ``errors`` is where Python writes the frames of a crash.
+    """
     # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
     # ROS's own handlers stay out: they take ROS down in a thread, under the node's feet.
     signals: list[int] = []
@@ -181,7 +184,7 @@ def _run_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | No
 
 
 def main(args: Sequence[str] | None = None, store: Callable[[ClipConfig], ClipStore] | None = None) -> int:
-    """Run the node until it is to stop.
+    """Run the node until a signal ends it; print a failure as one line ``ERROR: ...``.
 
     Args:
         args: Arguments without the program's name; those of the process if ``None``.

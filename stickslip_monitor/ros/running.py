@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the node that run only while it is active: its turns, services and timers."""
+"""Parts of the node that run only while it is active: turns, services and timers."""
 
 from __future__ import annotations
 
@@ -29,22 +29,23 @@ from stickslip_monitor.ros.other_nodes import node_name
 from stickslip_monitor.ros.outputs import Configured
 
 TURN_PERIOD = 0.05
-"""So often [s] what has come is worked off: half the period of telemetry of 10 Hz."""
+"""Time between two turns of the node [s]: half the period of telemetry of 10 Hz."""
 WATCHDOG_NS = 10**8
-"""The passing of time is looked after so often [ns]."""
+"""Time between two checks for lost inputs [ns]."""
 LAG_NS = 500_000_000
-"""The watchdog stays so far behind that a sample delivered late keeps the time of its stamp."""
+"""Delay of the watchdog's time [ns]: a sample delivered within it keeps the time of its stamp."""
 SHOW_NS = 10**9
-"""The state of all bearings is published so often [ns]."""
+"""Time between two publications of the state of all bearings [ns]."""
 LOSS_PERIOD = 60.0
+"""Time for which lost messages are reported in the health, and between two lines of the log [s]."""
 LATE_NS = 2 * 10**8
-"""A turn that comes so late [ns] says that the node was held up, not its inputs."""
+"""Time between two turns beyond which the node was stalled, and its inputs are not to blame [ns]."""
 HELD_UP_NS = 10**9
-"""A hold-up of this length [ns] is told."""
+"""Length of a stall from which it is reported [ns]."""
 STILL_NS = 10**9
-"""A simulated clock that stands for less [ns] may be a slow one."""
+"""Time without a step after which a simulated clock counts as stopped, not slow [ns]."""
 _DOUBLE_LOOKS = 5
-"""Every so many seconds the graph is asked for doubles."""
+"""Seconds between two checks of the ROS graph for another node of this name."""
 TRIGGERS = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
 """Services of type std_srvs/Trigger."""
 SWITCHES = {'out_of_service': (Action.REMOVE, Action.RESTORE)}
@@ -103,7 +104,7 @@ class Running:
         )
 
     def begin(self) -> None:
-        """Watch from now on."""
+        """Start watching: publish the list of alarms, and wait for the inputs from now on."""
         self._health.monitoring = True
         self._session.begin()
         self._let_time_pass(self._now())
@@ -149,7 +150,7 @@ class Running:
         self._turned_ns, self._set_ns = now.steady_ns, now.set_ns
 
     def _take_number(self, number: Number) -> None:
-        """Give a number to the session, with its time of arrival where that is known."""
+        """Give a number to the session, and note it for the watchdog if it is a valid speed or load."""
         name, place, time_ns, arrival_ns, value = number
         now = self._now()
         # Of what came before the clock was set it tells no time; and of what waited while we were
@@ -220,7 +221,7 @@ class Running:
         health.losing = steady - self._lost_at < LOSS_PERIOD
 
     def _look_for_doubles(self) -> None:
-        """Look for another node of the same name, and another publisher of simulated time."""
+        """Update the health on nodes of the same name and publishers of /clock; report new doubles."""
         node, health = self._node, self._health
         node_key, clocks = (node.get_name(), node.get_namespace()), ''
         double = node.get_node_names_and_namespaces().count(node_key) > 1
@@ -234,6 +235,7 @@ class Running:
         health.double, health.clocks = double, clocks
 
     def _report_error(self, text: str) -> None:
+        """Log an error, and add it to the notes of ``~/alarms``."""
         self._log.error(text)
         self._session.note('node', text)
 
@@ -278,7 +280,7 @@ class Actions:
         self._carry_out(request)
 
     def _offer_service(self, kind: Any, name: str, on: Action, off: Action) -> None:
-        """Offer a service; of a Trigger both actions are one."""
+        """Create a service that carries out ``on`` or ``off`` (alike for a Trigger) for all bearings."""
 
         def serve(request: Any, response: Any) -> Any:
             """Carry out the action for all bearings, and answer with what it changed."""
@@ -312,7 +314,7 @@ class PassingTime:
         self._simulated, self._last, self._moved_ns, self._counted_ns = simulated, now, now.steady_ns, 0
 
     def passed(self, now: Moment) -> int:
-        """Return the time since the last call [ns]."""
+        """Return the time since the last call [ns], and update :attr:`stands`."""
         last, self._last = self._last, now
         if not self._simulated or not now.time_ns:
             return now.steady_ns - last.steady_ns
@@ -339,13 +341,15 @@ class Watchdog:
         self._timeless: set[str] = set()
 
     def note(self, name: str) -> None:
-        """Note a valid sample of a bearing."""
+        """Note that a bearing had a valid sample since the last tick."""
         self._heard.add(name)
 
     def tick(self, now: Moment, passed_ns: int) -> None:
-        """Pass on the time that has passed without samples, so much since the last call [ns].
+        """Advance each bearing by the time that passed without a sample.
 
-        Samples that come while the simulated clock stands have no time, and keep no input alive.
+        Args:
+            now: The time; ROS time is 0 while a simulated clock stands, and samples count for nothing.
+            passed_ns: Time since the last call [ns].
         """
         self._session.follow(now)
         for name, bearing in self._session.monitor.bearings.items():

@@ -224,6 +224,6 @@ def test_an_input_that_may_stand_is_asked_after_when_it_no_longer_does() -> None
         for name, hold in kinds
     ]
     inputs = BusInputs(items, lambda _: None)
-    inputs.wait(0.0)
-    assert [item.bearing for item in inputs.silent(3599.0)] == ['a']
-    assert [item.bearing for item in inputs.silent(3600.0)] == ['b']
+    inputs.start_waiting(0.0)
+    assert [item.bearing for item in inputs.take_silent(3599.0)] == ['a']
+    assert [item.bearing for item in inputs.take_silent(3600.0)] == ['b']

@@ -125,13 +125,13 @@ def test_what_is_not_used_is_counted() -> None:
 def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
     said: list[str] = []
     inputs = NmeaInputs([SPEED, LOAD], said.append)
-    inputs.look(0.0, {})
+    inputs.log_silent(0.0, {})
     for body in ('RCRPM,E,1,700,,A', 'RCRPM,E,1,700,,A', 'IIXDR,N,1.2,K,AFTLOAD', 'RCRPM,S,1,74.6,30.0,V'):
         assert not [value for *_, value in inputs.take(sentence(body), 1.0) if value == value]
-    inputs.look(4.9, {})
+    inputs.log_silent(4.9, {})
     assert said == []
     for _ in range(2):
-        inputs.look(5.0, {'bad checksum': 16})
+        inputs.log_silent(5.0, {'bad checksum': 16})
     assert said == [
         'NMEA RPM S 1: no number with a good checksum in 5 s; heard: 16 x bad checksum, 2 x RPM,E,1,'
         ' 1 x invalid by its talker',
@@ -143,7 +143,7 @@ def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
     for _ in range(3):
         assert not list(inputs.take(sentence('HEHDT,12.0,T'), 12.0))
     assert list(inputs.take(sentence('IIXDR,N,1.2,N,AFTLOAD'), 12.0))
-    inputs.look(17.0, {})
+    inputs.log_silent(17.0, {})
     # What came before the last number is not heard any more.
     what = 'no number with a good checksum in 5 s'
     assert said[3:] == [
@@ -280,11 +280,11 @@ def test_the_cyclic_list_and_the_heartbeat() -> None:
     panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:00.00')
     panel.show(AlarmKind.BISTABLE, 'unacknowledged', '06:00:00.00')
     panel.show(AlarmKind.BISTABLE, 'acknowledged', '06:00:01.00')
-    listed = panel.alerts.listing()
+    listed = panel.alerts.make_list()
     assert listed == ['$IIALC,01,01,00,2,XXX,10002,1,1,XXX,10003,1,2*7E']
-    assert Panel().alerts.listing() == [sentence('IIALC,01,01,00,0')]
-    assert panel.alerts.heartbeat(60.0, True) == '$IIHBT,60.0,A,0*1B'
-    assert panel.alerts.heartbeat(60.0, False) == '$IIHBT,60.0,V,1*0D'
+    assert Panel().alerts.make_list() == [sentence('IIALC,01,01,00,0')]
+    assert panel.alerts.make_heartbeat(60.0, True) == '$IIHBT,60.0,A,0*1B'
+    assert panel.alerts.make_heartbeat(60.0, False) == '$IIHBT,60.0,V,1*0D'
 
 
 def test_a_long_list_is_split_and_counted() -> None:
@@ -292,7 +292,7 @@ def test_a_long_list_is_split_and_counted() -> None:
     alarm = {'state': 'unacknowledged', 'silenced': False, 'text': 'x' * 200, 'changed': 0}
     alarms = [{**alarm, 'bearing': f'b{n}', 'alarm': kind.value} for n in range(20) for kind in AlarmKind]
     lines = alerts.take_alarms({'time': 0, 'changes': [], 'alarms': alarms})
-    listed = alerts.listing()
+    listed = alerts.make_list()
     assert sum(int(line.split(',')[4].partition('*')[0]) for line in listed) == 20 * len(AlarmKind)
     assert {line.split(',')[1] for line in listed} == {'47'}
     assert max(len(line) + 2 for line in lines + listed) <= LONGEST
@@ -374,7 +374,7 @@ def test_another_reader_reads_them_all() -> None:
     reader = pytest.importorskip('pynmeagps', reason='pynmeagps is not installed').NMEAReader
     panel = Panel()
     lines = panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50', text=STUCK)
-    lines += [*panel.alerts.listing(), panel.alerts.heartbeat(60.0, True)]
+    lines += [*panel.alerts.make_list(), panel.alerts.make_heartbeat(60.0, True)]
     lines += panel.alerts.handle_acn(sentence('BNACN,060059.00,XXX,10002,1,O,C'), NOW)[0]
     read = [reader.parse(f'{line}\r\n', validate=1) for line in lines]
     assert [message.msgID for message in read] == ['ALF', 'ALF', 'ALC', 'HBT', 'ARC']

@@ -182,7 +182,7 @@ async def test_where_only_acknowledgements_may_come_silence_is_no_fault(
     log = logging.getLogger('test')
     side = MonitorSide(['aft'], print, print, lambda *state: told.append(state), log)
     client = NmeaClient(NmeaLink(f'udp://127.0.0.1:{free()}', accept_actions=True), [], side)
-    await client.start()
+    await client.open_ports()
     asyncio.get_running_loop().create_task(client.run())
     await asyncio.sleep(0.2)
     assert told == [('nmea_in', True, '')]
@@ -284,7 +284,7 @@ async def test_sentences_in_alerts_out_and_acknowledgements_back(caplog: pytest.
             logging.getLogger('test'),
         ),
     )
-    await client.start()
+    await client.open_ports()
     running = asyncio.get_running_loop().create_task(client.run())
     lost = [{**LOST, 'state': 'unacknowledged'}]
     client.take_alarms({'time': 0, 'changes': [], 'alarms': lost})

@@ -167,7 +167,7 @@ AT = 'propulsion.port.shaft.aftStern.'
 )
 def test_values(record: dict[str, Any] | None, expected: list[Any]) -> None:
     out = SignalKValues('propulsion.port.shaft', ['aft_stern'])
-    update = json.loads(json.dumps(out.values('aft_stern', record), allow_nan=False))
+    update = json.loads(json.dumps(out.make_update('aft_stern', record), allow_nan=False))
     assert update['$source'] == 'stickslip_monitor'
     names = ['foldMargin', 'hopfMargin', 'stickSlipAmplitude', 'load', 'regime']
     found = {item['path']: item['value'] for item in update['values']}
@@ -177,7 +177,7 @@ def test_values(record: dict[str, Any] | None, expected: list[Any]) -> None:
 
 def test_meta_has_units_and_no_zones_and_a_load_of_theirs_is_not_ours() -> None:
     out = SignalKValues('propulsion.port.shaft', [])
-    meta = {item['path']: item['value'] for item in out.meta('aft_stern')['meta']}
+    meta = {item['path']: item['value'] for item in out.make_meta('aft_stern')['meta']}
     assert {path: value['units'] for path, value in meta.items()} == {
         f'{AT}foldMargin': 'ratio',
         f'{AT}hopfMargin': 'ratio',
