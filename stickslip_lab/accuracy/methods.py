@@ -65,7 +65,7 @@ Event = Callable[[float, FloatArray], float]
 
 
 def breakaway(bearing: Bearing, speed: float, load: float) -> float:
-    """Displacement ``x_0 = (mu_s N - c V)/k`` at which sticking ends [m]."""
+    """Return the displacement ``x_0 = (mu_s N - c V)/k`` at which sticking ends [m]."""
     return (bearing.friction.static * load - bearing.damping * speed) / bearing.stiffness
 
 
@@ -85,7 +85,7 @@ def _measure_velocity(_: float, y: FloatArray) -> float:
 
 
 def _late_range(runs: Sequence[Any], span: float, speed: float, omega: float) -> float:
-    """Half the range of the turning points of the last cycles [m]; ``nan`` where it settles."""
+    """Return half the range of the turning points of the last cycles [m]; ``nan`` where it settles."""
     turns = [(t, y[0]) for way in runs for t, y in zip(way.t_events[0], way.y_events[0], strict=True)]
     late = np.array([x for t, x in turns if t > _WATCHED * span])
     if late.size < 2 or abs(late[-1] - late[-2]) < _DECAYS * abs(late[1] - late[0]):
@@ -119,7 +119,7 @@ def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: fl
 
 
 def _build_flow(bearing: Bearing, speed: float, friction: Callable[[float], float]) -> Flow:
-    """``(x', x'')`` with a friction force [N] of the relative speed [m/s]."""
+    """Return ``(x', x'')`` as a function of state, with a friction force [N] of the relative speed [m/s]."""
     mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
 
     def flow(_: float, y: FloatArray) -> tuple[float, float]:
@@ -172,7 +172,7 @@ def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load:
 
 
 def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow:
-    """``(x', x'')`` while it slips behind (side 1) or ahead (-1) of the belt."""
+    """Return ``(x', x'')`` of a state, while it slips behind (side 1) or ahead (-1) of the belt."""
     law = scalar_law(bearing.friction).plain
 
     def friction(relative: float) -> float:
@@ -182,7 +182,7 @@ def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow
 
 
 def _contact_event(speed: float, side: float, earliest: float) -> Event:
-    """Terminal where the lining reaches the belt's speed from its side.
+    """Return an event of ``solve_ivp`` that ends where the lining reaches the belt's speed from its side.
 
     A phase begins at contact: a first step too small to change the speed would end it at once.
     """
@@ -199,7 +199,7 @@ def _contact_event(speed: float, side: float, earliest: float) -> Event:
 def _after_contact(
     bearing: Bearing, speed: float, load: float, time: float, x: float
 ) -> tuple[float, float, float]:
-    """Time, place and side of the next slip phase by the set-valued law.
+    """Return time, place and side of the next slip phase by the set-valued law.
 
     It holds the lining until breakaway, or lets it by.
     """
@@ -247,7 +247,7 @@ def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
 
 
 def turning_points(x: FloatArray, v: FloatArray, a: FloatArray, step: float) -> FloatArray:
-    """Displacements where the velocity vanishes, by quintic Hermite interpolation [m].
+    """Return the displacements where the velocity vanishes, by quintic Hermite interpolation [m].
 
     Of an evenly sampled motion: displacement, velocity and acceleration, shape (n,), SI units,
     and the time between two samples [s].
@@ -289,7 +289,7 @@ class _Law:
         self.evaluations = 0
 
     def resolvent(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Relative speed ``v*`` of ``y``, and ``d v*/d y``; zero while sticking."""
+        """Return the relative speed ``v*`` of ``y`` and ``d v*/d y``; zero where it sticks. Count calls."""
         speed, slope = np.zeros_like(y), np.zeros_like(y)
         slips = np.abs(y) > self.static
         target = np.abs(y[slips])
@@ -337,7 +337,7 @@ class _Problem:
     damping: float
 
     def residual(self, q: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
-        """Residual, and its Jacobian by the coefficients and (last column) the frequency."""
+        """Return the residual, and its Jacobian by the coefficients and (last column) the frequency."""
         s, e = self.series, self.law.penalty
         turn, size = s.turn, q.size
         rate, bend = turn @ q, turn @ (turn @ q)
@@ -380,6 +380,7 @@ class _Problem:
 
 
 def _solve_linear(matrix: FloatArray, value: FloatArray) -> FloatArray:
+    """Solve linear equations; by least squares where the matrix is singular."""
     try:
         return np.asarray(np.linalg.solve(matrix, value))
     except np.linalg.LinAlgError:
@@ -387,7 +388,7 @@ def _solve_linear(matrix: FloatArray, value: FloatArray) -> FloatArray:
 
 
 def half_range(q: FloatArray) -> float:
-    """Half the peak-to-peak of a series."""
+    """Return half the peak-to-peak of a series ``[a_0, a_1, b_1, ...]``."""
     n = np.arange(1, (q.size - 1) // 2 + 1)
     series = q[1::2] - 1j * q[2::2]
     count = max(_FINE, 16 * n.size)

@@ -277,7 +277,7 @@ class Calibration:
 
 
 def over_fold(end: End, reference: Reference) -> float:
-    """Speed at an end over the configured fold speed."""
+    """Return the speed at an end over the configured fold speed."""
     speed, load = end.middle
     return speed / math.exp(float(reference.fold(np.array([math.log(load)]))[0]))
 
@@ -463,7 +463,7 @@ class EvidenceSource:
 
 
 def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
-    """Speed and load of a recording between two jumps of the clock, as reference points."""
+    """Return speed and load of a recording between two jumps of the clock each, as reference points."""
     water = None if scan.config.water_temperature is None else scan.water
     speed, load, _ = reference_point(scan.config.bearing, scan.speed, scan.load, water)
     begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)

@@ -81,15 +81,15 @@ class Reference:
         self.log_hopf = np.log(np.where(hopf > 0.0, hopf, 1e-9))[is_known]
 
     def fold(self, log_load: FloatArray) -> FloatArray:
-        """``ln V_F`` [ln m/s]; below the least load with a fold it is that of this load."""
+        """Return ``ln V_F`` [ln m/s] at ``ln N``; below the least load with a fold that of this load."""
         return np.interp(log_load, self.log_load, self.log_fold)
 
     def hopf(self, log_load: FloatArray) -> FloatArray:
-        """``ln V_H`` [ln m/s]."""
+        """Return ``ln V_H`` [ln m/s] at ``ln N``; far below where there is none."""
         return np.interp(log_load, self.log_load, self.log_hopf)
 
     def slope(self, log_load: float) -> float:
-        """``d ln V_F / d ln N``."""
+        """Return ``d ln V_F / d ln N`` at ``ln N``."""
         above, below = self.fold(np.array([log_load + 0.02, log_load - 0.02]))
         return float(above - below) / 0.04
 
@@ -164,7 +164,7 @@ class ReportedCourse:
     over: FloatArray  # speed over the configured fold speed, shape (n,)
 
     def at(self, time: float) -> tuple[float, float]:
-        """Speed and load about a time [s]."""
+        """Return mean speed [m/s] and load [N] within a second of a time [s]."""
         near = np.abs(self.time - time) <= _NEAR
         if near.any():
             return float(self.speed[near].mean()), float(self.load[near].mean())
@@ -212,6 +212,7 @@ def edges_of(
 
 
 def _read_track(edges: Edges, track: ReportedCourse, reference: Reference, onsets: bool) -> None:
+    """Add the ends of a course, and with ``onsets`` its passages, to ``edges``."""
     first, last = float(track.time[0]), float(track.time[-1])
     begin = first
     for one, after in zip(track.reports, [*track.reports[1:], None], strict=True):
@@ -232,7 +233,7 @@ def _read_track(edges: Edges, track: ReportedCourse, reference: Reference, onset
 def _find_passage(
     track: ReportedCourse, report: VibrationReport, begin: float, b: float, onset: VibrationReport | None
 ) -> Passage | None:
-    """Quiet up to the onset that ends it, if any; ``None`` where it tells nothing."""
+    """Return the quiet from ``begin`` to ``b`` [s] and any onset at its end; None where it tells nothing."""
     late = report.tolerance + LAGS[-1] if onset else 0.0
     rows = (track.time >= begin) & (track.time <= b + late)
     if np.count_nonzero(rows) < 4 or track.over[rows].min() >= _FASTEST:
@@ -256,6 +257,10 @@ def _log_speed_rate(time: FloatArray, speed: FloatArray, at: float) -> float:
 def _end_of(
     track: ReportedCourse, report: VibrationReport, a: float, b: float, meets: bool, reference: Reference
 ) -> End | None:
+    """Return the end of a vibration from ``a`` to ``b`` [s]; None where no point of the course lies in it.
+
+    It is at the fold where the vibration ``meets`` quiet while V/V_F rises, else a bound.
+    """
     off = report.tolerance
     whole = outlives(track, b, reference) if meets and report.rings else 0.0
     middle = b - 0.5 * whole

@@ -97,6 +97,7 @@ def _names_of(headings: Sequence[str]) -> list[str]:
 
 
 def _parse_report(where: str, row: dict[str, str], bearings: Sequence[str]) -> VibrationReport:
+    """Return the report of a row by heading; CalibrationError, from ``where`` on, for a broken rule."""
     if row['bearing'] not in bearings:
         raise CalibrationError(
             f"{where}: bearing '{row['bearing']}' is not configured; there are: {', '.join(bearings)}"
@@ -112,7 +113,7 @@ def _parse_report(where: str, row: dict[str, str], bearings: Sequence[str]) -> V
 
 
 def _parse_time(where: str, text: str) -> int:
-    """Nanoseconds of an ISO 8601 time with a zone."""
+    """Return the nanoseconds since 1970 of an ISO 8601 time with a zone; ``where`` begins its error."""
     fraction = _FRACTION.search(text)
     whole = _FRACTION.sub(r'\1', text)
     try:
@@ -177,7 +178,10 @@ class TelemetryBins:
 
 
 def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> TelemetryBins:
-    """Averages over bins of a second; times do not fall [ns], shapes are (n,) [m/s, N]."""
+    """Average speed and load over bins of a second; a bin with a sample at rest is at rest.
+
+    Times [ns] do not fall; speed [m/s] and load [N] have their shape (n,).
+    """
     bins, inverse = np.unique(time_ns // BIN_NS, return_inverse=True)
     count = np.bincount(inverse)
     size = np.abs(speed)
@@ -286,7 +290,7 @@ def threshold_of(levels: Sequence[LevelBins]) -> float:
 def level_reports(
     bearing: str, level: LevelBins, threshold: float, source: str
 ) -> tuple[list[VibrationReport], list[VibrationReport]]:
-    """Vibration and quiet in the order of time, and the knocks, which are neither.
+    """Return reports of vibration and quiet in order of time, and the knocks, which are neither.
 
     Args:
         bearing: Name of the bearing.
@@ -344,7 +348,7 @@ def _on_and_off(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, fl
 
 
 def _find_spells(t: FloatArray, high: np.ndarray) -> list[list[int]]:
-    """Begin and end (the first row after) of each stretch that is high but for short rests."""
+    """Return begin and end (the first row after) of each stretch that is high but for short rests."""
     edges = np.flatnonzero(np.diff(high.astype(int), prepend=0, append=0))
     spells: list[list[int]] = []
     for a, b in edges.reshape(-1, 2).tolist():

@@ -118,7 +118,7 @@ def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> 
 
 
 def boundaries(belief: Belief, load: float) -> Boundaries:
-    """Both boundary speeds at a load: the 2.5, 50 and 97.5 % quantile [m/s]; 0 for none."""
+    """Return both boundary speeds at a load, by name: 2.5, 50 and 97.5 % quantile [m/s]; 0 for none."""
     functions = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
     return {
         name: [float(speed_over_load(belief.bearing, partial(of, p=p), load)) for p in _INTERVAL]
@@ -127,7 +127,7 @@ def boundaries(belief: Belief, load: float) -> Boundaries:
 
 
 def _regime_probabilities(args: argparse.Namespace, belief: Belief, load: float) -> dict[str, float] | None:
-    """Return the probability of each regime at ``--speed``."""
+    """Return the probability of each regime at ``--speed``; ``None`` without that option."""
     if not args.speed:
         return None
     speed = abs(options.parse_speed(args.speed, belief.bearing.speed))
@@ -292,7 +292,7 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results:
 
 
 def _conditions_sentence(fit: PooledFit) -> str:
-    """At which load and water the law holds as it stands."""
+    """Say at which load and water the law holds as it stands."""
     conditions = [f'{fit.load:.4g} N'] * (fit.load == fit.load)
     conditions += [f'{fit.temperature:.3g} C'] * (fit.temperature == fit.temperature)
     return f'the law is that at {" and ".join(conditions)}{f"; {fit.sentence}" if fit.sentence else ""}'

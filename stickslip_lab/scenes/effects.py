@@ -95,6 +95,7 @@ class SceneRun:
         return named
 
     def _named_bearings(self, settings: Settings) -> list[BearingConfig]:
+        """Return the ``bearing`` of an effect's settings, else all of the scene."""
         bearings = {b.name: b for channel in self.channels for b in channel.bearings}
         if 'bearing' not in settings:
             return list(bearings.values())
@@ -272,7 +273,7 @@ STEPS = ('dead slow', 'slow', 'half', 'full')
 
 @channel_effect('shaft', ['speed'], 'unit', 'ahead', 'astern', 'orders', 'time_constant')
 def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Lets the speed follow telegraph orders."""
+    """Let the speed follow telegraph orders."""
     unit, factor = unit_of(settings, channel)
     time_constant = settings.number('time_constant', 's', above=0.0)
     times, targets = _read_orders(settings, _telegraph_speeds(settings, unit), run.duration)
@@ -329,18 +330,18 @@ class Response:
         return response
 
     def at(self, time: FloatArray) -> FloatArray:
-        """Values at some times, shape (n,)."""
+        """Return the values at some times [s], shape (n,)."""
         return self._evaluate_piece(time, self._last_change(time))[0]
 
     def integral(self, time: FloatArray) -> FloatArray:
-        """Integral from 0 to some times, shape (n,)."""
+        """Return the integral from 0 to some times [s], shape (n,)."""
         return self._evaluate_piece(time, self._last_change(time))[1]
 
     def _last_change(self, time: FloatArray) -> Any:
         return np.maximum(np.searchsorted(self.times, time, side='right') - 1, 0)
 
     def _evaluate_piece(self, time: FloatArray, k: Any) -> tuple[FloatArray, FloatArray]:
-        """Value and integral where target ``k`` is the last."""
+        """Return value and integral at times [s] where target ``k`` is the last that was set."""
         since, off = time - self.times[k], self.values[k] - self.targets[k]
         # Before the first target there is nothing off.
         left = exp(-np.maximum(since, 0.0) / self.time_constant)
@@ -398,7 +399,7 @@ class Sea:
         return cls(height / 4.0 * math.sqrt(2.0 / COMPONENTS), frequency, phase)
 
     def elevation(self, time: FloatArray) -> FloatArray:
-        """Elevation at some times [s], shape (n,) [m]; added up one by one, in one order."""
+        """Return the elevation at some times [s], shape (n,) [m]; waves are added in one order."""
         total = np.zeros_like(time)
         for frequency, phase in zip(self.frequency, self.phase, strict=True):
             total += cos_turns(frequency * time + phase)

@@ -176,7 +176,7 @@ class Episodes:
             self._last, self._open = time, None
 
     def passed(self, time: float) -> list[EpisodeEvent]:
-        """Time passes."""
+        """Let time pass [s]; return the end of an episode that is over by now, else an empty list."""
         if not self._sticks or self._open is not None or time <= self._last + self.gap:
             return []
         more: dict[str, float] = {'sticks': self._sticks, 'sticking': round(self._sticking, INSTANTS)}
@@ -236,7 +236,7 @@ class Samples:
 
 
 def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
-    """Half of the largest less the smallest displacement of m sampled motions, shape (m,) [m].
+    """Return half of the largest less the smallest displacement of m sampled motions, shape (m,) [m].
 
     Between two samples, ``step`` [s] apart, a motion is interpolated by the cubic through their
     displacements ``x`` and velocities ``v``, shape (m, n); with sixteen samples in a period of a
@@ -331,13 +331,14 @@ class Lining:
         return np.concatenate(sampled, axis=1), list(heapq.merge(self._rest_changes(nodes), sticks))
 
     def _start_state(self) -> MotionState:
+        """Return steady sliding at the first drive, or an unloaded lining where the shaft is at rest."""
         _, speed, load = self._nodes[:, 0].tolist()
         bearing = self._course.bearing_at(self.config.bearing, 0.0)
         place = float(bearing.equilibrium(speed, load)) if speed else 0.0
         return MotionState(round(place, _PLACES), speed)
 
     def _drive_at(self, time: FloatArray) -> FloatArray:
-        """Time, speed and load with its fluctuation, shape (3, n)."""
+        """Return time, speed and load, shape (3, n); draw the fluctuation of the load."""
         name = self.config.name
         load = self._shaft.load(name, time)
         if self._deviation:
@@ -345,7 +346,11 @@ class Lining:
         return np.stack([time, self._shaft.speed(name, time), np.maximum(load, 0.0)])
 
     def _extend_grid(self, end: float) -> FloatArray:
-        """Return the grid's instants from the last end to this one, and those of knocks, (3, n)."""
+        """Extend the grid to ``end`` [s].
+
+        Returns:
+            Time, speed and load from the last end to this one, with a node at each knock, shape (3, n).
+        """
         last = math.floor(end * self.rate)
         time = np.arange(self._number + 1, last + 1) / self.rate
         self._number = last
@@ -361,7 +366,7 @@ class Lining:
         return nodes
 
     def _uniform_stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
-        """First and last node of each stretch with one law and without a knock inside."""
+        """Return first and last node of each stretch with one law and without a knock inside."""
         time = nodes[0]
         inner = np.isin(time, list(self._knocks))
         if self._course.moves:
@@ -373,6 +378,11 @@ class Lining:
         return ((low, high) for low, high in pairwise(edges) if low < high)
 
     def _integrate_motion(self, nodes: FloatArray, times: FloatArray) -> Motion:
+        """Integrate through a stretch with one law, after a knock at its start, and keep the last state.
+
+        Raises:
+            SceneError: The integrator gave up.
+        """
         start = float(nodes[0, 0])
         bearing = self._course.bearing_at(self.config.bearing, start)
         state = self._state
@@ -403,6 +413,7 @@ class Lining:
         return changes
 
     def _rest_changes(self, nodes: FloatArray) -> list[Change]:
+        """Return when the shaft comes to rest or begins to turn; remember how the last node leaves it."""
         resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)
         change = np.flatnonzero(resting != np.append(self._resting, resting[:-1]))
         self._resting = bool(resting[-1])

@@ -59,7 +59,7 @@ _DIGITS, _PLACES = 9, 12
 
 @effect('lining', 'bearing', 'parameter', 'points', 'table')
 def friction_drift(settings: Settings, run: SceneRun) -> None:
-    """Lets a parameter of the friction law drift."""
+    """Let a parameter of the friction law of the lining drift; the monitor keeps its configuration."""
     drift = read_profile(settings, 'value', run.duration, run.folder)
     for config in run.bearings(settings, settings.text('parameter', 'what moves')):
         law = config.bearing.friction
@@ -137,7 +137,7 @@ def operating_point(settings: Settings, run: SceneRun) -> None:
 def _operating_point(
     config: BearingConfig, course: FrictionCourse, block: TimeBlock, time: FloatArray
 ) -> dict[str, FloatArray]:
-    """Speed, load, and the margins with the true friction, each shape (n,)."""
+    """Return speed, load, and the margins with the true friction by name, each of shape (n,)."""
     speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
     # A law is one of its own for each step only if its shape moves: slow where it is solved.
     changes = course.water is not None or course.drifts.keys() - {FACTOR}
@@ -173,7 +173,7 @@ LEVEL_FACTORS = {
 
 @effect('lining', 'bearing', 'disturbance', 'knocks', 'knock_unit', 'amplitude', 'motion')
 def lining_motion(settings: Settings, run: SceneRun) -> None:
-    """Follows the lining: records when it sticks and what is asked for, and makes the level."""
+    """Follow the lining: record when it sticks and what the scene asks for, and make the level."""
     meaning = 'the fluctuation of the load that the lining feels, {standard_deviation, unit}'
     disturbance = settings.section('disturbance', ['standard_deviation', 'unit'], meaning)
     unit = disturbance.choice('unit', UNITS['load'])
@@ -199,7 +199,7 @@ def lining_motion(settings: Settings, run: SceneRun) -> None:
 
 
 def _read_knocks(settings: Settings, duration: float) -> list[tuple[float, float]]:
-    """Time [s] and impulse of each blow."""
+    """Return time [s] and impulse of each blow, in the ``knock_unit``; an empty list for none."""
     if 'knocks' not in settings:
         return []
     rows = settings.rows('knocks', 'blow', 'a list of blows [time in s, impulse in N s]')
@@ -301,6 +301,7 @@ class FollowedLining:
             take(block, *samples.due(due))
 
     def _follow_until(self, end: float) -> None:
+        """Follow the lining to ``end`` [s], and keep samples, sticks and events until they are due."""
         requested = [samples.until(end) for samples, _ in self._asked]
         times = np.unique(np.concatenate([np.empty(0), *requested]))
         motion, changes = self.lining.follow(end, times)
@@ -312,11 +313,13 @@ class FollowedLining:
             self._add_event(*event)
 
     def _finish_truth(self, end: float) -> None:
+        """End a stick that goes on, and add the event of the scene's end."""
         if (since := self._episodes.since) is not None:
             self._sticks.append((end, round(end - since, INSTANTS)))
         self._add_event(end, 'end', end)
 
     def _add_event(self, known_at: float, name: str, time: float, more: Mapping[str, float] = {}) -> None:
+        """Keep an event until the block in which it can be known [s], rounded as processors agree."""
         known_at, time = round(known_at, INSTANTS), round(time, INSTANTS)
         stamp = self._run.start_ns + round(time * 1e9)
         text = event_text(self.lining.config.name, name, stamp, **more)
@@ -327,7 +330,7 @@ class FollowedLining:
 
 
 def _take_due(pending: list[tuple[float, Any]], end: float) -> tuple[FloatArray, NDArray[Any]]:
-    """Take the times [s] and values of what falls before ``end`` [s]; times do not fall."""
+    """Remove from ``pending``, and return, the times [s] and values before ``end`` [s]; times do not fall."""
     count = bisect.bisect_left(pending, end, key=lambda item: item[0])
     taken, pending[:count] = pending[:count], []
     return np.array([time for time, _ in taken]), np.array([value for _, value in taken])

@@ -190,11 +190,12 @@ def read_effects(listed: Any) -> tuple[Settings, ...]:
 
 
 def in_order(effects: Iterable[Settings]) -> tuple[Settings, ...]:
-    """Effects in the order in which they act."""
+    """Return effects in the order in which they act."""
     return tuple(sorted(effects, key=lambda settings: list(EFFECTS).index(settings.name)))
 
 
 def _effect_settings(number: int, entry: Any) -> Settings:
+    """Return the settings of an effect, entry ``number`` of the list; SceneError for no known effect."""
     if not isinstance(entry, Mapping) or not ('effect' in entry or len(entry) == 1):
         raise SceneError(
             f'effects: entry {number} = {entry!r} must be {{name: {{settings}}}} or'
@@ -211,7 +212,11 @@ def _effect_settings(number: int, entry: Any) -> Settings:
 
 
 def _start_ns(settings: Settings, duration: float) -> int:
-    """Nanoseconds since 1970 from nanoseconds or an ISO time, which is UTC if it has no zone."""
+    """Return the ``start`` [ns since 1970] of nanoseconds or an ISO time, which is UTC without a zone.
+
+    Raises:
+        SceneError: It is neither, or the scene does not lie between 1970 and 2262.
+    """
     meaning = 'an ISO time such as 2026-05-04T06:00:00Z, or whole nanoseconds since 1970'
     value = settings.value('start', meaning)
     if isinstance(value, str):
@@ -238,7 +243,7 @@ BLOCK_LENGTH = 60.0
 def simulate(
     scene: Scene, block_length: float = BLOCK_LENGTH, run: SceneRun | None = None
 ) -> Iterator[TimeBlock]:
-    """Run a scene; its blocks come in order of time, to its end or where its recording is cut.
+    """Yield the blocks of a scene in order of time, to its end or where its recording is cut.
 
     Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
     outcome does not depend on the length of the blocks, > 0 [s]. A run that is given is fresh.
@@ -323,7 +328,7 @@ def write_bag(
 
 
 def _encode_signal(signal: Signal) -> tuple[IntArray, list[bytes]]:
-    """Log times and messages of a signal."""
+    """Return log times [ns] and encoded messages of a signal."""
     (log_time_ns, stamp_ns, raw), source = signal.messages(), signal.channel.input
     if stamp_ns is None:
         return log_time_ns, encode_float64s(raw)

@@ -58,7 +58,7 @@ def low_pass(time_constant: float, step: float, value: float) -> Term:
 
 @channel_effect('sensing', MEMORY_CHANNELS, 'window', section='the averaging')
 def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Lets a sensor average over the last seconds."""
+    """Let a sensor average over the last seconds."""
     window = settings.number('window', 's', minimum=_SHORTEST, maximum=_LONGEST)
     run.sense(channel, Memory(window, window, partial(moving_mean, window)))
 
@@ -170,7 +170,7 @@ def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'windows', section='when it is stuck')
 def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Repeats in a window the last value before it, or else the first within."""
+    """Repeat in a window the last value before it, or else the first within."""
     held = read_windows(settings, run.duration)
     last: float | None = None
 
@@ -205,7 +205,7 @@ _MOST_JITTER, _LONGEST_JUMP = 10.0, 3.2e8
 
 @channel_effect('recording', CHANNELS, 'standard_deviation', section='the jitter')
 def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Scatters the stamps; none comes to lie before 1970."""
+    """Scatter the stamps; none comes to lie before 1970."""
     deviation = settings.number('standard_deviation', 's', minimum=0.0, maximum=_MOST_JITTER)
     random = run.random(settings, channel)
 
@@ -219,7 +219,7 @@ def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('recording', CHANNELS, 'jumps')
 def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Shifts all stamps after each jump."""
+    """Shift all stamps after each jump."""
     jumps = _clock_jumps(settings, run.duration)
     if any(by < 0.0 for _, by in jumps):
         require_header(channel, 'its clock can only jump forward')
@@ -280,7 +280,7 @@ def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Chan
 
 @channel_effect('recording', CHANNELS, 'windows', 'share', section='which messages are lost')
 def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Loses some messages."""
+    """Lose some messages."""
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def lose(signal: Signal) -> None:

@@ -154,11 +154,11 @@ class Profile:
         return cls(times, values, np.cumsum([times[0] * values[0], *pieces]))
 
     def at(self, time: FloatArray) -> FloatArray:
-        """Values at some times [s], of their shape."""
+        """Return the values at some times [s], of their shape."""
         return np.interp(time, self.times, self.values)
 
     def integral(self, time: FloatArray) -> FloatArray:
-        """Integral from the scene's start to some times [s], of their shape."""
+        """Return the integral from the scene's start to some times [s], of their shape."""
         inside = np.clip(time, self.times[0], self.times[-1])
         piece = np.searchsorted(self.times, inside, side='right') - 1
         value = np.interp(inside, self.times, self.values)
@@ -200,9 +200,12 @@ def read_steps(settings: Settings, unit: str, duration: float) -> Profile:
 
 
 def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple[float, float]]:
-    """Points (time, value) that must rise in time and lie within the scene.
+    """Return points (time [s], value) that rise in time and lie within the scene.
 
-    Each row is what a point is called in sentences, and what it is.
+    Each row is the name of a point for sentences, and the point as the file has it.
+
+    Raises:
+        SceneError: A point is no pair of numbers, or breaks the order.
     """
     for name, point in rows:
         _check_pair(name, point, '[time in s, value]')
@@ -221,7 +224,7 @@ def _check_pair(name: str, pair: Any, meaning: str) -> None:
 
 
 def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
-    """Refuse times [s] that do not rise or lie outside the scene."""
+    """Raise SceneError for times [s], each with its name, that do not rise or lie outside the scene."""
     for name, time in rows:
         if not is_number(time):
             raise SceneError(f'{name} is at {time!r}, which is no time in s')
@@ -328,7 +331,7 @@ def drawn(document: Any, seed: int, place: str = '') -> Any:
     """
     if isinstance(document, Mapping):
         if list(document) == [BETWEEN]:
-            return _draw_error(document[BETWEEN], seed, place)
+            return _draw_between(document[BETWEEN], seed, place)
         return {key: drawn(value, seed, f'{place}.{key}') for key, value in document.items()}
     if isinstance(document, list):
         names = _number_repeated(document)
@@ -336,7 +339,8 @@ def drawn(document: Any, seed: int, place: str = '') -> Any:
     return document
 
 
-def _draw_error(limits: Any, seed: int, place: str) -> float:
+def _draw_between(limits: Any, seed: int, place: str) -> float:
+    """Draw a number evenly between two limits, by the seed and the place in the file."""
     if not _is_pair(limits) or limits[0] > limits[1]:
         raise SceneError(
             f'{place.lstrip(".")} = {{{BETWEEN}: {limits!r}}} must be two numbers, the lower first'

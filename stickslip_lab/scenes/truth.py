@@ -101,7 +101,7 @@ def _bearing_names(bag: Recording) -> list[str]:
 
 
 def _decode_event(bag: Recording, data: bytes, topic: str) -> tuple[str, int]:
-    """Name and time of an event [ns]."""
+    """Return name and time [ns] of an encoded event; BagError for one of another schema."""
     try:
         (size,) = struct.unpack_from('<I', data, 4)
         record: Any = json.loads(data[8 : 8 + size].rstrip(b'\0'))
@@ -113,7 +113,7 @@ def _decode_event(bag: Recording, data: bytes, topic: str) -> tuple[str, int]:
 
 
 def _find_episodes(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
-    """First and last stick of each episode [ns], of events by name and time in their order.
+    """Yield first and last stick of each episode [ns], of events by name and time in their order.
 
     One that is going on at the end ends there.
     """
