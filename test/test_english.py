@@ -16,7 +16,6 @@ MOST = {
     'stickslip_monitor/drawing': 1,
     'stickslip_monitor/monitor': 6,
     'stickslip_monitor/offline': 5,
-    'stickslip_monitor/physics': 40,
 }
 
 

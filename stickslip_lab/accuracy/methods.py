@@ -108,7 +108,7 @@ def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: fl
     law = scalar_law(bearing.friction).plain
 
     def friction(relative: float) -> float:
-        mu = law.top - friction_drop(law.own, 0.0, abs(relative))
+        mu = law.top - friction_drop(law.numbers, 0.0, abs(relative))
         return load * math.tanh(relative / width) * mu
 
     flow = _build_flow(bearing, speed, friction)
@@ -176,7 +176,7 @@ def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow
     law = scalar_law(bearing.friction).plain
 
     def friction(relative: float) -> float:
-        return load * side * (law.top - friction_drop(law.own, 0.0, side * relative))
+        return load * side * (law.top - friction_drop(law.numbers, 0.0, side * relative))
 
     return _build_flow(bearing, speed, friction)
 

@@ -362,7 +362,7 @@ class BearingScan:
             modules = (import_module(__name__), rule, vibration_rule, *physics)
             loop: Any = jit.compiled('run', *modules, law=settings.law.module, inline=False)
             states = self.state.row()
-            given = settings.row, (compiled.own, settings.boundaries.pieces, settings.chances)
+            given = settings.row, (compiled.numbers, settings.boundaries.pieces, settings.chances)
         else:
             loop, states = run, [self.state]
             given = [settings.live], settings.model

@@ -128,7 +128,9 @@ def highest(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray
 
     Beyond the sliding limit ``rho`` falls, so it stands at an amplitude ``a <= V``.
     """
-    parts = [_highest(law, speed[first : first + _SPEEDS]) for first in range(0, speed.size, _SPEEDS)]
+    parts = [
+        _highest_of_block(law, speed[first : first + _SPEEDS]) for first in range(0, speed.size, _SPEEDS)
+    ]
     peak, place = (np.concatenate(column) for column in zip(*parts, strict=True)) if parts else (speed, speed)
     # A fall in the last digit of the coefficient is rounding, not friction.
     reach = np.abs(peak) * amplitude_at(place, speed)
@@ -136,7 +138,7 @@ def highest(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray
     return peak, place
 
 
-def _highest(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _highest_of_block(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return :func:`highest` of one block of speeds, before rounding is taken out."""
     n, m = speed.size, _BELOW.size
     rows = slope_surface(law, np.tile(_BELOW, n), np.repeat(speed, m)).reshape(n, m)
@@ -158,15 +160,15 @@ def _rises_to_limit(law: FrictionLaw, speed: FloatArray, at_limit: FloatArray) -
     return slope_surface(law, np.full(speed.size, 1.0 - _ASIDE), speed) < at_limit
 
 
-def _panel_speeds(law: FrictionLaw, per_panel: int, most: int | None = None) -> FloatArray:
+def _panel_speeds(law: FrictionLaw, per_panel: int, max_breaks: int | None = None) -> FloatArray:
     """Return speeds that scan a law up to its last breakpoint, and more near 0.
 
     There are ``per_panel`` from each breakpoint to the next; of more than ``most`` breakpoints so many are
     used, evenly.
     """
     breaks = np.array(speed_scales(law))
-    if most is not None and breaks.size > most:
-        breaks = breaks[np.unique(np.linspace(0, breaks.size - 1, most).astype(np.intp))]
+    if max_breaks is not None and breaks.size > max_breaks:
+        breaks = breaks[np.unique(np.linspace(0, breaks.size - 1, max_breaks).astype(np.intp))]
     edges = np.append(0.0, breaks)
     near = np.geomspace(1e-9, 0.9, 40) * edges[1]
     steps = (np.arange(per_panel) + 1.0) / per_panel
@@ -210,7 +212,7 @@ def peak_curve(law: FrictionLaw) -> PeakCurve:
     speeds = _table_speeds(law, _PANELS)
     peak, place = highest(law, speeds)
     if len(speed_scales(law)) > _PANELS:
-        also, peaks_there, places_there = _outstanding(law)
+        also, peaks_there, places_there = _outstanding_peaks(law)
         speeds, first = np.unique(np.append(speeds, also), return_index=True)
         peak, place = np.append(peak, peaks_there)[first], np.append(place, places_there)[first]
     for _ in range(_FINER if len(speed_scales(law)) >= _PANELS else 0):
@@ -271,7 +273,7 @@ def slope_table(law: FrictionLaw) -> SlopeTable:
     return SlopeTable(speeds, rows, np.vstack([doubt, doubt[-1:]]))
 
 
-def _outstanding(law: FrictionLaw) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _outstanding_peaks(law: FrictionLaw) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Speeds of a table at which the highest ``rho`` may exceed that of all higher speeds.
 
     Returns:
@@ -283,13 +285,13 @@ def _outstanding(law: FrictionLaw) -> tuple[FloatArray, FloatArray, FloatArray]:
     peak, bound = -law.slope(v), _steepest_mean(law, v)
     record = (bound > 0.0) & (bound >= np.maximum.accumulate(bound[::-1])[::-1])
     v, peak, at_rest = v[record], peak[record], (peak >= bound)[record]
-    asked = np.flatnonzero(~at_rest)
+    doubtful = np.flatnonzero(~at_rest)
     # So many stand out only where the peaks fall from speed to speed, and between them.
-    asked = asked[:: max(1, -(-asked.size // _OUTSTANDING))]
+    doubtful = doubtful[:: max(1, -(-doubtful.size // _OUTSTANDING))]
     place = np.zeros(v.size)
-    peak[asked], place[asked] = highest(law, v[asked])
-    known = np.append(np.flatnonzero(at_rest), asked)
-    return v[known], peak[known], place[known]
+    peak[doubtful], place[doubtful] = highest(law, v[doubtful])
+    solved = np.append(np.flatnonzero(at_rest), doubtful)
+    return v[solved], peak[solved], place[solved]
 
 
 def _steepest_mean(law: FrictionLaw, speed: FloatArray) -> FloatArray:
@@ -313,14 +315,14 @@ def _table_speeds(law: FrictionLaw, whole: int) -> FloatArray:
         whole: Up to so many breakpoints all are used, of more a part.
     """
     panels = min(len(speed_scales(law)), _PANELS)
-    most = _PANELS if len(speed_scales(law)) > whole else None
+    max_breaks = _PANELS if len(speed_scales(law)) > whole else None
     per_panel = max(1, _PEAK_SPEEDS // panels) if panels < _PANELS else 1
     far = speed_scales(law)[-1] * (_FAR_SPEEDS[1:] if panels < _PANELS else _FAR_SPEEDS[4::4])
     steady, heights = equilibrium_table(law)
     # No speed at which even steady sliding is unstable may fall between two of the table.
     steepest = steady[np.argmax(heights)]
-    few = np.unique(np.concatenate([_panel_speeds(law, per_panel, most), [steepest], far]))
-    return np.insert(few, np.arange(1, few.size), 0.5 * (few[1:] + few[:-1]))
+    coarse = np.unique(np.concatenate([_panel_speeds(law, per_panel, max_breaks), [steepest], far]))
+    return np.insert(coarse, np.arange(1, coarse.size), 0.5 * (coarse[1:] + coarse[:-1]))
 
 
 _BLOCK = 1024
@@ -391,22 +393,23 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
     if not inside.size:
         return result
     i, level = index[inside], q[inside]
-    low, high, here, there = curve.speeds[i], curve.speeds[i + 1], curve.place[i], curve.place[i + 1]
+    low, high = curve.speeds[i], curve.speeds[i + 1]
+    place_low, place_high = curve.place[i], curve.place[i + 1]
     kind = np.full(inside.shape, _ANYWHERE)
-    kind[(np.abs(here - there) < _AROUND) & (np.minimum(here, there) > _AROUND)] = _NEAR
-    kind[(here - 1.0) * (there - 1.0) <= 0.0] = _ANYWHERE
-    kind[(here == 1.0) & (there == 1.0)] = _CUSP
-    kind[(here == 0.0) & (there == 0.0)] = _STEADY
+    kind[(np.abs(place_low - place_high) < _AROUND) & (np.minimum(place_low, place_high) > _AROUND)] = _NEAR
+    kind[(place_low - 1.0) * (place_high - 1.0) <= 0.0] = _ANYWHERE
+    kind[(place_low == 1.0) & (place_high == 1.0)] = _CUSP
+    kind[(place_low == 0.0) & (place_high == 0.0)] = _STEADY
 
     def excess(v: FloatArray, level: FloatArray, near: FloatArray, kind: IndexArray) -> FloatArray:
-        return _height(law, v, near, kind) - level
+        return _highest_between(law, v, near, kind) - level
 
     ends = (curve.peak[i] - level, curve.peak[i + 1] - level)
-    result[inside] = root_on_bracket(excess, low, high, ends, (level, 0.5 * (here + there), kind))
+    result[inside] = root_on_bracket(excess, low, high, ends, (level, 0.5 * (place_low + place_high), kind))
     return result
 
 
-def _height(law: FrictionLaw, speed: FloatArray, near: FloatArray, kind: IndexArray) -> FloatArray:
+def _highest_between(law: FrictionLaw, speed: FloatArray, near: FloatArray, kind: IndexArray) -> FloatArray:
     """Return the highest ``rho`` of speeds between two of the curve [s/m], shape (n,).
 
     Args:
@@ -416,12 +419,12 @@ def _height(law: FrictionLaw, speed: FloatArray, near: FloatArray, kind: IndexAr
         kind: What the highest is, ``_STEADY`` to ``_ANYWHERE``, shape (n,).
     """
     height = np.empty(speed.size)
-    steady, cusp, beside, other = (np.flatnonzero(kind == each) for each in range(4))
+    steady, cusp, drifting, anywhere = (np.flatnonzero(kind == number) for number in range(4))
     height[steady] = -law.slope(speed[steady])
     height[cusp] = slope_surface(law, np.ones(cusp.size), speed[cusp])
-    x = near[beside]
-    height[beside] = peaks(law, speed[beside], x - _AROUND, np.minimum(x + _AROUND, 1.0))[1]
-    height[other] = peak_slope(law, speed[other])
+    x = near[drifting]
+    height[drifting] = peaks(law, speed[drifting], x - _AROUND, np.minimum(x + _AROUND, 1.0))[1]
+    height[anywhere] = peak_slope(law, speed[anywhere])
     return height
 
 
@@ -458,15 +461,15 @@ def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArr
     # From the last speed of the curve that has a cycle there is one up to the fold.
     open_ = result & ~((i == end) & (fold < speeds[-1]))
     result &= ~open_ | (excess > 0.0)
-    asked = np.flatnonzero(open_ & ~((np.abs(excess) > doubt[i]) & (share >= 0.0) & (share <= 1.0)))
+    doubtful = np.flatnonzero(open_ & ~((np.abs(excess) > doubt[i]) & (share >= 0.0) & (share <= 1.0)))
     # Most of these have a cycle by one of a few amplitudes, or none by any.
-    result[asked] = True
+    result[doubtful] = True
     for at in _LIKELY:
-        v = np.clip(speed[asked], SLOWEST, FASTEST)
-        asked = asked[slope_surface(law, np.full(asked.size, at), v) <= q[asked]]
-    result[asked] = _steepest_mean(law, speed[asked]) > (1.0 - _CAREFUL) * q[asked]
-    asked = asked[result[asked]]
-    result[asked] = peak_slope(law, speed[asked]) > q[asked]
+        v = np.clip(speed[doubtful], SLOWEST, FASTEST)
+        doubtful = doubtful[slope_surface(law, np.full(doubtful.size, at), v) <= q[doubtful]]
+    result[doubtful] = _steepest_mean(law, speed[doubtful]) > (1.0 - _CAREFUL) * q[doubtful]
+    doubtful = doubtful[result[doubtful]]
+    result[doubtful] = peak_slope(law, speed[doubtful]) > q[doubtful]
     return result
 
 
@@ -490,11 +493,11 @@ def _one_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, *, smallest: 
 
     Shape (n,); ``nan`` for none.
     """
-    found = _brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
-    point, left, *_, sign = found
+    brackets = _root_brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
+    point, left, *_, sign = brackets
     order = np.lexsort([left if smallest else -left, point])
     wanted = order[(sign[order] < 0.0) == smallest]
-    chosen = found[:, wanted[np.unique(point[wanted], return_index=True)[1]]]
+    chosen = brackets[:, wanted[np.unique(point[wanted], return_index=True)[1]]]
     result = np.full(speed.shape, np.nan)
     result[chosen[0].astype(np.intp)] = _polish_roots(law, speed, q, chosen)
     return result
@@ -510,74 +513,74 @@ def cycles(
         or padding; both of shape (n, w) with the ``w`` of the point that has most.
     """
     q = damping_per_load(damping, load)
-    found = _brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
-    point, stable = found[0].astype(np.intp), (found[-1] > 0.0).astype(float)
-    return _pad(speed.size, point, _polish_roots(law, speed, q, found), stable)
+    brackets = _root_brackets(law, np.clip(speed, SLOWEST, FASTEST), q)
+    point, stable = brackets[0].astype(np.intp), (brackets[-1] > 0.0).astype(float)
+    return _group_by_point(speed.size, point, _polish_roots(law, speed, q, brackets), stable)
 
 
-def _polish_roots(law: FrictionLaw, speed: FloatArray, q: FloatArray, found: FloatArray) -> FloatArray:
+def _polish_roots(law: FrictionLaw, speed: FloatArray, q: FloatArray, brackets: FloatArray) -> FloatArray:
     """Return the velocity amplitudes of the roots in brackets, shape (m,) [m/s].
 
     Args:
         law: The law.
         speed: Of the points, shape (n,) [m/s].
         q: ``c/N`` of the points, shape (n,) [s/m].
-        found: As of :func:`_brackets`, shape (6, m).
+        brackets: As of :func:`_root_brackets`, shape (6, m).
     """
 
     def excess(x: FloatArray, v: FloatArray, level: FloatArray) -> FloatArray:
         return slope_surface(law, x, v) - level
 
-    point, (left, right, *ends, _) = found[0].astype(np.intp), found[1:]
+    point, (left, right, *ends, _) = brackets[0].astype(np.intp), brackets[1:]
     v = np.clip(speed, SLOWEST, FASTEST)[point]
     x = root_on_bracket(excess, left, right, (ends[0], ends[1]), (v, q[point]))
     with np.errstate(over='ignore'):
         return amplitude_at(x, speed[point])
 
 
-def _brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
+def _root_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
     """Stretches of the amplitude coordinate with one root of ``rho - q`` each.
 
     Returns:
         The point that it belongs to, where it begins and ends, about ``rho - q`` there and there,
         and 1 where ``rho`` falls, which is a stable cycle, else -1; shape (6, stretches).
     """
-    found = [np.zeros((6, 0))]
+    blocks = [np.zeros((6, 0))]
     for first in range(0, speed.size, _BLOCK):
         part = slice(first, first + _BLOCK)
-        for some in _grid_brackets(law, speed[part], q[part]):
-            some[0] += first
-            found.append(some)
-    return np.concatenate(found, axis=1)
+        for stretches in _grid_brackets(law, speed[part], q[part]):
+            stretches[0] += first
+            blocks.append(stretches)
+    return np.concatenate(blocks, axis=1)
 
 
 def _grid_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> list[FloatArray]:
-    """Return the stretches of the amplitude grid that hold a root, as of :func:`_brackets`.
+    """Return the stretches of the amplitude grid that hold a root, as of :func:`_root_brackets`.
 
     One that hides two roots between grid points is cut at the turn of ``rho`` into two.
     """
-    above, (p, c) = _excess(law, speed, q)
+    above, (p, c) = _excess_on_grid(law, speed, q)
     point, column = np.nonzero((above[:, :-1] > 0.0) != (above[:, 1:] > 0.0))
     before, after = above[point, column], above[point, column + 1]
     sign = np.where(before > 0.0, 1.0, -1.0)
     # Friction that is level gives and takes nothing up to some amplitude: that is no cycle of none.
     before = np.where(before == 0.0, -after, before)
-    found = [np.stack([point, GRID[column], GRID[column + 1], before, after, sign])]
+    crossings = [np.stack([point, GRID[column], GRID[column + 1], before, after, sign])]
     if not p.size:
-        return found
+        return crossings
     # A peak or dip between grid points can hide two roots.
-    here = above[p, c]
-    side = np.sign(here)
+    excess = above[p, c]
+    side = np.sign(excess)
     turn, value = peaks(law, speed[p], GRID[c - 1], GRID[c + 1], -side)
     value = value - q[p]
     crossed = value * side < 0.0
     p, c, turn, value, side = p[crossed], c[crossed], turn[crossed], value[crossed], side[crossed]
     to = np.stack([p, GRID[c - 1], turn, above[p, c - 1], value, side])
     back = np.stack([p, turn, GRID[c + 1], value, above[p, c + 1], -side])
-    return [*found, to, back]
+    return [*crossings, to, back]
 
 
-def _excess(
+def _excess_on_grid(
     law: FrictionLaw, speed: FloatArray, q: FloatArray
 ) -> tuple[FloatArray, tuple[IndexArray, IndexArray]]:
     """Return ``rho - q`` on the amplitude grid, and where a turn between grid points may reach ``q``.
@@ -587,18 +590,18 @@ def _excess(
     Returns:
         Shape (n, len(GRID)); and the points and the middle columns of the turns, shape (m,) each.
     """
-    above, doubt = _lines(law, speed)
+    above, doubt = _read_table(law, speed)
     above -= q[:, None]
     point, column = np.nonzero(~(np.abs(above) > doubt))
     if point.size:
         above[point, column] = slope_surface(law, GRID[column], speed[point]) - q[point]
-    point, column = np.nonzero(_bent(above, doubt))
+    point, column = np.nonzero(_may_turn(above, doubt))
     for k in (0, 1, 2) if point.size else ():
         above[point, column + k] = slope_surface(law, GRID[column + k], speed[point]) - q[point]
-    return above, _turns(law, speed, above, point, column)
+    return above, _turning_triples(law, speed, above, point, column)
 
 
-def _lines(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _read_table(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Interpolate ``rho`` on the amplitude grid between the speeds of the law's table.
 
     Returns:
@@ -616,19 +619,19 @@ def _lines(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]
     return low + (table.rows[i + 1] - low) * share[:, None], doubt
 
 
-def _bent(above: FloatArray, doubt: FloatArray) -> BoolArray:
+def _may_turn(above: FloatArray, doubt: FloatArray) -> BoolArray:
     """Return where three neighbours lie on one side of ``q`` and a parabola through them may reach it.
 
     Shape (n, len(GRID) - 2), by the first of the three.
     """
-    left, here, right = above[:, :-2], above[:, 1:-1], above[:, 2:]
+    left, middle, right = above[:, :-2], above[:, 1:-1], above[:, 2:]
     side = (left > 0.0) == (right > 0.0)
-    side &= (left > 0.0) == (here > 0.0)
+    side &= (left > 0.0) == (middle > 0.0)
     # It goes beyond the middle point by an eighth of this at most.
-    return side & (np.abs(here) <= np.abs(left - 2.0 * here + right) + 4.0 * doubt[:, 1:-1])
+    return side & (np.abs(middle) <= np.abs(left - 2.0 * middle + right) + 4.0 * doubt[:, 1:-1])
 
 
-def _turns(
+def _turning_triples(
     law: FrictionLaw, speed: FloatArray, above: FloatArray, p: IndexArray, c: IndexArray
 ) -> tuple[IndexArray, IndexArray]:
     """Keep the triples of grid points at which ``rho`` turns towards ``q``.
@@ -643,9 +646,9 @@ def _turns(
     Returns:
         Points and middle columns. A cusp at the sliding limit is no turn: it is a grid point itself.
     """
-    left, here, right = (above[p, c + k] for k in range(3))
-    side = np.sign(here)
-    towards = (side * left > side * here) & (side * right > side * here)
+    left, middle, right = (above[p, c + k] for k in range(3))
+    side = np.sign(middle)
+    towards = (side * left > side * middle) & (side * right > side * middle)
     towards &= (side * left > 0.0) & (side * right > 0.0)
     p, c = p[towards], c[towards] + 1
     # At the sliding limit a peak is the cusp itself, unless rho already falls towards it.
@@ -657,7 +660,7 @@ def _turns(
     return p, c
 
 
-def _pad(
+def _group_by_point(
     points: int, point: IndexArray, amplitude: FloatArray, stable: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Group roots by their point, ascending: shape (points, most roots of any point)."""

@@ -64,9 +64,9 @@ class BoundaryTable:
     def highest_fold(self, load: FloatArray) -> FloatArray:
         """Return the highest fold at any load up to each, shape (n,); ``nan`` where its own is [m/s]."""
         with np.errstate(all='ignore'):
-            known = np.exp(self.first + self.step * np.arange(len(self.pieces[0]) + 1))
-            highest = np.fmax.accumulate(np.append(0.0, self.fold(known)))
-            return np.maximum(self.fold(load), highest[np.searchsorted(known, load)])
+            loads = np.exp(self.first + self.step * np.arange(len(self.pieces[0]) + 1))
+            highest = np.fmax.accumulate(np.append(0.0, self.fold(loads)))
+            return np.maximum(self.fold(load), highest[np.searchsorted(loads, load)])
 
     def lower_end(self, load: ArrayLike) -> Any:
         """Return the lower end of stick-slip at loads [N]; 0 for none [m/s]."""

@@ -158,8 +158,8 @@ def as_measured(bearing: _Bearing) -> _Bearing:
     """Return the bearing without lubrication: its friction is as measured at any load and temperature."""
     if bearing.lubrication is None:
         return bearing
-    own: Any = bearing
-    plain: _Bearing = _without_lubrication(own)
+    any_bearing: Any = bearing
+    plain: _Bearing = _without_lubrication(any_bearing)
     return plain
 
 

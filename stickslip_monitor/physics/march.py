@@ -200,7 +200,7 @@ def slip_advance(
         trial: Its length to try; 0 for none yet.
         left: The longest that it may be.
     """
-    law_numbers, h = law.own, trial
+    law_numbers, h = law.numbers, trial
     if h == 0.0:
         rate = abs(medium.force * friction_slope(law_numbers, begin.z))
         h = (
@@ -317,7 +317,7 @@ def write_samples(
     """Write the samples that lie within a step to ``samples``.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.own`.
+        law_numbers: The law, as :attr:`.LawInUse.numbers`.
         omega: Natural frequency [rad/s].
         step: The step.
         samples: The samples, written.
@@ -388,7 +388,7 @@ def march(
         else:
             slips += 1
             medium = recenter_medium(law, medium, side * e, side * z)
-            begin = SlipState(0.0, side * z, acceleration(law.own, medium, 0.0, side * z))
+            begin = SlipState(0.0, side * z, acceleration(law.numbers, medium, 0.0, side * z))
             step = slip_advance(law, body, medium, begin, trial, left * omega)
         h, event, after, trial = step
         if not (abs(after.e) < math.inf and abs(after.z) < math.inf):
@@ -397,7 +397,7 @@ def march(
         whole = Whole(base, time, rest, e, phase, medium, begin, h, after)
         is_last = event == NOTHING and h >= left * omega
         until = end if is_last else math.inf
-        cursor = write_samples(law.own, omega, whole, samples, cursor, until)
+        cursor = write_samples(law.numbers, omega, whole, samples, cursor, until)
         x, z = (e + side * after.e) / omega, side * after.z
         stalled = stalled + 1 if h == 0.0 else 0
         # What rounding takes from the time is kept.

@@ -118,7 +118,7 @@ class SlipField:
             drop = np.asarray(self.law.coefficient(slow) - self.law.coefficient(self.origin + self.speed))
         else:
             law_numbers, pairs = (
-                law_in_use(self.law).own,
+                law_in_use(self.law).numbers,
                 zip(self.origin.tolist(), self.speed.tolist(), strict=True),
             )
             drop = np.array([friction_drop(law_numbers, *pair) for pair in pairs])
@@ -152,7 +152,7 @@ class Route(NamedTuple):
         direction: In time, 1 or -1, one number or one each.
         contact: Whether contact with the belt ends them.
         weigh: Whether to integrate the divergence.
-        most: Steps.
+        max_steps: Of an orbit; one that needs more is ``EXHAUSTED``.
     """
 
     last: Any
@@ -160,7 +160,7 @@ class Route(NamedTuple):
     direction: Any = 1.0
     contact: bool = False
     weigh: bool = False
-    most: int = _MAX_STEPS
+    max_steps: int = _MAX_STEPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,14 +213,14 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     while begun < n and (interpreted or _Effort.steps < PATIENCE):
         # One by one, so that long work is noticed while it is under way.
         law, row, written = scalar.plain, rows[begun].tolist(), [0.0] * _WRITES
-        follow_each(law.own, law.kinks[:stops], *shared, [row], plain, [written])
+        follow_each(law.numbers, law.kinks[:stops], *shared, [row], plain, [written])
         out[begun] = written
         _Effort.steps += int(written[-1])
         begun += 1
     if begun < n and scalar.compiled is not None:
         law, modules = scalar.compiled, (import_module(__name__), dop853, scalar_laws)
         loop = jit.compiled('follow_each', *modules, law=scalar.module, inline=False)
-        loop(law.own, law.kinks[:stops], *shared, rows[begun:], plain, out[begun:])
+        loop(law.numbers, law.kinks[:stops], *shared, rows[begun:], plain, out[begun:])
     end, time, place, first, second, gain, _ = out.T
     return Orbits(end.astype(int), time, place, np.stack([first, second]), gain)
 
@@ -237,7 +237,7 @@ def follow_each(
     """Follow one orbit after the other; each row of ``out`` receives the result of :func:`follow_one`.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.own`.
+        law_numbers: The law, as :attr:`.LawInUse.numbers`.
         kinks: Its kinks [m/s].
         damping: ``2 zeta``.
         drift: As of :class:`SlipField`.
@@ -249,7 +249,7 @@ def follow_each(
     for k in range(len(rows)):
         row, to = rows[k], out[k]
         medium = Medium(row[0], row[1], damping, row[2], row[3], drift, 0.0, 0.0, 0.0)
-        own_route = Route(int(row[6]), route.error, row[7], route.contact, route.weigh, route.most)
+        own_route = Route(int(row[6]), route.error, row[7], route.contact, route.weigh, route.max_steps)
         orbit = follow_one(law_numbers, kinks, medium, row[4], row[5], own_route)
         to[0], to[1], to[2], to[3], to[4], to[5], to[6] = orbit
 
@@ -260,7 +260,7 @@ def follow_one(
     """Follow the orbit that begins at ``e`` and ``z``.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.own`.
+        law_numbers: The law, as :attr:`.LawInUse.numbers`.
         kinks: Its kinks [m/s].
         medium: What it slips in.
         e: Displacement from breakaway in units of ``V/omega``.
@@ -283,7 +283,7 @@ def follow_one(
     h = route.direction * 0.1 / (1.0 + medium.damping + min(stiffness, 1e6))
     side = z - drift or route.direction * state.rate
     time, turns, first, second, end, gain, steps = 0.0, 0, math.nan, math.nan, EXHAUSTED, 0.0, 0
-    for _ in range(route.most):
+    for _ in range(route.max_steps):
         steps += 1
         length = until_kink(law_numbers, kinks, medium, state, h)
         after, error = slip_step(law_numbers, medium, state, length)

@@ -46,13 +46,13 @@ def crossing_angle(speed: FloatArray, amplitude: FloatArray, level: FloatArray |
 
 
 @lru_cache(maxsize=64)
-def _levels(law: FrictionLaw) -> FloatArray:
+def _break_levels(law: FrictionLaw) -> FloatArray:
     """Relative speeds at which the friction of a cycle is not smooth, ascending."""
     breaks = speed_scales(law)
     return np.array([*(-b for b in reversed(breaks)), 0.0, *breaks])
 
 
-def _panels(
+def _smooth_stretches(
     law: FrictionLaw, speed: FloatArray, amplitude: FloatArray
 ) -> tuple[FloatArray, FloatArray, IndexArray]:
     """Return the stretches of the half cycles within which the law is smooth.
@@ -61,7 +61,7 @@ def _panels(
         Start and width of each [rad] and the element it belongs to, in the order of elements and of ``t``;
         only those with a width; shape (stretches,) each.
     """
-    levels = _levels(law)
+    levels = _break_levels(law)
     first = np.searchsorted(levels, speed - amplitude, side='right')
     inside = np.maximum(np.searchsorted(levels, speed + amplitude, side='left') - first, 0)
     stretches = inside + 1
@@ -93,8 +93,8 @@ def friction_harmonic(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray
     """
     v, a = speed.ravel(), amplitude.ravel()
     level = law.coefficient(v)
-    most = max(1, _STRETCHES // _levels(law).size)
-    parts = [slice(first, first + most) for first in range(0, max(v.size, 1), most)]
+    block_size = max(1, _STRETCHES // _break_levels(law).size)
+    parts = [slice(first, first + block_size) for first in range(0, max(v.size, 1), block_size)]
     varying = np.concatenate([_varying_harmonic(law, v[part], a[part], level[part]) for part in parts])
     # The average of the constant part has a closed form.
     reach = np.maximum(a, v)
@@ -115,7 +115,7 @@ def _varying_harmonic(
         amplitude: ``a`` > 0, shape (n,) [m/s].
         level: ``mu(V)``, shape (n,).
     """
-    begin, extent, element = _panels(law, speed, amplitude)
+    begin, extent, element = _smooth_stretches(law, speed, amplitude)
     # Between its points a table is a cubic, where another law may fall by orders of magnitude.
     rules = _TABLE_RULES if len(getattr(law, 'kinks', ())) else _TABLE_RULES[-1:]
     which = np.searchsorted([widest for widest, _ in rules], extent, side='right')

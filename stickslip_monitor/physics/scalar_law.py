@@ -28,18 +28,18 @@ _ROUNDING = 1e-12
 
 
 def friction_drop(law: Any, origin: float, step: float) -> float:
-    """``mu(v) - mu(v + step)`` of sliding ahead [-] of the law of :attr:`LawInUse.own`.
+    """``mu(v) - mu(v + step)`` of sliding ahead [-] of the law of :attr:`LawInUse.numbers`.
 
-    >>> friction_drop(scalar_law(Tabulated([0.0, 1.0], [0.75, 0.25])).plain.own, 0.0, 1.0)
+    >>> friction_drop(scalar_law(Tabulated([0.0, 1.0], [0.75, 0.25])).plain.numbers, 0.0, 1.0)
     0.5
     """
     return law.drop(origin, step)
 
 
 def friction_slope(law: Any, speed: float) -> float:
-    """``d mu / d|v|`` at a relative speed [s/m] of the law of :attr:`LawInUse.own`.
+    """``d mu / d|v|`` at a relative speed [s/m] of the law of :attr:`LawInUse.numbers`.
 
-    >>> friction_slope(scalar_law(Stribeck(0.5, 0.25, 10.0)).plain.own, 0.0)
+    >>> friction_slope(scalar_law(Stribeck(0.5, 0.25, 10.0)).plain.numbers, 0.0)
     -2.5
     """
     return law.slope(speed)
@@ -49,7 +49,7 @@ class LawInUse(NamedTuple):
     """Functions of a law for the loops.
 
     Attributes:
-        own: What :func:`friction_drop` and :func:`friction_slope` take.
+        numbers: What :func:`friction_drop` and :func:`friction_slope` take.
         kinks: Ascending speeds at which the second derivative of ``mu`` jumps [m/s].
         hold: Largest coefficient that sticking can carry [-]: by Filippov's convex hull never less
             than that of slow sliding.
@@ -58,7 +58,7 @@ class LawInUse(NamedTuple):
         steepest: Upper bound of ``|d mu / d|v||`` while it slides [s/m].
     """
 
-    own: Any
+    numbers: Any
     kinks: Any
     hold: float
     top: float

@@ -128,13 +128,13 @@ def slip_step(law_numbers: Any, medium: Medium, begin: SlipState, step: float) -
     The displacement that the belt's own speed makes is exact, the rest by the method's stages.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.own`.
+        law_numbers: The law, as :attr:`.LawInUse.numbers`.
         medium: What the motion takes place in, as the step begins.
         begin: The state there.
         step: Its length, negative to go back in time.
 
     >>> medium = Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # without friction cos and sin
-    >>> law = scalar_law(Coulomb(0.0, 0.0)).plain.own
+    >>> law = scalar_law(Coulomb(0.0, 0.0)).plain.numbers
     >>> round(slip_step(law, medium, SlipState(1.0, 0.0, 1.0), 0.1).state.e - math.cos(0.1), 12)
     0.0
     """
@@ -233,7 +233,7 @@ def cut_step(
     Newton's method, kept between a length before the level and one behind.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.own`.
+        law_numbers: The law, as :attr:`.LawInUse.numbers`.
         medium: What the motion takes place in, as the step begins.
         begin: The state there.
         h: Its length, by which the level has been passed.
@@ -241,7 +241,7 @@ def cut_step(
         level: The level of that.
 
     >>> medium = Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-    >>> law = scalar_law(Coulomb(0.0, 0.0)).plain.own
+    >>> law = scalar_law(Coulomb(0.0, 0.0)).plain.numbers
     >>> length, _ = cut_step(law, medium, SlipState(1.0, 0.0, 1.0), 1.0, RELATIVE_SPEED, 0.5)
     >>> round(math.sin(length), 9)
     0.5

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.special import i1e
 
 from stickslip_monitor import Bearing, Coulomb, CycleKind, Stribeck, Tabulated, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics import folds, orbits
@@ -366,3 +367,15 @@ def test_a_steep_scatter_far_from_the_belt_catches_nothing_that_grazes(seed, loa
         bearing, exact_fold_speed(bearing, load) * np.array([0.9999, 1.0001]), load
     ).kind
     assert below == CycleKind.STICK_SLIP != above
+
+
+@pytest.mark.parametrize('force', [3e-6, 1e-5, 3e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize('kappa', [0.05, 0.97, 0.99])
+def test_the_fold_of_a_lining_with_hardly_any_damping_is_averagings(kappa, force):
+    """Averaging is right to the square of ``force = N Delta/(m omega V)``; the orbits gain 1e-7 in a turn."""
+    v = brentq(lambda v: 2.0 * i1e(v) / v - kappa, 1e-6, 1e3, xtol=1e-15)
+    damping = force * kappa * v * 50.0 * 200.0
+    bearing = bench(Stribeck(0.3, 0.1, 10.0), damping)
+    assert exact_fold_speed(bearing, damping / (2.0 * kappa)) == pytest.approx(
+        v / 10.0, rel=1e-9 + 0.1 * force**2
+    )

@@ -31,7 +31,7 @@ def test_the_weights_are_those_of_dop853() -> None:
 
 def test_error_falls_with_the_eighth_power_of_the_step() -> None:
     """A swing of ten radians about steady sliding at 0.6 m/s, in 8, 16 and 32 steps."""
-    own, medium = scalar_law(Stribeck(0.3, 0.1, 10.0)).plain.own, Medium(0.6, 0.17, 0.04, 0.0, 0.6, 0.0)
+    own, medium = scalar_law(Stribeck(0.3, 0.1, 10.0)).plain.numbers, Medium(0.6, 0.17, 0.04, 0.0, 0.6, 0.0)
 
     def end(steps: int) -> np.ndarray:
         state = SlipState(0.07, 0.0, acceleration(own, medium, 0.07, 0.0))

@@ -31,9 +31,9 @@ def test_slope_and_numbers_are_those_of_the_coefficient(exponent):
     np.testing.assert_allclose(law.slope(v), by_difference, rtol=1e-6, atol=1e-9)
     own = scalar_law(law).plain
     for speed in (0.003, 0.1):
-        mu = own.top - friction_drop(own.own, 0.0, speed)
+        mu = own.top - friction_drop(own.numbers, 0.0, speed)
         assert mu == pytest.approx(float(law.coefficient(speed)))
-        assert friction_slope(own.own, speed) == pytest.approx(float(law.slope(speed)))
+        assert friction_slope(own.numbers, speed) == pytest.approx(float(law.slope(speed)))
     fine = -law.slope(np.linspace(1e-4, 0.5, 200_001))
     assert own.fall == pytest.approx(np.max(fine), rel=1e-8)
 
