@@ -244,12 +244,12 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
             place, when = [str(message['pgn'])], message['timestamp']
             if not isinstance(when, str):
                 raise TypeError('a time is a text')
+            place += ['engine'] if place[0] in _OF_ENGINES else []
+            instance = fields.pop('Instance', fields.pop('Engine Instance', None))
+            place += [] if instance is None else [str(_ENGINES.get(instance, instance))]
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
             continue
-        place += ['engine'] if place[0] in _OF_ENGINES else []
-        instance = fields.pop('Instance', fields.pop('Engine Instance', None))
-        place += [] if instance is None else [str(_ENGINES.get(instance, instance))]
         for name, value in fields.items():
             if isinstance(value, int | float) and not isinstance(value, bool):
                 path, source = '.'.join((*place, name)), str(message.get('src', ''))

@@ -49,6 +49,15 @@ def test_engine_speeds_of_canboat(form: str, instance: object, tmp_path: Path) -
     assert series.value.tolist() == [1000.25 + k for k in range(20)]
 
 
+@pytest.mark.parametrize('instance', [['a'], {'value': {}}, {'value': [0]}])
+def test_a_message_with_an_odd_instance_is_damaged(instance: object, tmp_path: Path) -> None:
+    lines = [engine(k) for k in range(20)]
+    recording = opened(tmp_path, ''.join([*lines[:3], engine(3, Instance=instance), *lines[3:]]))
+    (series,) = recording.read([Request('127488.engine.0.Speed', 'data')]).values()
+    assert series.value.size == 20
+    assert any('1 line damaged' in text for text in recording.losses)
+
+
 def test_other_fields_by_path_and_other_senders_by_name(tmp_path: Path) -> None:
     lines = [engine(k) + engine(k, src=18, Instance='Dual Engine Starboard') for k in range(20)]
     lines += [engine(k, src=99) for k in range(5)]
