@@ -45,18 +45,27 @@ from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belie
 
 FLOOR = 0.01
 """Relative error of a boundary's speed that no evidence takes away: the model's own."""
+# Relative deviations where the configuration has none: those of a drawing, and of a load cell.
 _DAMPING, _DECAY, _LOAD = 0.40, 0.30, 0.03
-"""Deviations where the configuration has none."""
+# An end is named as worthless from this probability on: it is more likely so than not.
 _DOUBTFUL = 0.5
-_MOST_ROWS, _ONE_LOAD = 5, 1.1
-# Ends of which the last three are compared with those before, and how far apart in deviations
-# both that difference and the trend must be.
-_FEWEST_ENDS, _LAST, _CHANGED = 5, 3, 3.0
-_LEAST_SCATTER = 0.02
+# The result has boundaries at up to so many loads, evenly spaced.
+_MAX_LOADS = 5
+# Loads that differ by less than this factor are one load, of which the result says so.
+_ONE_LOAD = 1.1
+# From so many ends on, the last of them are compared with those before.
+_MIN_ENDS, _LAST_ENDS = 5, 3
+# Deviations from which on a step or a trend is a change: no change was reported of 40 steady ships.
+_CHANGED = 3.0
+# Scatter of ln V between ends that is never taken as less, and of a passage's own boundary.
+_MIN_SCATTER = 0.02
 RECOMMENDED_GROWTH, _WELL_KNOWN = 2.0, 5
 """``onset_growth`` to set after so many ends. On 332 h of voyages, five slow-downs each, ordinary
 sensors: false in 100 h 5.4 (drawing and 3 e-folds: 6.6), within 5 s 80.6 % (71.5), hours 4.7 (8.2)."""
-_LEAST_LEVEL, _DIGITS = 1e-20, 6
+# A level of 0 is taken as this, so that it has decibels.
+_MIN_LEVEL = 1e-20
+# Significant digits of the numbers in the file.
+_DIGITS = 6
 FRAGMENT_MARK = b'Made by stickslip calibrate'
 """Marks a fragment among the files of others."""
 
@@ -187,7 +196,7 @@ class Calibration:
         fold = self.belief.fold_speed
         return [
             [load, *self.hopf_speeds(load), *(float(fold(load, p)) for p in QUANTILES)]
-            for load in np.unique(np.linspace(*self.loads, _MOST_ROWS)).tolist()
+            for load in np.unique(np.linspace(*self.loads, _MAX_LOADS)).tolist()
         ]
 
     @cached_property
@@ -197,7 +206,7 @@ class Calibration:
         count, texts = len(self.edges.ends), []
         for k, end in enumerate(self.edges.ends):
             moved_on = self.spreads.forget * math.sqrt(count - 1 - k)
-            spread = math.hypot(0.02, self.spreads.load, moved_on)
+            spread = math.hypot(_MIN_SCATTER, self.spreads.load, moved_on)
             texts.append((end, doubt(end, self.reference, log_r, log_q, spread)))
         return [(end, p) for end, p in texts if p > _DOUBTFUL]
 
@@ -234,18 +243,18 @@ class Calibration:
     def has_changed(self) -> bool:
         """Whether the last ends differ from those before, or all have a trend."""
         ends = sorted(self.edges.seen, key=lambda end: end.time)
-        if len(ends) < _FEWEST_ENDS:
+        if len(ends) < _MIN_ENDS:
             return False
         log_r, log_q = self.factors
         speed, load = np.log([end.middle for end in ends]).T
-        spread = np.hypot(0.02, [end.timing for end in ends])
+        spread = np.hypot(_MIN_SCATTER, [end.timing for end in ends])
         off = np.clip(speed - (log_r + self.reference.fold(load + log_q)), -4.0 * spread, 4.0 * spread)
-        least_scatter = math.hypot(_LEAST_SCATTER, self.spreads.load)
+        least_scatter = math.hypot(_MIN_SCATTER, self.spreads.load)
         size = max(float(np.std(np.diff(off)) / math.sqrt(2.0)), least_scatter)
         place = np.arange(off.size) - 0.5 * (off.size - 1)
         trend = float(place @ off) / math.sqrt(float(place @ place)) / size
-        small_sample = math.sqrt(1.0 / _LAST + 1.0 / (off.size - _LAST))
-        step = float(off[-_LAST:].mean() - off[:-_LAST].mean()) / (size * small_sample)
+        small_sample = math.sqrt(1.0 / _LAST_ENDS + 1.0 / (off.size - _LAST_ENDS))
+        step = float(off[-_LAST_ENDS:].mean() - off[:-_LAST_ENDS].mean()) / (size * small_sample)
         return max(abs(trend), abs(step)) > _CHANGED
 
     @property
@@ -478,6 +487,6 @@ def level_of(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
     rows = (stream.inputs == Input.LEVEL) & (scan.status == Status.ACCEPTED)
     value: FloatArray = stream.value[rows]
     if config.level.unit != 'dB':
-        value = 20.0 * np.log10(np.maximum(np.abs(value), _LEAST_LEVEL))
+        value = 20.0 * np.log10(np.maximum(np.abs(value), _MIN_LEVEL))
     # On the monitor's clock, as the points are.
     return level_over_speed(scan.now_ns[rows] / 1e9, value, scan.time_ns / 1e9, scan.speed)
