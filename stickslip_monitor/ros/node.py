@@ -31,7 +31,7 @@ from stickslip_monitor.errors import ConfigurationError, RosError, StickslipErro
 from stickslip_monitor.monitor.bearing_records import NodeHealth
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.configuration import QOS_OVERRIDES, asked, bearing_names, build_config
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
+from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, require_rule
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig, parameters_of
 from stickslip_monitor.ros.inputs import OVERRIDES, ROS_FAULTS, check_inputs
@@ -152,7 +152,7 @@ def check_overrides(node: Node, config: MonitorConfig) -> list[str]:
         A sentence on each that nothing of the node reads.
 
     Raises:
-        RosError: A value is none of its policy.
+        ConfigurationError: A policy does not have that value.
     """
     outputs = ('~/warnings', '~/alarms', '~/bearings', '/diagnostics')
     topics = (source.topic for bearing in config.bearings for source in bearing.inputs.values())
@@ -182,8 +182,7 @@ def _check_policy(shown: str, policy: str, value: object) -> None:
     words = [word.lower() for word in getattr(_POLICY_WORDS.get(policy), '__members__', ())]
     rule = f'one of {", ".join(words)}' if words else 'a whole number, not below 0'
     fits = str(value).lower() in words if words else type(value) is int and value >= 0
-    if not fits:
-        raise RosError(f'{shown} = {value!r} must be {rule}{did_you_mean(value, words)}')
+    require_rule(fits, shown, value, f'{rule}{did_you_mean(value, words)}')
 
 
 class MonitorNode(LifecycleNode):
@@ -211,8 +210,8 @@ class MonitorNode(LifecycleNode):
         self._store, self._failure = store, ''
         self.health = NodeHealth()
         simulated = self.get_parameter(USE_SIM_TIME).value
-        if not isinstance(simulated, bool):  # of which ROS itself only logs that it is wrong
-            raise ConfigurationError(f'{USE_SIM_TIME} = {simulated!r} must be true or false')
+        # ROS itself only logs that it is wrong.
+        require_rule(isinstance(simulated, bool), USE_SIM_TIME, simulated, 'true or false')
         self.config = build_config(values(self), is_live=True)
         questions = chain.from_iterable(map(asked, self.config.bearings))
         for note in (*self.config.notes, *self.config.faults, *questions):

@@ -20,6 +20,7 @@ from stickslip_monitor.errors import ConfigurationError, RosError, StickslipErro
 from stickslip_monitor.files import printable
 from stickslip_monitor.host import ServiceManager, end_signals, unblocked
 from stickslip_monitor.monitor.clip_recorder import ClipStore
+from stickslip_monitor.monitor.parameter import require_rule
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters
 from stickslip_monitor.monitor.parameters import ClipConfig
 from stickslip_monitor.ros.inputs import ROS_FAULTS
@@ -37,11 +38,10 @@ def make_executor() -> Executor:
     It is experimental there: ``STICKSLIP_MONITOR_EXECUTOR=single`` chooses rclpy's common one.
 
     Raises:
-        RosError: It has another value.
+        ConfigurationError: It has another value.
     """
     choice = os.environ.get(EXECUTOR, 'events')
-    if choice not in ('events', 'single'):
-        raise RosError(f"{EXECUTOR} = '{choice}' must be events or single")
+    require_rule(choice in ('events', 'single'), EXECUTOR, choice, 'events or single')
     if choice == 'single':
         return SingleThreadedExecutor()
     try:

@@ -24,7 +24,7 @@ import yaml
 from shared import ROOT
 
 from stickslip_monitor import build_config
-from stickslip_monitor.errors import RosError, StickslipError
+from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
@@ -121,7 +121,7 @@ def test_an_override_that_nothing_reads_is_named(name: str, text: str) -> None:
     ],
 )
 def test_an_override_with_another_value_is_refused(policy: str, value: object, text: str) -> None:
-    with pytest.raises(RosError, match=re.escape(text)):
+    with pytest.raises(ConfigurationError, match=re.escape(text)):
         check_overrides(overridden(f'{QOS}.{policy}', value), CONFIGURED)
 
 
@@ -427,7 +427,7 @@ def test_the_executor_can_be_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(node, 'SingleThreadedExecutor', lambda: 'the common one')
     assert node.make_executor() == 'the common one'
     monkeypatch.setenv(node.EXECUTOR, 'odd')
-    with pytest.raises(RosError, match="EXECUTOR = 'odd' must be events or single"):
+    with pytest.raises(ConfigurationError, match="EXECUTOR = 'odd' must be events or single"):
         node.make_executor()
 
 
