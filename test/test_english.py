@@ -11,11 +11,11 @@ MOST = {
     'stickslip_logs': 1,
     'stickslip_logs/recordings': 5,
     'stickslip_monitor': 3,
-    'stickslip_monitor/commands': 8,
+    'stickslip_monitor/commands': 1,
     'stickslip_monitor/dashboard': 2,
     'stickslip_monitor/drawing': 1,
     'stickslip_monitor/monitor': 6,
-    'stickslip_monitor/offline': 5,
+    'stickslip_monitor/offline': 3,
 }
 
 

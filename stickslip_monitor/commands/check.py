@@ -82,12 +82,12 @@ class CheckResult:
         if self.unjudged:
             return 2
         bearings = self.document['bearings'].values()
-        inputs = [each for item in bearings for each in item['inputs'].values()]
+        inputs = [facts for item in bearings for facts in item['inputs'].values()]
         return int(
             not self.document['complete']
             or (self.clips is not None and bool(self.clips.failures))
             or any(event['severity'] != 'OK' for item in bearings for event in item['events'])
-            or any(each['source_faults'] or each['questions'] or not each['messages'] for each in inputs)
+            or any(facts['source_faults'] or facts['questions'] or not facts['messages'] for facts in inputs)
         )
 
     @property
@@ -178,7 +178,7 @@ def _check_bags(
 
 
 def _advice_text(config: MonitorConfig) -> str:
-    exact = printable(', '.join(own.name for own in config.bearings if own.belief is None))
+    exact = printable(', '.join(bearing.name for bearing in config.bearings if bearing.belief is None))
     advice = f'{exact}: add a tolerance for probabilities (docs/calibration.md)'
     return f'{_wrap_line(advice, output.line_width())}\n' if exact else ''
 

@@ -224,7 +224,7 @@ def _read_gear(text: str | None) -> float:
     """Return the ratio of a gear; 1 for none."""
     if text is None:
         return 1.0
-    (row,) = (each for each in INPUT_PARAMETERS['speed'] if each.name == 'speed.gear')
+    (row,) = (parameter for parameter in INPUT_PARAMETERS['speed'] if parameter.name == 'speed.gear')
     try:
         gear: float = row.checked('--gear', {'--gear': float(text)})
     except ValueError as error:

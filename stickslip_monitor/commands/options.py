@@ -137,8 +137,8 @@ def add_number(
 
     Its keywords are argparse's.
     """
-    own: dict[str, Any] = {'rule': (low, high, above), 'kind': kind, 'type': partial(_read_number, kind)}
-    options.add_argument(name, action=_Number, **own, **more)
+    keywords: dict[str, Any] = {'rule': (low, high, above), 'kind': kind, 'type': partial(_read_number, kind)}
+    options.add_argument(name, action=_Number, **keywords, **more)
 
 
 def _read_number(kind: type[float], text: str) -> float | str:

@@ -259,8 +259,8 @@ def _as_list(table: Table) -> Group:
 
     headings = [str(column.header).replace('-\n', '').replace('\n', ' ') for column in table.columns]
     lines = []
-    for first, *others in zip(*(column.cells for column in table.columns), strict=True):
+    for first, *rest in zip(*(column.cells for column in table.columns), strict=True):
         lines.append(f'[bold]{first}[/]')
-        cells = zip(headings[1:], others, strict=True)
+        cells = zip(headings[1:], rest, strict=True)
         lines += [f'  {heading}: {cell}' for heading, cell in cells if cell]
     return Group(*(text for text in (table.title, *lines, table.caption) if text))

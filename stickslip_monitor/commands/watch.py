@@ -144,12 +144,12 @@ def _name_inputs(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
                     f"{SECTION}: '{bearing.name}.{place.name.lower()}' is missing: without --node"
                     ' every input comes from a bus'
                 )
-        own: dict[str, Any] = {'speed': replace(bearing.speed, topic=labels[bearing.name, Input.SPEED])}
-        own['load'] = replace(bearing.load, topic=labels[bearing.name, Input(max(places & {0, 1}))])
+        inputs: dict[str, Any] = {'speed': replace(bearing.speed, topic=labels[bearing.name, Input.SPEED])}
+        inputs['load'] = replace(bearing.load, topic=labels[bearing.name, Input(max(places & {0, 1}))])
         if bearing.water_temperature is not None:
             topic = labels[bearing.name, Input.WATER_TEMPERATURE]
-            own['water_temperature'] = replace(bearing.water_temperature, topic=topic)
-        bearings.append(replace(bearing, **own))
+            inputs['water_temperature'] = replace(bearing.water_temperature, topic=topic)
+        bearings.append(replace(bearing, **inputs))
     return replace(config, bearings=tuple(bearings))
 
 

@@ -287,8 +287,8 @@ class Extremes:
         No boundary of these is higher than its boundaries. They rise with the load but for the fold,
         which may fall again: here it is the highest of any load up to this.
         """
-        most = scan.load.max()
-        if self._top is None or not most <= self._top.load[0] <= _HEAVIER * most:
+        max_load = scan.load.max()
+        if self._top is None or not max_load <= self._top.load[0] <= _HEAVIER * max_load:
             top = scan.assessed(np.array([scan.load.argmax()]))
             table = known_table(as_measured(top.bearing))
             highest: Any = top.scale * table.highest_fold(top.load / top.scale)

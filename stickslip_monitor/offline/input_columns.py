@@ -141,11 +141,11 @@ class ColumnBinding:
         if (key := self._log.key_of(column)) is None:
             return column
         heading, texts = key
-        others = ''.join(f', {name}: {text}' for name, text in source.where_texts.items())
+        other_texts = ''.join(f', {name}: {text}' for name, text in source.where_texts.items())
         raise BagError(
             f"log '{self._path}': the lines of '{column.heading}' are of several things, told apart by column"
             f" '{heading}' ({listed(texts)}): write {bearing.name}.{quantity}.where:"
-            f' {{{heading}: {texts[0]}{others}}}, and a bearing for each'
+            f' {{{heading}: {texts[0]}{other_texts}}}, and a bearing for each'
         )
 
     def _no_column_text(
