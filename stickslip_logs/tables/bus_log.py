@@ -102,7 +102,7 @@ def _time_before(head: str) -> str:
 
 
 def _own_time(kind: str, fields: Sequence[str]) -> str:
-    """Return the time that a sentence of the kind ZDA or RMC says, as ISO 8601; empty for any other."""
+    """Return the time in the fields of a sentence ZDA, or RMC with a fix, as ISO 8601 in UTC; else empty."""
     clock = fields[0]
     if kind == 'ZDA' and len(fields) > 3:
         date = [field.zfill(2) for field in fields[1:4]]
@@ -118,7 +118,10 @@ def _own_time(kind: str, fields: Sequence[str]) -> str:
 
 
 def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield name, value and unit of each number of a sentence RPM or XDR; nothing for other kinds."""
+    """Yield name, value and unit of each number of a sentence RPM or XDR, as texts; nothing for other kinds.
+
+    The value may be a word: 'not valid', or a damaged field in quotation marks.
+    """
     if kind == 'RPM' and len(fields) > 2:
         # As the live link reads it: some ships leave the pitch out, none the status.
         is_valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
@@ -137,7 +140,7 @@ def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, s
 
 
 def _plain_number(text: str) -> str:
-    """Return a field that is empty or a number without exponent as it is, any other as a word."""
+    """Return a field that is empty or a number without exponent unchanged, any other in quotation marks."""
     return text if not text or _NUMBER.fullmatch(text.strip()) else f"'{text}'"
 
 
@@ -168,13 +171,17 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
 
 
 def _is_own(delta: Any) -> bool:
-    """Return whether a delta has a path that no vessel sends by AIS, so that it is of the own one."""
+    """Return whether a delta has a path that no vessel sends by AIS, so that it is of the own vessel.
+
+    Raises:
+        KeyError: The delta is damaged; also TypeError or AttributeError.
+    """
     paths = (item['path'] for update in delta['updates'] for item in update.get('values', ()))
     return any(not path.startswith(_BY_AIS) for path in paths if path)
 
 
 def _decode_object(line: str) -> Any:
-    """Return the JSON object behind what a logger wrote before it; None for an empty line.
+    """Return the JSON object of a line, behind any text that a logger wrote before it; None for a blank line.
 
     Raises:
         ValueError: There is no object, or something else behind it.
@@ -189,7 +196,7 @@ def _decode_object(line: str) -> Any:
 
 
 def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> list[Row]:
-    """Return the numbers of a delta as rows, null as the word; other values are skipped.
+    """Return the numbers of a delta as rows, null as 'null'; texts, booleans and objects are skipped.
 
     Args:
         delta: The delta.
@@ -218,7 +225,7 @@ def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> lis
 
 
 def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
-    """Yield paths and units of the meta data of a delta; what is damaged in them is skipped."""
+    """Yield path and unit of each item of the meta data of a delta; damaged items, or data, are skipped."""
     for item in meta if isinstance(meta, list) else ():
         value = item.get('value') if isinstance(item, dict) else None
         unit = value.get('units') if isinstance(value, dict) else None
@@ -258,23 +265,23 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
 
 
 def _plain_value(value: Any) -> Any:
-    """Return the value of a field alone, which canboat may write with its name."""
+    """Return the value of a field of canboat: of an object its member 'value' or None, else unchanged."""
     return value.get('value') if isinstance(value, dict) else value
 
 
 def _name_of(name: str, source: str, first: dict[str, str]) -> str:
-    """Return a name for the numbers of a source: as it is for its first source, with the source for others.
+    """Return the name under which numbers of a source are delivered: of a later source 'NAME from SOURCE'.
 
     Args:
-        name: The name.
-        source: The source.
-        first: The first source of each name, to which a new one is added.
+        name: The name of the number.
+        source: The source that sent it.
+        first: The first source of each name, to which that of a new name is added.
     """
     return name if first.setdefault(name, source) == source else f'{name}{_FROM}{source}'
 
 
 def first_name(name: str) -> str:
-    """Return the name without its source, of numbers of another source than the first; else an empty text.
+    """Return the name that the first source has, for a name of a later source; an empty text for any other.
 
     >>> first_name('RPM S 1 from ER'), first_name('RPM S 1')
     ('RPM S 1', '')

@@ -20,7 +20,7 @@ Cells = Sequence[str]
 SECOND, DAY = 10**9, 86_400 * 10**9
 """Nanoseconds of a second and of a day."""
 Times = tuple[IntArray, BoolArray]
-"""Times [ns] and which cells hold one, shape (n,)."""
+"""Times [ns] and which cells hold one, shape (n,) each; the time of another cell has no meaning."""
 ReadTimes = Callable[[Sequence[Cells]], Times]
 """Reads the times of some columns of cells."""
 
@@ -116,7 +116,11 @@ class StampLayout:
             self._year, self._month, self._day = self._choose_order(matches)
 
     def _choose_order(self, matches: Sequence[re.Match[str]]) -> tuple[str, str, str]:
-        """Return the groups of year, month and day; set guess and question where nothing tells them."""
+        """Return the names of the groups of year, month and day; set ``guess`` and ``question`` if ambiguous.
+
+        Args:
+            matches: Matches of a pattern with the groups ``a``, ``b`` and ``Y``, at least one.
+        """
         numbers = {name: {int(match[name]) for match in matches} for name in 'abY'}
         day_first, month_first, year_first = ('Y', 'b', 'a'), ('Y', 'a', 'b'), ('a', 'b', 'Y')
         orders = [day_first, month_first, *([year_first] if max(numbers['Y']) < 100 else [])]
@@ -141,7 +145,10 @@ class StampLayout:
         return possible[0]
 
     def read(self, columns: Sequence[Cells]) -> Times:
-        """Return the times of a column, or of one of dates and one of times of the day."""
+        """Return the times of a column, or of one of dates and one of times of the day.
+
+        A cell that is not in this layout, or no date, has the time 0 and is marked as none.
+        """
         texts = columns[0]
         if len(columns) > 1:
             texts = [f'{day.strip()} {clock.strip()}' for day, clock in zip(*columns, strict=True)]
@@ -152,7 +159,7 @@ class StampLayout:
         return time_ns, is_timed
 
     def _parse_stamp(self, text: str) -> int | None:
-        """Return one date with a time [ns]; None for another text, and where there is no such day or hour."""
+        """Return a date with a time as ns since 1970; None for another text, and for no such day or hour."""
         match = self._pattern.fullmatch(text.strip())
         if match is None:
             return None
@@ -181,7 +188,10 @@ class StampLayout:
         return time_ns if is_day_of_year and abs(time_ns) < MAX_TIME_NS else None
 
     def _parse_alike(self, texts: Cells) -> Times:
-        """Return the times of cells that are all written as the first one, by columns; else no times."""
+        """Return the times of cells that are all written like the first one; else mark none as a time.
+
+        This is the fast way; cells of other layouts are left to :meth:`_parse_stamp`.
+        """
         none = np.zeros(len(texts), np.int64), np.zeros(len(texts), np.bool_)
         match = self._pattern.fullmatch(texts[0]) if texts else None
         if (
@@ -240,11 +250,13 @@ def read_time_of_day(columns: Sequence[Cells]) -> Times:
 
 
 def number_reader(unit_ns: int, zero: int, decimal: str) -> ReadTimes:
-    """Return a function that reads a column of numbers as times, exactly.
+    """Return a function that reads one column of numbers as times, to the nanosecond.
+
+    A cell that is no number, or beyond MAX_TIME_NS, has the time 0 and is marked as none.
 
     Args:
         unit_ns: The unit of the numbers [ns].
-        zero: Added to each number, in its unit.
+        zero: Added to each number, in the unit of the numbers.
         decimal: The decimal sign.
     """
 
@@ -274,7 +286,7 @@ def number_reader(unit_ns: int, zero: int, decimal: str) -> ReadTimes:
 
 
 def _exact_time(cell: str, unit_ns: int, zero: int) -> int | None:
-    """Return ``(cell + zero) * unit_ns`` exactly; None for a cell that is no number, or beyond all times."""
+    """Return ``(cell + zero) * unit_ns``, rounded to whole ns; None for no number and from MAX_TIME_NS on."""
     try:
         time_ns = (Decimal(cell.strip().replace('_', 'x')) + zero) * unit_ns
         return round(time_ns) if abs(time_ns) < MAX_TIME_NS else None

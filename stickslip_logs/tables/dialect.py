@@ -84,7 +84,7 @@ class Heading(NamedTuple):
 
 
 def unit_of(text: str, quantity: str = '') -> str | None:
-    """Return what the configuration calls the unit that a text spells; None for a text that is no such unit.
+    """Return the name that the configuration has for the unit that a text spells; None for no known unit.
 
     Args:
         text: Such as ``'[kN]'``.
@@ -95,7 +95,11 @@ def unit_of(text: str, quantity: str = '') -> str | None:
 
 
 def parse_heading(text: str) -> Heading:
-    """Return the words and the unit of a heading, as ``'Load, kN (aft)'`` or ``'n_rpm'``."""
+    """Return the words, in lower case, and the unit of a heading such as ``'Load, kN (aft)'`` or ``'n_rpm'``.
+
+    The unit is as written, known or not. Of a heading with a factor, as ``'rpm x10'``, the whole text is the
+    unit, so that it is not a known one.
+    """
     match = _BRACKETED.fullmatch(text.strip())
     name, bracketed = match.groups() if match else (text, None)
     words = re.sub(r'[_\W]+', ' ', name).split()
@@ -145,7 +149,14 @@ def with_unit(name: str, unit: str) -> tuple[str, str | None]:
 
 
 def parse_number(cell: str, decimal: str = '.') -> float | None:
-    """Return a cell as a number; None for a word, and for what is beyond a double."""
+    """Return a cell as a number; None for a word, an empty cell, 'nan', 'inf' and what is beyond a double.
+
+    Separators of thousands and the minus sign of other locales are understood.
+
+    Args:
+        cell: The cell.
+        decimal: The decimal sign, '.' or ','; the other one may separate thousands.
+    """
     text = cell.strip()
     if decimal == ',':
         text = text.translate(_SWAP)
@@ -182,7 +193,7 @@ class Dialect(TableColumns):
 
 
 def csv_reader(lines: Iterator[str], delimiter: str) -> Any:
-    """Return a reader of the rows of lines, for which several blanks part cells as one does."""
+    """Return a :mod:`csv` reader of lines; with a blank as the delimiter, several blanks count as one."""
     return csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == ' ')
 
 
@@ -216,7 +227,12 @@ def detect_dialect(path: Path, extent: Extent) -> Dialect:
 
 
 def _remedy_for_format(path: Path, lines: Sequence[str]) -> str:
-    """Return a clause on the format of lines that is not read, and what converts it; empty for any other."""
+    """Return the clause that lines are in a format that is not read, and how to convert it; else empty.
+
+    Args:
+        path: The file, which the commands name.
+        lines: Its first lines.
+    """
     if ''.join(lines).lstrip().startswith('{'):
         return f'is JSON: write it as CSV; {_jq_command(path, lines) or f"a package of ISO 19848 with {_JQ}"}'
     forms = {
@@ -233,7 +249,14 @@ def _remedy_for_format(path: Path, lines: Sequence[str]) -> str:
 
 
 def _jq_command(path: Path, lines: Sequence[str]) -> str:
-    """Return how lines of JSON are written as CSV; empty where the first two are no JSON with values."""
+    """Return the clause with the shell command that writes lines of JSON as CSV.
+
+    An empty text where the first two lines are not both JSON, or the first has no values.
+
+    Args:
+        path: The file, which the command names.
+        lines: Its first lines.
+    """
     try:
         first, _ = (json.loads(line) for line in [line for line in lines if line.strip()][:2])
     except (ValueError, RecursionError):
@@ -249,7 +272,11 @@ def _jq_command(path: Path, lines: Sequence[str]) -> str:
 def _keys_of(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     """Yield the paths of keys to the numbers, texts and booleans in nested JSON objects.
 
-    Lists and null are skipped; what is no object yields nothing.
+    Lists and null are skipped. A value that is no object yields nothing.
+
+    Args:
+        value: A decoded JSON value.
+        above: The keys that lead to it, with which each path begins.
     """
     for key, member in value.items() if isinstance(value, dict) else ():
         if isinstance(member, dict):
@@ -319,7 +346,10 @@ def _table_dialect(
 
 
 def encoding_of(head: bytes) -> str:
-    """Return the encoding of a text by its first bytes: UTF-8, UTF-16, or Windows-1252 for any other."""
+    """Return the Python name of the encoding of a text by its head: UTF-8, UTF-16, else Windows-1252.
+
+    The head may end within a character.
+    """
     for mark, encoding in _MARKS:
         if head.startswith(mark):
             return encoding
@@ -335,7 +365,7 @@ def encoding_of(head: bytes) -> str:
 
 
 def _split_lines(lines: Sequence[str], delimiter: str) -> list[list[str]]:
-    """Return the cells of lines; no rows where the lines cannot be cut."""
+    """Return the rows of lines, as the cells of each; an empty list where csv refuses any of the lines."""
     try:
         return list(csv_reader(iter(lines), delimiter))
     except csv.Error:
@@ -343,9 +373,9 @@ def _split_lines(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 
 def _best_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
-    """Return the delimiter that cuts most lines into one number of cells with values, and the rows.
+    """Return the delimiter that splits most lines into equally many cells with values, and all rows.
 
-    A comma and no rows where no line has two cells.
+    A comma and an empty list where no delimiter makes two cells of any line.
     """
     best: tuple[float, str, list[list[str]]] = (0.0, ',', [])
     for delimiter in _DELIMITERS:
@@ -364,25 +394,33 @@ def _best_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
 
 
 def usual_width(rows: Sequence[Cells]) -> int:
-    """Return how many cells most rows have; 0 where none has two."""
+    """Return the most frequent number of cells among rows of two and more; 0 where none has two.
+
+    Comments are not counted.
+    """
     counts = Counter(len(row) for row in rows if len(row) > 1 and not row[0].startswith(COMMENTS))
     return counts.most_common(1)[0][0] if counts else 0
 
 
 def find_delimiter(lines: Sequence[str]) -> str:
-    """Return what separates the cells of a text; a comma where no line has two."""
+    """Return the delimiter of the cells of lines; a comma where no line has two cells."""
     return _best_delimiter(lines)[0]
 
 
 def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
-    """Return the row of headings above the first numbers of rows; an empty list where there is none."""
+    """Return the row of headings above the first row of numbers; an empty list where there is none.
+
+    Args:
+        rows: The rows of the head of a file.
+        width: How many cells most of them have.
+    """
     decimal = ',' if any(_COMMA.fullmatch(cell) for row in rows for cell in row) else '.'
     first = _find_first_row(rows, decimal, width)
     return _find_headings(rows[:first], width)[0] if first else []
 
 
 def is_row_of_units(row: Cells) -> bool:
-    """Return whether cells are units, one of which is known; others may be empty or unknown."""
+    """Return whether at least one cell is a known unit, and the others are short texts and no numbers."""
     return any(unit_of(cell) for cell in row) and all(
         len(cell.strip()) < _MAX_UNIT and parse_number(cell) is None for cell in row
     )
@@ -395,10 +433,15 @@ def _is_value(cell: str) -> bool:
 
 
 def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
-    """Return the decimal sign of the cells of rows.
+    """Return the decimal sign of the cells of rows, '.' or ','; '.' where no number has any.
+
+    Args:
+        path: The file, for the error.
+        rows: The rows of the usual width.
+        delimiter: The delimiter of their cells, which is evidence too.
 
     Raises:
-        BagError: Nothing tells it from a sign of thousands.
+        BagError: The sign may as well be a separator of thousands.
     """
     cells = [_SPACES.sub('', cell.strip()) for row in rows for cell in row]
     with_commas = [cell for cell in cells if _COMMA.fullmatch(cell)]
@@ -420,7 +463,12 @@ def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
 
 
 def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
-    """Return the first number with a decimal sign if in all such numbers it may part thousands; else ''."""
+    """Return the first cell with a decimal sign if in all of them it may separate thousands; else ''.
+
+    Args:
+        rows: The rows of numbers.
+        decimal: The decimal sign that was detected.
+    """
     cells = [cell.strip() for row in rows for cell in row if decimal in cell]
     plain = [cell.translate(_SWAP) if decimal == ',' else cell for cell in cells]
     numbers = [k for k, cell in enumerate(plain) if _NUMBER.fullmatch(cell)]
@@ -429,7 +477,9 @@ def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
 
 
 def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
-    """Return the place of the first row of numbers below headings and a preamble; None where no row has any.
+    """Return the place of the first row of numbers of the table, below headings and a preamble.
+
+    None where no row is one of numbers.
 
     Args:
         rows: The rows of the head of a file.
@@ -473,7 +523,10 @@ def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, w
 
 
 def _is_data(row: Cells, decimal: str, width: int) -> bool:
-    """Return whether a row is no heading: it has a stamp, begins with a number, or has two of them."""
+    """Return whether a row is one of numbers: it has a time, begins with a number, or has two of them.
+
+    False for a comment, and for a row of less than ``width - 1`` cells.
+    """
     if len(row) < min(width, 2) or len(row) < width - 1 or row[0].startswith(COMMENTS):
         return False
     numbers = [parse_number(cell, decimal) is not None for cell in row]
@@ -482,13 +535,14 @@ def _is_data(row: Cells, decimal: str, width: int) -> bool:
 
 
 def _lines_of_other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
-    """Return the lines above the headings that are of a table with other cells or delimiter.
+    """Return the rows of numbers above the headings, with any delimiter: they are of another table.
 
-    An empty list where fewer than two are.
+    Each is a text of up to 60 characters, its cells joined by blanks. An empty list where there are fewer
+    than two.
 
     Args:
         above: The rows above the headings.
-        delimiter: What they were cut by.
+        delimiter: The delimiter by which they were split.
     """
     # An open quotation mark makes one cell of many lines.
     lines = '\n'.join(delimiter.join(row) for row in above).split('\n')
@@ -503,7 +557,10 @@ def _lines_of_other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
 def _fit_headings(
     heading: list[str], units: list[str], rows: Sequence[Cells], width: int
 ) -> tuple[list[str], list[str]]:
-    """Return headings and units for each column of the rows below them; more headings stay as they are.
+    """Return headings and units, filled up to the number of columns of the rows below them.
+
+    Surplus headings are joined to the one before if they are units, else they stay. No headings stay an empty
+    list. The list of units may be longer than the columns.
 
     Args:
         heading: The row of headings; empty where there is none.
@@ -528,10 +585,15 @@ def _fit_headings(
 
 
 def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:
-    """Return the row of headings above the numbers, and the units of a row of them.
+    """Find the row of headings above the numbers, and a row of units below or above it.
+
+    Args:
+        above: The rows above the first row of numbers.
+        width: How many cells the rows of numbers have.
 
     Returns:
-        The headings, an empty list where there are none; and the units, an empty text where there is none.
+        The headings, an empty list where there are none; and a unit for each column, an empty text where
+        there is none: at least ``width`` of them, and more where there is a row of units.
     """
     wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
     bare = [row for row in wide if not (row[0].startswith(COMMENTS) and row[0].strip(_MARKS_OF_COMMENTS))]
@@ -548,10 +610,14 @@ def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[
 
 
 def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
-    """Return headings; where they repeat for each signal, that of its value is the name in a row above.
+    """Return headings; where they repeat for each signal, put its name in place of that of its value.
 
-    So ``Time;Value;Time;Value`` of a trend, below ``rpm;;load;``, becomes ``Time;rpm;Time;load``. Others stay
-    as they are.
+    So ``Time;Value;Time;Value`` of a trend, below ``rpm;;load;``, becomes ``Time;rpm;Time;load``. Other
+    headings are returned unchanged.
+
+    Args:
+        names: The headings.
+        above: All rows above the numbers, one of which may have the names of the signals.
     """
     width = len(names)
     period = next((p for p in range(2, width) if width % p == 0 and [*names[p:]] == [*names[:-p]]), 0)
@@ -589,7 +655,15 @@ def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:
 
 
 def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
-    """Return the row of units, empty where there is none, and the row of headings among rows of words."""
+    """Find the row of units and the row of headings among rows of words above the numbers.
+
+    Args:
+        named: The rows of words, at least one.
+
+    Returns:
+        The lowest row of units, and the row above it (or the last row, where the units stand first) as the
+        headings. Without a row of units an empty tuple, and the last row as the headings.
+    """
     for k in reversed(range(len(named))):
         row = named[k]
         is_units = is_row_of_units(row)
@@ -600,7 +674,9 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
 
 
 def _unit_suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
-    """Return what stands behind most numbers of a column as a unit; empty where nothing does.
+    """Return the unit behind most numbers of a column, with the blank before it; empty where there is none.
+
+    An 'N' counts as newtons only below the heading of a force.
 
     Args:
         rows: The rows of numbers.

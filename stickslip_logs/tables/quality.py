@@ -51,7 +51,7 @@ def is_quality_of(heading: str, signal: str, *, is_beside: bool) -> bool:
 
 
 def find_quality_columns(headings: Sequence[str]) -> set[int]:
-    """Return the places of the headings that name the quality of another of them."""
+    """Return the places of the headings that name the quality of another heading; empty if there are none."""
     named = {k: words for k, heading in enumerate(headings) if (words := _named_signal(heading))}
     return {
         k
@@ -61,7 +61,10 @@ def find_quality_columns(headings: Sequence[str]) -> set[int]:
 
 
 def _named_signal(heading: str) -> list[str] | None:
-    """Return the words of a heading beside those of a quality; None where it has none of these."""
+    """Return the words of a heading other than those of a quality, in lower case.
+
+    An empty list where it has no others; None where it has no word of a quality.
+    """
     words = parse_heading(heading).name.split()
     if not any(map(_QUALITY.fullmatch, words)):
         return None
@@ -69,7 +72,9 @@ def _named_signal(heading: str) -> list[str] | None:
 
 
 def find_quality(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | None:
-    """Return a function that tells a mark by which a number does not count; None where marks are no quality.
+    """Return a function that is True for a mark by which a number does not count.
+
+    None where neither the heading nor the marks show what the marks mean.
 
     Args:
         heading: The heading of the column of the marks.

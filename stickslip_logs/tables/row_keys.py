@@ -25,7 +25,10 @@ _MIN_STEP_NS = 10**9
 
 
 def is_same_key(cell: str, text: str) -> bool:
-    """Return whether a cell is a text of a configuration, or the same number: ``1`` is ``01`` and ``1.0``."""
+    """Return whether a cell is the text of a configuration, but for blanks around it, or the same number.
+
+    So ``1`` is ``01`` and ``1.0``.
+    """
     if cell.strip() == text.strip():
         return True
     number = parse_number(text)
@@ -35,18 +38,18 @@ def is_same_key(cell: str, text: str) -> bool:
 def find_key_column(
     rows: Sequence[Cells], time_ns: IntArray, column: int, headings: Sequence[str], places: Iterable[int]
 ) -> int | None:
-    """Return the place of the column by whose words rows are of several things; None where there is none.
+    """Return the place of the first column whose words tell rows of several things apart; None for none.
 
-    It has different words in rows of one time, or another word in most rows than in the one before; rows
-    where it is empty say nothing. Whole numbers without a unit tell rows apart if the values of one time
-    differ by more than they change.
+    Such a column has different words in rows of one time, or a word that changes from row to row in most
+    rows; rows where it is empty are ignored. Whole numbers without a unit count as words if the values of one
+    time differ by more than they change. A column with more than 100 words is none.
 
     Args:
         rows: The rows that have a value and a time.
         time_ns: The times of the rows [ns], shape (n,).
         column: The place of the values.
         headings: The headings of the columns.
-        places: The places of the columns that may be it.
+        places: The places of the candidates, in the order in which they are tried.
     """
     for place in places:
         cells = [row[place].strip() if place < len(row) else '' for row in rows]
@@ -83,7 +86,7 @@ def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
 
 
 def _is_number(word: str) -> bool:
-    """Return whether a text is a number with either decimal sign, perhaps with a unit behind a blank."""
+    """Return whether a text is a number with either decimal sign, or one with a known unit behind a blank."""
     number, _, unit = word.partition(' ')
     texts = (word, number) if unit_of(unit) else (word,)
     return any(parse_number(text, sign) is not None for text in texts for sign in '.,')
@@ -136,7 +139,9 @@ class KeySteps:
         self._steps = 0
 
     def add(self, time_ns: IntArray, texts: Mapping[int, Sequence[str]]) -> None:
-        """Take up the next rows with a value; drop the columns whose text stays where their times step back.
+        """Add the next rows with a value; drop from ``places`` the columns whose text stays at a step back.
+
+        A step back is one of more than a second; the first and the last row of two calls are compared too.
 
         Args:
             time_ns: The times of the rows [ns], shape (n,), at least one.

@@ -23,7 +23,11 @@ _OF_TIME = re.compile(TIME_WORDS.pattern + r'|\b(?:utc|gmt|stamp|ns|us|ms|s)\b')
 
 
 def find_clocks(path: Path, table: TableColumns) -> tuple[Clock, ...]:
-    """Return the clocks of a table: one for all columns, or one for each signal, with its columns.
+    """Find the clocks of a table: one for all columns, or one for each signal, with its ``values``.
+
+    Args:
+        path: The file, for the error.
+        table: The columns.
 
     Raises:
         BagError: No column is a time.
@@ -59,21 +63,21 @@ def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
 
 
 def _read_rows(clock: Clock, rows: Sequence[Cells]) -> Times:
-    """Return what a clock reads of rows."""
+    """Return the times of rows by a clock; each row must have a cell in its columns."""
     return clock.read([[row[k] for row in rows] for k in clock.columns])
 
 
 def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock]) -> tuple[Clock, ...]:
-    """Return the clocks that are used, each with the columns that it is the time of.
+    """Assign the columns of values to clocks; return copies of clocks that have some, with ``values`` set.
 
-    A clock that is named after a signal is that of the signal. Else a column has the clock to its left, if
-    the clocks are headed alike or differ by more than a zone, and each stands before a column. Else the main
-    clock is that of all columns.
+    A clock that is named after a signal is that of the signal. Else a column has the clock to its left, or to
+    its right where values stand before their times, if the clocks are headed alike or differ by more than a
+    zone, and each has a column. Else the main clock alone is returned unchanged, for all columns.
 
     Args:
         table: The columns.
         main: The clock of the rows.
-        extra_clocks: Clocks of other columns.
+        extra_clocks: Clocks in other columns, any of which may remain unused.
     """
     clocks = sorted([main, *extra_clocks], key=lambda clock: clock.columns)
     taken = {k for clock in clocks for k in clock.columns}
@@ -100,7 +104,9 @@ def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock
 
 
 def _clocks_beside(clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, Clock]:
-    """Return the clock left of each column, by its place; right of it where none is left of the first column.
+    """Return the clock to the left of each column, by the place of the column.
+
+    The clock to its right instead, where columns begin before the first clock and end before the last one.
 
     Args:
         clocks: The clocks from left to right.
@@ -112,7 +118,10 @@ def _clocks_beside(clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, 
 
 
 def _clocks_by_name(table: TableColumns, clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, Clock]:
-    """Return the clock whose heading, but for words of time, is in the heading of a column, by its place.
+    """Return the clock that is named after each column, by the place of the column.
+
+    The heading of the column has all words of that of the clock but for words of time. The clock with the
+    most words is taken. Columns without such a clock are missing.
 
     Args:
         table: The columns.
@@ -135,9 +144,10 @@ def _clocks_by_name(table: TableColumns, clocks: Sequence[Clock], values: Sequen
 
 
 def _is_apart(table: TableColumns, main: Clock, clock: Clock) -> bool:
-    """Return whether the times of a clock differ from those of the main one, by more than a zone.
+    """Return whether the times of a clock differ from those of the main one by more than a constant zone.
 
-    It has to have times, and to change half as often; where no row has both, they do differ.
+    False for a clock without times in the head, or with less than half as many different times as the main
+    one. True where no row has times of both.
     """
     rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > max(*main.columns, *clock.columns)]
     (main_ns, is_main), (clock_ns, is_clock) = _read_rows(main, rows), _read_rows(clock, rows)

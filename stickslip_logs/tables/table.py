@@ -104,11 +104,11 @@ class NumberTable(ABC):
         return [k for clock in self.clocks for k in clock.columns]
 
     def clock_of(self, column: int) -> Clock:
-        """Return the clock that times a column; the first one for a column that none times."""
+        """Return the clock whose time the cells of a column have; the first clock if no other has it."""
         return next((clock for clock in self.clocks if clock.has_column(column)), self.clocks[0])
 
     def clocks_of(self, columns: Sequence[int]) -> list[Clock]:
-        """Return the clocks that time some columns, each once; the first one where none does."""
+        """Return the clocks of some columns, each once, in the order of ``clocks``; else the first clock."""
         clocks = [clock for clock in self.clocks if any(clock.has_column(k) for k in columns)]
         return clocks or [self.clocks[0]]
 
@@ -124,23 +124,33 @@ class NumberTable(ABC):
 
     @abstractmethod
     def numbers(self, cells: Any) -> Numbers:
-        """Return the numbers of cells of a column, as :meth:`blocks` gives them."""
+        """Return the numbers of n cells of a column, as :meth:`blocks` yields them in ``Rows.columns``."""
 
 
 def texts_of(cells: Any) -> list[str]:
-    """Return cells of a block as texts."""
+    """Return cells of a block as texts: a list unchanged, of an array of pyarrow a null as 'None'."""
     return cells if isinstance(cells, list) else [str(cell) for cell in cells.to_pylist()]
 
 
 def some_cells(cells: Any, chosen: BoolArray) -> Any:
-    """Return those of n cells of a block that are chosen, by booleans of shape (n,)."""
+    """Return the chosen cells of a block, in the type in which they are: a list or an array of pyarrow.
+
+    Args:
+        cells: The n cells.
+        chosen: Which of them to return, shape (n,).
+    """
     if isinstance(cells, list):
         return list(itertools.compress(cells, chosen.tolist()))
     return cells.take(np.flatnonzero(chosen))
 
 
 def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
-    """Return the numbers of cells, one by one, as some are words or empty."""
+    """Return the numbers of cells, parsed one by one: NaN for a word, which is counted, and an empty cell.
+
+    Args:
+        cells: The cells.
+        decimal: The decimal sign.
+    """
     result = Numbers(np.full(len(cells), np.nan), np.ones(len(cells), np.bool_))
     for k, cell in enumerate(cells):
         text = cell.strip()
@@ -154,10 +164,11 @@ def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
 
 
 def open_table(path: Path) -> NumberTable:
-    """Open a file of text or of Parquet as a table.
+    """Open a file as a table: Parquet by its first bytes, any other as text, packed or not.
 
     Raises:
-        BagError: It is no table, or cannot be read.
+        BagError: It is no table, may be read in two ways, or is damaged from its first bytes on.
+        OSError: It cannot be opened, or is no regular file.
     """
     with open_file(path) as file:
         is_parquet = file.read(len(_PARQUET)) == _PARQUET
@@ -165,7 +176,10 @@ def open_table(path: Path) -> NumberTable:
 
 
 def is_number_table(path: Path) -> bool:
-    """Return whether the head of a text is a bus log, or a table with a time and a column of numbers."""
+    """Return whether the head of a text is a bus log, or a table with a time and a column of numbers.
+
+    A column of numbers has a number in more than half of its cells. False for a text that cannot be read.
+    """
     try:
         dialect = detect_dialect(path, extent_of(path, is_whole=False))
         places = {*range(len(dialect.names))} - {*find_clock(path, dialect).columns}
@@ -208,7 +222,9 @@ class TextTable(NumberTable):
         self.losses = (*losses, *self._dialect.losses)
 
     def _rows_of_days(self, columns: Sequence[int]) -> list[list[str]]:
-        """Return a row of each day of the file, by the first two numbers in the columns of its dates.
+        """Read the file for one row of each day, told by the first two numbers in the columns of its dates.
+
+        Up to 3660 days are found.
 
         Args:
             columns: The places of the columns of the date.
@@ -222,7 +238,7 @@ class TextTable(NumberTable):
         return list(rows.values())
 
     def numbers(self, cells: Cells) -> Numbers:
-        """Return the numbers of cells; NaN for a word and for an empty cell."""
+        """Return the numbers of cells; NaN for a word, which is counted, and for an empty cell."""
         joined, decimal = '\n'.join(cells), self._dialect.decimal
         fast = cells
         if decimal == ',' and '.' not in joined:
@@ -236,7 +252,13 @@ class TextTable(NumberTable):
         return _mixed_numbers(cells, decimal)
 
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
-        """Yield the rows of some columns, without the units behind numbers."""
+        """Yield the rows of some columns without the units behind numbers, once for each of their clocks.
+
+        Args:
+            wanted: The places of the columns.
+            lose: Takes, at the end, sentences on how many lines were not used.
+            note: Takes, at the end, sentences on repeated headings and on lines without a sentence.
+        """
         if self._dialect.delimiter in BUS_LOGS:
             yield from self._bus_blocks(wanted, lose, note)
             return
@@ -279,9 +301,10 @@ class TextTable(NumberTable):
             note(_not_used(foreign, 'without a sentence'))
 
     def _read_batches(self) -> Iterator[tuple[list[list[str]], int]]:
-        """Yield batches of rows below the headings, each with how many lines open quotation marks cost.
+        """Yield batches of up to 16384 rows below the headings, each with how many lines are not rows.
 
-        A last row that is cut is left out and counted.
+        Such lines stand within open quotation marks. A truncated last row is dropped and counted as one. A
+        batch may be empty.
         """
         lines = self._read_lines()
         cells = csv_reader(lines, self._dialect.delimiter)
@@ -302,7 +325,7 @@ class TextTable(NumberTable):
 
 
 def _remarks_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
-    """Return the remarks of the clocks of a table, and where these are several one on their columns.
+    """Return the remarks of the clocks of a table; of several clocks also which columns have which of them.
 
     Args:
         clocks: The clocks.
@@ -320,8 +343,8 @@ def _without_unit(clock: Clock, suffixes: Sequence[str]) -> Clock:
     """Return a clock that reads times without the unit behind each, as in '12 sec'.
 
     Args:
-        clock: The clock; it is returned as it is where its column has no unit.
-        suffixes: The unit of each column, empty for none.
+        clock: The clock of one column; a clock whose first column has no unit is returned unchanged.
+        suffixes: The unit behind the numbers of each column of the table, empty for none.
     """
     suffix = suffixes[clock.columns[0]] if suffixes else ''
     if not suffix:
@@ -354,9 +377,14 @@ class _TextReading:
         self._shown = self._foreign_heading = ''
 
     def read_batch(self, batch: list[list[str]]) -> Iterator[Rows]:
-        """Yield the rows of a batch, once for each clock, parted where headings change the order of columns.
+        """Yield the rows of a batch, once for each clock; split them where new headings reorder the columns.
 
-        Cells of rows without a time are emptied, and what is not used is counted.
+        In the yielded columns, cells of rows without a time are empty. Unused rows are counted for
+        :meth:`report_unused`. The order of the columns is carried over to the next batch: after headings that
+        lack a wanted column, rows are skipped up to the next headings.
+
+        Args:
+            batch: The rows; too short ones are removed from it or filled up.
         """
         while batch:
             if self._places is None:
@@ -402,16 +430,23 @@ class _TextReading:
                 column[k] = ''
 
     def _is_heading(self, row: Cells) -> bool:
-        """Return whether a row holds headings of the table in another order than the last headings."""
+        """Return whether a row has headings of the table, but is not equal to the last headings.
+
+        At least two of the headings have to occur, or the only one there is.
+        """
         cells = [cell.strip() for cell in row]
         names = {name for name in self._first if name}
         is_other = cells != [*self._order]
         return bool(names) and is_other and len(names & set(cells)) > min(1, len(names) - 1)
 
     def _follow_heading(self, row: Cells | None) -> None:
-        """Find the wanted columns below headings in the middle, the n-th of those alike; do nothing for None.
+        """Take over the places of the wanted columns from headings in the middle, and count these.
 
-        Where one of them is missing, the rows up to the next headings are skipped.
+        Of equal headings, the n-th stays the n-th. Where a wanted column is missing, the places become None,
+        so that rows are skipped up to the next headings.
+
+        Args:
+            row: The row of headings; for None nothing is done.
         """
         if row is None:
             return
@@ -426,7 +461,10 @@ class _TextReading:
             self._places.append(alike[number])
 
     def _count_untimed(self, row: Cells) -> None:
-        """Count a row without a time: as headings that repeat, or as lost where it is no remark."""
+        """Count a row without a time as repeated headings, or else as lost; keep the first lost one to show.
+
+        Remarks and copies of a row above the numbers are not counted.
+        """
         if [cell.strip() for cell in row] == [*self._order]:
             self._repeated += 1
         elif tuple(row) not in self._above and not row[0].startswith(_REMARKS):
@@ -434,11 +472,14 @@ class _TextReading:
             self._shown = self._shown or ' '.join(row[k].strip() for k in self._clocks[0].columns)[:MAX_SHOWN]
 
     def _drop_short_rows(self, batch: list[list[str]], width: int) -> None:
-        """Take rows that are too short away and count them; fill up those that may lack empty cells.
+        """Remove rows that end before a wanted column, or fill them up with empty cells.
+
+        A row is filled up if it reaches behind the columns of the first clock and, with a single clock,
+        behind half of the headings. Removed rows are counted, but for blank ones and remarks.
 
         Args:
-            batch: The rows, which are changed.
-            width: The last place that is needed.
+            batch: The rows, at least one; changed.
+            width: The place of the last wanted column: rows need ``width + 1`` cells.
         """
         if min(map(len, batch)) > width:
             return
@@ -454,7 +495,12 @@ class _TextReading:
                 del batch[k]
 
     def report_unused(self, lose: Say, note: Say) -> None:
-        """Hand on sentences on what was not used, and one on headings that repeat."""
+        """Report how many rows were not used, and how often headings were repeated.
+
+        Args:
+            lose: Takes a sentence for each kind of lost rows; not called where there are none.
+            note: Takes the sentence on repeated headings.
+        """
         if self._untimed:
             shown = f", the first '{self._shown}'" if self._shown else ''
             lose(_not_used(self._untimed, 'without a time', shown))
@@ -467,7 +513,13 @@ class _TextReading:
 
 
 def _not_used(count: int, subject: str, more: str = '') -> str:
-    """Return a sentence that some lines were not used."""
+    """Return the clause that some lines were not used, as '2 lines without a time were not used'.
+
+    Args:
+        count: How many lines.
+        subject: What is wrong with them, behind the word 'lines'.
+        more: The end of the clause.
+    """
     return f'{plural(count, "line")} {subject} {"was" if count == 1 else "were"} not used{more}'
 
 
@@ -507,7 +559,10 @@ class ParquetTable(NumberTable):
         self.remarks = tuple(_remarks_on(self.clocks, self.names))
 
     def numbers(self, cells: Any) -> Numbers:
-        """Return the numbers of cells of numbers, or of texts; NaN for a word and what is not finite."""
+        """Return the numbers of an array of pyarrow with numbers or texts.
+
+        NaN for a word, a null and what is not finite. Words are counted only in texts.
+        """
         is_there = np.asarray(cells.is_valid().to_numpy(zero_copy_only=False), np.bool_)
         try:
             value = cells.cast('float64').to_numpy(zero_copy_only=False).astype(float)
@@ -516,7 +571,15 @@ class ParquetTable(NumberTable):
             return _mixed_numbers(_column_texts(cells))
 
     def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
-        """Yield the rows of some columns; damage ends them, and is a loss."""
+        """Yield the rows of some columns, each block once for each of their clocks.
+
+        Damage ends the rows without an error.
+
+        Args:
+            wanted: The places of the columns.
+            lose: Takes a sentence on damage, and at the end one on the number of rows without a time.
+            note: Not used.
+        """
         del note
         untimed = 0
         clocks = self.clocks_of(wanted)
@@ -543,7 +606,7 @@ class ParquetTable(NumberTable):
 
 
 def _open_parquet(path: Path) -> Any:
-    """Return pyarrow's reader of a file.
+    """Open a file with the reader of pyarrow.
 
     Raises:
         BagError: pyarrow is not installed, or cannot read it.
@@ -569,14 +632,17 @@ def _as_bag_error(path: Path) -> Iterator[None]:
 
 
 def _as_rows(columns: Sequence[Any]) -> tuple[tuple[str, ...], ...]:
-    """Return the rows of columns of pyarrow, as texts."""
+    """Return columns of pyarrow as rows of texts; an empty text for a null."""
     return tuple(zip(*map(_column_texts, columns), strict=True))
 
 
 def _column_texts(column: Any) -> list[str]:
-    """Return the cells as a text table would have them; a timestamp by its nanoseconds."""
+    """Return the cells of a column of pyarrow as texts: a null as '', a timestamp as ns since 1970.
+
+    A null timestamp becomes the text of the smallest int64, which is no valid time.
+    """
     if str(column.type).startswith('timestamp'):
         times = column.to_numpy(zero_copy_only=False).astype('M8[ns]')
-        # What is no time becomes a number beyond all times.
+        # NaT becomes the smallest int64, which is no valid time.
         return [str(ns) for ns in times.astype(np.int64).tolist()]
     return ['' if cell is None else str(cell) for cell in column.to_pylist()]

@@ -103,10 +103,12 @@ class Extent:
 
 
 def opened(path: Path) -> Any:
-    """Open a file for its bytes, unpacked where it is packed by gzip, zstd, bzip2 or xz.
+    """Open a file for reading its bytes, unpacked where its first bytes are those of gzip, zstd, bzip2 or xz.
+
+    Reading it raises one of :data:`BROKEN` where the packed data are damaged.
 
     Raises:
-        OSError: It cannot be opened.
+        OSError: It cannot be opened, or is no regular file.
     """
     file = open_file(path)
     begin = file.read(max(map(len, PACKED)))
@@ -115,7 +117,7 @@ def opened(path: Path) -> Any:
 
 
 def unpacked_begin(path: Path) -> bytes:
-    """Return the first bytes of a packed file; fewer where it is damaged."""
+    """Return the first 4096 unpacked bytes of a file; fewer, or none, where it ends or is damaged."""
     begin = b''
     with contextlib.suppress(*BROKEN), opened(path) as file:
         while len(begin) < _BEGIN and (piece := file.read1(_BEGIN - len(begin))):
@@ -124,10 +126,15 @@ def unpacked_begin(path: Path) -> bytes:
 
 
 def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
-    """Read a file once for its head, its tail and its number of lines.
+    """Read a file, unpacked, once for its head, its tail and its number of lines.
 
-    The tail is empty where the head holds all. Unless the whole is wanted, it stops behind the head. Damage
-    after the first bytes is put into ``problem``; an empty file is no error.
+    The tail is empty where the head holds all. Damage after the first bytes is put into ``problem``; an empty
+    file is no error.
+
+    Args:
+        path: The file.
+        is_whole: Whether to read all of it; else reading stops behind the head, and the tail and the counts
+            are those of what was read.
 
     Raises:
         BagError: Nothing of it can be read.
@@ -155,12 +162,17 @@ def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
 
 
 def text_lines(path: Path, encoding: str, *, is_plain: bool = False) -> Iterator[str]:
-    """Yield the lines of a file as far as they can be read; one without an end in pieces.
+    """Yield the lines of a file, unpacked, with their line ends; stop without an error where it is damaged.
+
+    A line of more than 1 MiB is yielded in pieces. Bytes that are no text become U+FFFD.
 
     Args:
         path: The file.
         encoding: The encoding of its text.
-        is_plain: Whether it has no zero bytes and no marks around lines, which are taken away.
+        is_plain: Whether it has no zero bytes and no marks around lines; else these are removed.
+
+    Raises:
+        OSError: The file cannot be opened.
     """
     with opened(path) as raw:
         text = io.TextIOWrapper(raw, encoding, errors='replace', newline='')
@@ -170,7 +182,10 @@ def text_lines(path: Path, encoding: str, *, is_plain: bool = False) -> Iterator
 
 
 def lines_of(text: str) -> list[str]:
-    """Return the lines of a text as a file gives them: a form feed ends none."""
+    """Return the lines of a text with their line ends, without zero bytes and marks around the lines.
+
+    Unlike with ``splitlines``, a form feed ends no line.
+    """
     return list(map(_without_marks, io.StringIO(text, newline='').readlines()))
 
 

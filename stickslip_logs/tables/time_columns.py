@@ -137,7 +137,12 @@ class Clock:
 
 
 def counted_from(clock: Clock, start_ns: int) -> Clock:
-    """Return a clock whose times count from a time [ns] of another; earlier ones are no times."""
+    """Return a clock that counts the times of another from a start.
+
+    Args:
+        clock: The other clock.
+        start_ns: The start, which is subtracted [ns]; earlier cells are marked as no times.
+    """
 
     def read(columns: Sequence[Cells]) -> Times:
         time_ns, is_timed = clock.read(columns)
@@ -149,7 +154,9 @@ def counted_from(clock: Clock, start_ns: int) -> Clock:
 def find_clock(path: Path, table: TableColumns) -> Clock:
     """Find the columns of the time of all rows, by the headings and some rows of a table.
 
-    The path is only for the error.
+    Args:
+        path: The file, for the error.
+        table: The columns.
 
     Raises:
         BagError: No column is one, or the one that is headed so is empty.
@@ -179,14 +186,22 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
 
 
 def _complete_rows(table: TableColumns) -> list[Cells]:
-    """Return the first rows of a table, a cell for each column; of a row that lacks the last it is empty."""
+    """Return up to 500 rows of the head with a cell for each column.
+
+    A missing last cell is empty, surplus cells are dropped, and rows that lack more cells are left out.
+    """
     width = len(table.names)
     rows = [row for row in table.rows[:_MAX_ROWS] if len(row) >= max(width - 1, 1)]
     return [[*row, ''][:width] for row in rows]
 
 
 def _columns_of(is_kind: Callable[[str], bool], rows: Sequence[Cells]) -> list[int]:
-    """Return the places of the columns most of whose cells are of a kind."""
+    """Return the places of the columns in which more than half of the cells are of a kind.
+
+    Args:
+        is_kind: Tells whether a cell is of the kind.
+        rows: The rows, of one width.
+    """
     counts = [sum(map(is_kind, cells)) for cells in zip(*rows, strict=False)]
     return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
 
@@ -194,7 +209,15 @@ def _columns_of(is_kind: Callable[[str], bool], rows: Sequence[Cells]) -> list[i
 def _lack_of_times(
     path: Path, table: TableColumns, rows: Sequence[Cells], named: Sequence[int], days: Sequence[int]
 ) -> str:
-    """Return a sentence that no column of a table is a time, with a cell that should be one."""
+    """Return the error text that no column of a table is a time, with a cell that should be one.
+
+    Args:
+        path: The file.
+        table: The columns.
+        rows: Its first rows.
+        named: The columns that are headed as times.
+        days: The columns of dates without a time of the day.
+    """
     if days:
         return (
             f"log '{path}': column '{table.names[days[0]]}' has dates without a time of the day: nothing can"
@@ -228,13 +251,19 @@ def rank_stamps(table: TableColumns, columns: Sequence[int]) -> list[int]:
 
 
 def _clock_of_day_times(table: TableColumns, column: int) -> Clock:
-    """Return the clock of a column of times of the day, or since a start."""
+    """Return the clock of a column of times of the day, or since a start; a remark says it has no date."""
     remark = f"times in '{table.names[column]}' are of the day, without a date"
     return Clock((column,), read_time_of_day, (remark,))
 
 
 def _clock_of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
-    """Return the clock of dates with times in one column, or in two."""
+    """Return the clock of dates with times in one column, or in one of dates and one of times.
+
+    Args:
+        table: The columns.
+        rows: Its first rows, by which, with the tail, the layout is detected.
+        columns: The places of the one column, or of the two.
+    """
     complete_rows = [row for row in (*rows, *table.tail) if len(row) > max(columns)]
     zone = _HEADED_ZONE.search(' '.join(table.names[k] for k in columns))
     stamps = [' '.join(row[k].strip() for k in columns) for row in complete_rows]
@@ -242,7 +271,10 @@ def _clock_of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[
 
 
 def _clock_of_layout(columns: tuple[int, ...], layout: StampLayout) -> Clock:
-    """Return the clock of columns whose dates have a layout, with its guess and its question."""
+    """Return the clock of columns whose dates have a layout.
+
+    Its remarks are the guess of the layout and a missing zone; its question is that of the layout.
+    """
     remarks = (*filter(None, [layout.guess]), *([] if layout.has_zone else [WITHOUT_ZONE]))
     return Clock(columns, layout.read, remarks, question=layout.question)
 
@@ -278,7 +310,13 @@ def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
 
 
 def _read_parts(layout: StampLayout, day_count: int, columns: Sequence[Cells]) -> Times:
-    """Return the times whose parts stand in columns, the first of which are of the date."""
+    """Return the times whose parts stand in columns.
+
+    Args:
+        layout: The layout of the joined parts.
+        day_count: How many of the first columns are the date, as in :func:`_join_parts`.
+        columns: The cells of each part, the largest part first.
+    """
     return layout.read([_join_parts(columns, day_count)])
 
 
@@ -330,14 +368,20 @@ def _clock_of_digits(table: TableColumns, rows: Sequence[Cells], named: Sequence
 
 
 def _read_digits(read: ReadTimes, columns: Sequence[Cells]) -> Times:
-    """Return what a function reads of columns, the last of which has times of the day as digits."""
+    """Return the times of columns, the last of which has times of the day as digits, as 060000.
+
+    Args:
+        read: Reads the columns once the digits are written with colons.
+        columns: The cells of one or two columns.
+    """
     return read([*columns[:-1], [*map(_with_colons, columns[-1])]])
 
 
 def _are_digits_of_day(cells: Cells) -> bool:
     """Return whether cells are digits of hours, minutes and seconds, as 060059 before 060100.
 
-    All three or more have five or six digits, and their steps are more alike as times than as numbers.
+    There have to be at least three cells, all of five or six digits that are a time of the day, and steps
+    that scatter less as times than as numbers.
     """
     if len(cells) < 3 or not all(map(_DIGITS_OF_DAY.fullmatch, cells)):
         return False
@@ -347,7 +391,10 @@ def _are_digits_of_day(cells: Cells) -> bool:
 
 
 def _with_colons(cell: str) -> str:
-    """Return up to six digits as a time of the day, '60059' as '06:00:59'; of other cells a useless text."""
+    """Return up to six digits as a time of the day, '60059' as '06:00:59'.
+
+    Other cells become a text that is no time.
+    """
     digits = cell.strip().zfill(6)
     return f'{digits[:2]}:{digits[2:4]}:{digits[4:]}'
 
@@ -411,7 +458,7 @@ def clock_of_numbers(
 
 
 def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> tuple[int, int, str, str]:
-    """Return what the numbers of a column of times are.
+    """Find the unit, zero and meaning of the numbers of a column of times.
 
     Args:
         words: The words of the heading.
@@ -450,7 +497,7 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
 
 
 def _unit_of_times(words: str, written: str | None) -> str:
-    """Return the unit in a heading: in brackets, all of it, or behind other words; empty for none.
+    """Return the unit of time in a heading, in lower case: in brackets, all of it, or its last word; else ''.
 
     >>> _unit_of_times('elapsed ms', None), _unit_of_times('millis', None), _unit_of_times('time', '[s]')
     ('ms', 'millis', '')
@@ -489,7 +536,7 @@ def _days_or_seconds(values: FloatArray, step: float) -> tuple[bool, bool]:
 
 
 def _leading_number(cell: str, decimal: str) -> float:
-    """Return the number that a cell begins with, NaN for none; a unit may follow, but no other digit."""
+    """Return the number before the first blank of a cell; NaN for none, or where a digit follows it."""
     number, _, rest = cell.strip().partition(' ')
     try:
         # What Python takes for digits, as in '1_000', is a word in a table.

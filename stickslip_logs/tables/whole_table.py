@@ -47,7 +47,8 @@ def read_table(
             taken, or the first line that is no comment.
 
     Returns:
-        The rows, the headings first, and what separates their cells.
+        The rows, the headings first, and the delimiter. Without headings the rows are all that are no
+        comments.
     """
     try:
         with opened(Path(path)) as file:
@@ -82,12 +83,12 @@ def read_table(
 
 
 def _find_headings(rows: Sequence[TableRow], is_heading: Callable[[list[str]], bool]) -> int:
-    """Return the place of the row of headings among rows; -1 where there is none.
+    """Return the place of the row of headings; -1 where all rows are comments, or there are none.
 
     Args:
         rows: The rows of the file.
-        is_heading: Tells cells that are headings. Where none are, those above the numbers are taken, or the
-            first row that is no comment.
+        is_heading: Returns whether cells, without the mark of a comment, are headings. If no row is, the row
+            above the numbers is taken, or else the first row that is no comment.
     """
     for k, row in enumerate(rows):
         if is_heading(_without_mark(row.cells)):
@@ -100,6 +101,6 @@ def _find_headings(rows: Sequence[TableRow], is_heading: Callable[[list[str]], b
 
 
 def _without_mark(cells: list[str]) -> list[str]:
-    """Return cells without the mark of a comment, which may be a part of the first one or a cell alone."""
+    """Return cells without the mark of a comment in the first one; drop a cell that is only the mark."""
     bare = [cells[0].lstrip(''.join(COMMENTS) + ' '), *cells[1:]]
     return bare if bare[0] or cells[0] == '' else bare[1:]
