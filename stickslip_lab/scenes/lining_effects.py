@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_lab.scenes.effects import UNITS, SceneRun, effect
 from stickslip_lab.scenes.lining import (
     FACTOR,
     INSTANTS,
@@ -41,6 +40,7 @@ from stickslip_lab.scenes.lining import (
     with_parameters,
 )
 from stickslip_lab.scenes.settings import Profile, Settings, check_points, random_stream, read_profile
+from stickslip_lab.scenes.shaft_effects import UNITS, SceneRun, effect
 from stickslip_lab.scenes.telemetry import Channel, TimeBlock, nominal_load
 from stickslip_lab.scenes.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_logs.units import factors_of, names_of

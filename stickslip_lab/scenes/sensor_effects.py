@@ -19,8 +19,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from stickslip_lab.scenes.effects import Change, SceneRun, channel_effect, effect, require_header, unit_of
 from stickslip_lab.scenes.settings import Settings, check_points, read_sample_mask, read_windows
+from stickslip_lab.scenes.shaft_effects import (
+    Change,
+    SceneRun,
+    channel_effect,
+    effect,
+    require_header,
+    unit_of,
+)
 from stickslip_lab.scenes.telemetry import CHANNELS, MEMORY_CHANNELS, Channel, Memory, Signal, Term, TimeBlock
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError

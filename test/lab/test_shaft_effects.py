@@ -13,8 +13,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.signal import welch
 
-from stickslip_lab.scenes.effects import Sea
 from stickslip_lab.scenes.scene import Scene
+from stickslip_lab.scenes.shaft_effects import Sea
 
 MakeScene = Callable[..., Scene]
 RPM = math.pi * 0.1 / 60.0  # m/s of one rpm

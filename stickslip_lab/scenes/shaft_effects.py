@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How an effect is declared, the run of a scene that effects are built into, and those on speed and load.
+"""Effects on speed and load; also how every effect is declared, and the run of a scene it is built into.
 
 An effect is a function with a decorator that says at which stage it acts and which settings it
 takes; its name is the function's. Within a stage effects act in the order of their definition.
