@@ -35,7 +35,7 @@ from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.severity import LADDER, Condition, Severity
 from stickslip_monitor.monitor.signals import Input, Stream
-from stickslip_monitor.monitor.verdict import Verdict
+from stickslip_monitor.monitor.statements import Verdict
 from stickslip_monitor.offline.check import Kept, check_recording
 from stickslip_monitor.offline.extremes import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes

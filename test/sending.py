@@ -30,7 +30,7 @@ from stickslip_monitor.monitor.rule_state import State, settings_of
 from stickslip_monitor.monitor.session import Moment, Session, Sink
 from stickslip_monitor.monitor.severity import CONDITIONS, Condition
 from stickslip_monitor.monitor.signals import Input
-from stickslip_monitor.monitor.verdict import Event, Standing, Verdict
+from stickslip_monitor.monitor.statements import Event, Standing, Verdict
 
 SECOND = 10**9
 T0 = 1_700_000_000 * SECOND

@@ -36,7 +36,7 @@ from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA, sensor_r
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Input, Status, Stream
-from stickslip_monitor.monitor.verdict import rounded
+from stickslip_monitor.monitor.statements import rounded
 from stickslip_monitor.offline.check import Kept
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, Coulomb, Tabulated

@@ -37,7 +37,7 @@ from stickslip_monitor.errors import plural
 from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.verdict import rounded
+from stickslip_monitor.monitor.statements import rounded
 from stickslip_monitor.offline.check import Kept, check_recording
 from stickslip_monitor.physics.probability import QUANTILES
 

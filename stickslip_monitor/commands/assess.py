@@ -19,7 +19,7 @@ from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.bearing_records import number
 from stickslip_monitor.monitor.configuration import asked
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.monitor.verdict import warns
+from stickslip_monitor.monitor.statements import warns
 
 SCHEMA = 'stickslip_monitor/assessment/2'
 _ROWS = [(title, item.name, unit) for item in record_fields.ASSESSED for title, unit in item.shown]

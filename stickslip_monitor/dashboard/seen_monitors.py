@@ -22,7 +22,7 @@ from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.bearing_records import POINT_NUMBERS
 from stickslip_monitor.monitor.session import Sink
-from stickslip_monitor.monitor.verdict import about
+from stickslip_monitor.monitor.statements import about
 
 SILENT = 3.0
 """A monitor without a message for so long is taken for gone [s]."""

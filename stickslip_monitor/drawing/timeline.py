@@ -18,7 +18,7 @@ from stickslip_monitor.drawing import canvas
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import Severity
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.statements import Event
 from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsened
 
 _POINTS_PER_INCH = 70

@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.alarms import (
 )
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.severity import WordEnum
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.statements import Event, Verdict
 
 MONITOR, TIMER = 'monitor', 'timer'
 """Who did it, where it was not a person."""

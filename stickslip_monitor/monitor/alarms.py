@@ -18,7 +18,7 @@ from typing import NamedTuple
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import LADDER, Condition, WordEnum
 from stickslip_monitor.monitor.signals import INPUTS
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.statements import Event
 
 LASTING_NS = 15 * 10**9
 """Stick-slip that comes again within ten minutes of its sound sounds once it has lasted so long, of a

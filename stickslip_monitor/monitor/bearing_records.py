@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import NEVER
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Condition, Severity, Unknown
 from stickslip_monitor.monitor.signals import INPUTS, Input, Status
-from stickslip_monitor.monitor.verdict import Event, Verdict, order
+from stickslip_monitor.monitor.statements import Event, Verdict, order
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/3'
 BEARINGS_SCHEMA = 'stickslip_monitor/bearings/4'

@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 
 from stickslip_monitor.monitor.parameters import ClipConfig
 from stickslip_monitor.monitor.severity import Condition, Severity
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.statements import Event
 
 # What a message takes beside its data, in memory and in the file, roughly [bytes].
 _OVERHEAD = 100

@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
 from stickslip_monitor.monitor.rule import NEAR, si_value
 from stickslip_monitor.monitor.severity import Unknown, WordEnum
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status
-from stickslip_monitor.monitor.verdict import age_text
+from stickslip_monitor.monitor.statements import age_text
 
 ENOUGH = 12
 """Returns that raise the fault."""

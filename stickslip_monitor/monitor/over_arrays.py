@@ -49,7 +49,7 @@ from stickslip_monitor.monitor.rule_state import (
 )
 from stickslip_monitor.monitor.severity import Unknown
 from stickslip_monitor.monitor.signals import Input, Status, Stream
-from stickslip_monitor.monitor.verdict import Event, Standing, size_cycle
+from stickslip_monitor.monitor.statements import Event, Standing, size_cycle
 from stickslip_monitor.physics import boundary_table, lubrication, probability, scalar_law
 
 SAMPLE, TIME, BEFORE, AFTER, ONSET, POINTS = range(6)

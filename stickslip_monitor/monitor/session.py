@@ -24,7 +24,7 @@ from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.rule_state import State
 from stickslip_monitor.monitor.severity import Condition, Severity
 from stickslip_monitor.monitor.signals import VALUE_FAULTS
-from stickslip_monitor.monitor.verdict import Event, Verdict, about
+from stickslip_monitor.monitor.statements import Event, Verdict, about
 
 LOOK_NS = 10**9
 """Time between two looks at the inputs [ns]."""

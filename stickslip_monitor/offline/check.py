@@ -30,7 +30,7 @@ from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, count
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.signals import QUANTITIES, Stream
-from stickslip_monitor.monitor.verdict import Event, about
+from stickslip_monitor.monitor.statements import Event, about
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, lasting_ns
 from stickslip_monitor.offline.held_values import HeldValues
 from stickslip_monitor.offline.input_columns import Bound, guess_of

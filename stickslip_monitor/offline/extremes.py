@@ -19,7 +19,7 @@ from stickslip_monitor.monitor.assessment import COVER, REGIMES, Assessment, Ass
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import LADDER, Condition
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.statements import Event
 from stickslip_monitor.physics.boundary_table import known_table
 from stickslip_monitor.physics.lubrication import as_measured
 

@@ -31,7 +31,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, Mon
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status, Stream
-from stickslip_monitor.monitor.verdict import rounded
+from stickslip_monitor.monitor.statements import rounded
 from stickslip_monitor.offline.binding import bind
 from stickslip_monitor.offline.input_columns import Bound
 

@@ -46,7 +46,7 @@ from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.severity import MEASURED, Condition
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status, Stream
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.statements import Event, Verdict
 from stickslip_monitor.offline.check import Heard, Stretch, StretchSink, is_long
 
 NODE = 'stickslip_monitor'

@@ -34,7 +34,7 @@ from stickslip_monitor.monitor.bearing_records import (
 from stickslip_monitor.monitor.clip_recorder import ClipMessage, ClipRecorder, ClipStore
 from stickslip_monitor.monitor.parameters import BearingConfig, ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Session, Sink
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.statements import Event, Verdict
 from stickslip_monitor.ros.inputs import definition, message_type
 from stickslip_monitor.ros.other_nodes import RosGraph
 from stickslip_monitor.state_file import Background, StateWriter

@@ -24,7 +24,7 @@ from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.session import NoLog, Sink
 from stickslip_monitor.monitor.signals import Input
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.statements import Event
 from stickslip_monitor.offline.check import check_recording
 
 T0 = datetime(2026, 5, 4, 6, 0, tzinfo=timezone.utc)

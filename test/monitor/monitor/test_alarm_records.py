@@ -16,7 +16,7 @@ from stickslip_monitor.monitor.alarm_list import Action, Annunciator
 from stickslip_monitor.monitor.alarm_records import alarms_record, recall_state, state_record
 from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.severity import Condition
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.statements import Event
 
 SECOND = 10**9
 T0 = 1_700_000_000 * SECOND

@@ -14,7 +14,7 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.signals import NO_VALUES, Input, Status
-from stickslip_monitor.monitor.verdict import OrderKind, SpeedOrder, order
+from stickslip_monitor.monitor.statements import OrderKind, SpeedOrder, order
 
 # The first point below the Hopf speed decides, and no delay waits for a second one.
 AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}

@@ -11,7 +11,7 @@ from sending import change
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder
 from stickslip_monitor.monitor.parameters import ClipConfig
 from stickslip_monitor.monitor.severity import Condition
-from stickslip_monitor.monitor.verdict import Event
+from stickslip_monitor.monitor.statements import Event
 
 NS, T0 = 10**9, 1_777_874_400
 AROUND = 10

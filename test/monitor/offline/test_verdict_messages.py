@@ -23,7 +23,7 @@ from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.bearing_records import BearingState, diagnostic_record, event_record
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.monitor.verdict import Event, Verdict
+from stickslip_monitor.monitor.statements import Event, Verdict
 from stickslip_monitor.offline.check import CheckReport, Kept, check_recording, to_json
 from stickslip_monitor.offline.verdict_messages import VerdictWriter
 
