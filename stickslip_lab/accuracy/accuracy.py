@@ -59,7 +59,7 @@ class Method:
     slow: bool = False  # whether a quick look leaves it out
 
     def solve(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """Apply it where it applies."""
+        """Compute the amplitude; where the method does not apply the result is ``nan`` and ``REFUSED``."""
         if not self.applies(bearing):
             return MethodResult(math.nan, REFUSED, None)
         return self.amplitude(bearing, speed, load)
@@ -137,7 +137,12 @@ class Row:
 
 
 def measure(method: Method, case: Case, effort: Effort) -> Row:
-    """Error and time of a method at a case; the first call warms it up."""
+    """Measure the relative error and the time of a method at a case; the first call warms it up.
+
+    Returns:
+        The row, with the seconds of each operating point. A method that does not apply is not timed:
+        its amplitude, error and seconds are ``nan``. Evaluations are -1 if they are not counted.
+    """
     point = case.bearing, case.speed, case.load
     result = method.solve(*point)
     seconds, samples, disturbed = math.nan, 0, False
@@ -177,7 +182,16 @@ class Summary:
 
 
 def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
-    """Return one summary a method, in the order of their first rows; times over those of ``base``."""
+    """Return one summary for each method, in the order of their first rows.
+
+    Args:
+        rows: Measured rows.
+        base: Name of the method to whose times the ``ratio`` refers.
+
+    Returns:
+        The summaries. Refused cases are only counted. A case without an amplitude has an infinite
+        error; numbers of a method without any case, or without one of ``base``, are ``nan``.
+    """
     unit = {row.case: row.seconds for row in rows if row.method == base}
     summaries = []
     for name in dict.fromkeys(row.method for row in rows):
@@ -260,7 +274,10 @@ WIDTHS = (1e-3, 1e-4, 1e-5)
 def _single_and_bulk(
     name: str, amplitude: Callable[[int, Bearing, float, float], MethodResult]
 ) -> tuple[Method, Method]:
-    """Return a method for one operating point, and one for many in one call."""
+    """Return a method for one operating point, and one for ``AT_ONCE`` copies of it in one call.
+
+    ``amplitude`` takes the number of copies before the operating point.
+    """
     bulk = Method(f'{name}, {AT_ONCE} at once', name, partial(amplitude, AT_ONCE), points=AT_ONCE)
     return Method(name, name, partial(amplitude, 1)), bulk
 

@@ -199,9 +199,19 @@ def _contact_event(speed: float, side: float, earliest: float) -> Event:
 def _after_contact(
     bearing: Bearing, speed: float, load: float, time: float, x: float
 ) -> tuple[float, float, float]:
-    """Return time, place and side of the next slip phase by the set-valued law.
+    """Return the start of the next slip phase after the lining reached the belt's speed.
 
-    It holds the lining until breakaway, or lets it by.
+    Friction up to the static limit holds the lining until breakaway; beyond it, slip goes on at once.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed [m/s].
+        load: Load [N].
+        time: Time of the contact [s].
+        x: Displacement at the contact [m].
+
+    Returns:
+        Time [s], displacement [m] and side: 1 behind the belt, -1 ahead of it.
     """
     needed = bearing.stiffness * x + bearing.damping * speed
     if abs(needed) > bearing.friction.static * load * (1.0 + 1e-12):
@@ -359,6 +369,13 @@ class _Problem:
     def solved(self, q: FloatArray, frequency: float) -> tuple[FloatArray, float, bool]:
         """Solve the balance from a guess by damped semi-smooth Newton; the phase is ``b_1 = 0``.
 
+        Args:
+            q: Coefficients ``[a_0, a_1, b_1, ...]`` of the guess, in units of ``V/omega``.
+            frequency: Its frequency, in units of ``omega``.
+
+        Returns:
+            Coefficients, frequency, and whether the solver converged; else those of its last step.
+
         scipy's least-squares solvers find the same roots in five to sixty times the time.
         """
         free = np.delete(np.arange(q.size + 1), 2)
@@ -406,7 +423,7 @@ def has_resolvent(bearing: Bearing) -> bool:
 
 
 def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Harmonic balance with H harmonics, from the KBM amplitude over 1, 3, 7, ... harmonics."""
+    """Solve the harmonic balance, from the averaged amplitude by way of 1, 3, 7, ... up to ``harmonics``."""
     omega, law = bearing.natural_frequency, _Law(bearing, speed, load)
     cycles = stationary_amplitudes(bearing, speed, load)
     stable = cycles.amplitude[cycles.stable]
@@ -427,7 +444,11 @@ def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float
 
 
 def averaging(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Averaging as the monitor does it, of first order: closed forms for the Stribeck law."""
+    """Compute the amplitude by averaging of first order, as the monitor does.
+
+    ``points`` copies of the operating point are solved in one call, and the first is returned. The
+    Stribeck law has closed forms, which need no evaluations of the law.
+    """
     speeds = speed if points == 1 else np.full(points, speed)
     cycles = stationary_amplitudes(bearing, speeds, load)
     first = (0,) * (cycles.amplitude.ndim - 1)
@@ -437,7 +458,10 @@ def averaging(points: int, bearing: Bearing, speed: float, load: float) -> Metho
 
 
 def exact(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Follow one slip phase from breakaway, the law set-valued (Filippov 1988); stick is a line."""
+    """Compute the exact cycle: one slip phase from breakaway, with a set-valued law (Filippov 1988).
+
+    ``points`` copies of the operating point are solved in one call, and the first is returned.
+    """
     cycle = exact_cycle(bearing, speed if points == 1 else np.full(points, speed), load)
     if np.ravel(cycle.kind)[0] == CycleKind.UNRESOLVED:
         return not_converged(None)

@@ -192,7 +192,10 @@ class Calibration:
         return [math.exp(middle - span[0]), math.exp(middle), math.exp(middle + span[1])]
 
     def boundaries(self) -> list[list[float]]:
-        """Rows of load, Hopf speed at :data:`QUANTILES`, fold speed at the same."""
+        """Return rows: load [N], Hopf speeds at :data:`QUANTILES`, fold speeds at the same shares [m/s].
+
+        The loads are evenly spaced over :attr:`loads`.
+        """
         fold = self.belief.fold_speed
         return [
             [load, *self.hopf_speeds(load), *(float(fold(load, p)) for p in QUANTILES)]
@@ -201,7 +204,7 @@ class Calibration:
 
     @cached_property
     def doubts(self) -> list[tuple[End, float]]:
-        """Ends and bounds that are more likely worthless than not, with that probability."""
+        """Ends and bounds that are probably wrong reports, each with that probability (above one half)."""
         log_r, log_q = self.factors
         count, texts = len(self.edges.ends), []
         for k, end in enumerate(self.edges.ends):
@@ -212,7 +215,7 @@ class Calibration:
 
     @property
     def warnings(self) -> list[str]:
-        """Sentences on what makes the result worth less."""
+        """Sentences on what makes the result less reliable; empty if nothing does."""
         texts, seen = [], self.edges.seen
         if not self.episodes:
             texts.append('no episode was seen: quiet bounds the Hopf speed, and says little of the fold')
@@ -241,7 +244,10 @@ class Calibration:
 
     @property
     def has_changed(self) -> bool:
-        """Whether the last ends differ from those before, or all have a trend."""
+        """Whether the fold moved: the last ends differ from those before, or all have a trend.
+
+        Both are judged against the scatter of the ends; False with fewer than ``_MIN_ENDS``.
+        """
         ends = sorted(self.edges.seen, key=lambda end: end.time)
         if len(ends) < _MIN_ENDS:
             return False
@@ -259,7 +265,11 @@ class Calibration:
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on what else is to be known."""
+        """Sentences on the evidence that are no warnings; empty without any.
+
+        They name the offset of the ends from the configured fold, repeated recordings, a recommended
+        setting, the knocks that were left out, and a narrow range of loads.
+        """
         (low, high), texts = self.loads, []
         if off := [over_fold(end, self.reference) for end in self.edges.seen]:
             middle = 100.0 * (float(np.median(off)) - 1.0)
@@ -404,7 +414,7 @@ def _round_values(values: Any) -> Any:
 
 
 def fragment(config: BearingConfig, calibration: Calibration) -> str:
-    """Write the law and the damping that have the calibrated boundaries, as configuration."""
+    """Return the damping and the friction law of the calibrated boundaries, as YAML of a bearing."""
     rows = parameters_of_law(calibration.bearing)
     damping = rows.pop('damping')
     law = ', '.join(f'{key.removeprefix("friction.")}: {value}' for key, value in rows.items())

@@ -233,7 +233,7 @@ def _read_track(edges: Edges, track: ReportedCourse, reference: Reference, onset
 def _find_passage(
     track: ReportedCourse, report: VibrationReport, begin: float, b: float, onset: VibrationReport | None
 ) -> Passage | None:
-    """Return the quiet from ``begin`` to ``b`` [s] and any onset at its end; None where it tells nothing."""
+    """Return the quiet from ``begin`` to ``b`` [s] and any onset at its end; None if too short or fast."""
     late = report.tolerance + LAGS[-1] if onset else 0.0
     rows = (track.time >= begin) & (track.time <= b + late)
     if np.count_nonzero(rows) < 4 or track.over[rows].min() >= _FASTEST:
@@ -247,7 +247,13 @@ def _find_passage(
 
 
 def _log_speed_rate(time: FloatArray, speed: FloatArray, at: float) -> float:
-    """Return the rate of ``ln V`` about a time [1/s]."""
+    """Return the absolute rate of ``ln V`` about a time [1/s].
+
+    Args:
+        time: Times of the bins [s], shape (n,).
+        speed: Surface speed in them, above 0 [m/s].
+        at: The time; bins within ``_ONSET`` of it count. Fewer than two of them give 0.
+    """
     near = np.abs(time - at) <= _ONSET
     if np.count_nonzero(near) < 2:
         return 0.0
@@ -278,7 +284,7 @@ def _end_of(
 
 
 def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
-    """Return whether V/V_F has risen when a vibration ends, and goes on: the shaft did not stop."""
+    """Return whether V/V_F has risen by the end of a vibration [s] and stays up: the shaft did not stop."""
     wide = _moving_average(track.over, _WIDE)
     after = (track.time > time) & (track.time <= time + _GOES_ON)
     least_ratio = (1.0 + _RISEN) * wide[inside].min()
@@ -290,7 +296,7 @@ def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
 
 
 def _find_farthest(track: ReportedCourse, inside: BoolArray) -> tuple[float, FloatArray]:
-    """Return when a vibration was farthest out, and speed and load there, shape (1, 2)."""
+    """Return the time [s] at which V/V_F was highest ``inside``, and speed and load there, shape (1, 2)."""
     rows = np.flatnonzero(inside)
     time = float(track.time[rows[np.argmax(_moving_average(track.over, 3)[rows])]])
     return time, np.array([track.at(time)])

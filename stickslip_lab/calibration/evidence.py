@@ -290,13 +290,15 @@ def threshold_of(levels: Sequence[LevelBins]) -> float:
 def level_reports(
     bearing: str, level: LevelBins, threshold: float, source: str
 ) -> tuple[list[VibrationReport], list[VibrationReport]]:
-    """Return reports of vibration and quiet in order of time, and the knocks, which are neither.
+    """Return reports of vibration and quiet in order of time, and vibrations too short to count: knocks.
+
+    Parts of the level without a gap are read one by one; those of fewer than three bins are skipped.
 
     Args:
         bearing: Name of the bearing.
         level: Its level.
         threshold: Between the two modes [dB].
-        source: Where the level stands, for a sentence.
+        source: Name of the recording; each report adds its number to it.
     """
     reports: list[VibrationReport] = []
     knocks: list[VibrationReport] = []

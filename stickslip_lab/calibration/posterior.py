@@ -139,7 +139,19 @@ def _fold_grid(
     u: FloatArray,
     quick: bool = False,
 ) -> Grid:
-    """Weigh a grid by prior and ends; ``quick`` finds where it is, without what is common."""
+    """Return a grid of ``u`` and ``ln q``, weighted by the prior and the ends.
+
+    Args:
+        edges: The edges; of them only the ends count here.
+        reference: The configured bearing.
+        prior: Covariance of ``(ln r, ln q)``, shape (2, 2).
+        spreads: Other uncertainties. With ``forget`` the weights spread from recording to recording.
+        load: Middle of the loads [ln N].
+        log_q: Ascending ``ln q``, shape (n,).
+        u: Ascending and evenly spaced ``u``, shape (m,).
+        quick: Whether to take one typical lag, share and scatter, instead of the sum over all: good
+            enough to find the extent of the grid.
+    """
     bend = reference.fold(load + log_q) - reference.fold(np.array([load]))
     log_r = u[:, None] - bend
     inverse = np.linalg.inv(prior)
@@ -179,7 +191,20 @@ def log_end(
     scatter: FloatArray,
     bias: float,
 ) -> FloatArray:
-    """Log likelihood of an end, shape (nodes, scatters, m, n)."""
+    """Compute the log likelihood of an end.
+
+    Args:
+        end: The end, or bound.
+        reference: The configured bearing.
+        log_r: ``ln r`` of the cells, shape (m, n).
+        log_q: ``ln q`` of the cells, shape (n,).
+        nodes: Which of the end's points to take; a bound has one point only.
+        scatter: Standard deviations of a passage's own boundary, as ``ln N``, shape (scatters,).
+        bias: Standard deviation that the ends of one recording have in common, as ``ln N``.
+
+    Returns:
+        Shape (nodes, scatters, m, n); of a bound (1, scatters, m, n).
+    """
     _, load = end.middle
     slope = max(reference.slope(math.log(load)), 0.3)
     spread = np.hypot(np.hypot(scatter, bias) * slope, end.timing).reshape(-1, 1, 1)
@@ -198,7 +223,10 @@ def log_end(
 
 
 def doubt(end: End, reference: Reference, log_r: float, log_q: float, spread: float) -> float:
-    """Probability that an end is worthless, where the factors are known."""
+    """Return the probability that an end or bound is a wrong report, for known factors.
+
+    ``spread`` is the standard deviation of the boundary, as ``ln N``; full trust gives 0.
+    """
     grid = np.array([[log_r]]), np.array([log_q])
     nodes = range(len(end.points))
     with_trust = log_end(end, reference, *grid, nodes, np.array([spread]), 0.0)

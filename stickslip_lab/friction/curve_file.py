@@ -167,7 +167,7 @@ def _split_heading(heading: str) -> tuple[list[str], str]:
 
 
 def _find_quantity(words: Iterable[str]) -> str:
-    """Return the quantity that a heading with these words, in lower case, is of; '' for none."""
+    """Return the quantity of a heading, given its words in lower case; '' if they name none."""
     present = set(words)
     name = next((name for name, text in NAMES.items() if present & {*text.split()}), '')
     if name in ('std', 'weight'):
@@ -185,7 +185,7 @@ def _speed_unit(text: str) -> str | None:
 
 
 def _scale_of(quantity: str, unit: str) -> tuple[float, float] | None:
-    """Return factor and summand that make N, C or a plain number of a unit; None for one of another kind."""
+    """Return factor and summand to N, C or a plain number; None for a unit of another quantity."""
     if quantity == 'temperature':
         return _TEMPERATURE_SCALES.get(unit.lower())
     if quantity != 'load':
@@ -195,7 +195,18 @@ def _scale_of(quantity: str, unit: str) -> tuple[float, float] | None:
 
 
 def _require_scale(where: str, quantity: str, heading: str) -> tuple[float, float]:
-    """Return :func:`_scale_of` the unit in a column's heading, or refuse the unit."""
+    """Return factor and summand that turn the numbers of a column into N, C or plain numbers.
+
+    Weights have no unit: theirs are 1 and 0.
+
+    Args:
+        where: File and line, for the error.
+        quantity: Quantity of the column, other than the speed.
+        heading: Its heading, which may have a unit.
+
+    Raises:
+        FitError: The unit is not one of the quantity.
+    """
     unit = _split_heading(heading)[1]
     if quantity == 'weight':
         return 1.0, 0.0
@@ -288,7 +299,7 @@ def _find_speed_unit(where: str, heading: str, option: str | None) -> tuple[str,
 def _require_one_decimal_sign(
     path: str | Path, rows: Sequence[TableRow], columns: Iterable[int], delimiter: str
 ) -> None:
-    """Refuse points beside commas where one may part thousands: '1.200' is 1200 where 0.15 is '0,15'."""
+    """Raise FitError if both points and commas occur and one may separate thousands, as in 1.200 and 0,15."""
     chosen = set(columns)
     cells = [(row.line, row.cells[k]) for row in rows for k in chosen if k < len(row.cells)]
     points, commas = ([cell for cell in cells if sign in cell[1]] for sign in '.,')
@@ -310,7 +321,11 @@ def _parse_number(
     scale: tuple[float, float],
     delimiter: str,
 ) -> float:
-    """Return the number of a cell by the ``scale`` of its unit, if it keeps the rule of its quantity."""
+    """Return the number in a cell, converted by factor and summand ``scale``.
+
+    Raises:
+        FitError: There is no cell or no number, or it breaks the rule of its quantity.
+    """
     where = f"{path}, line {row.line}, column '{headings.cells[index]}'"
     if index >= len(row.cells):
         raise FitError(

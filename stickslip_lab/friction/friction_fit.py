@@ -99,7 +99,7 @@ class StribeckFit:
 
     @property
     def law(self) -> Stribeck:
-        """The fitted law."""
+        """The fitted law; a kinetic coefficient or slope that is negative by chance becomes 0."""
         kinetic, viscous = (max(float(value), 0.0) for value in self.values[[1, 3]])
         decay = math.exp(self.values[2])
         fall = float(self.values[0] * np.exp(decay * self.curve.speed.min()))
@@ -263,7 +263,11 @@ def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit
 
 
 def _choose_fit(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
-    """Return the fit with or without a viscous slope."""
+    """Return the fit with or without a viscous slope, with the test of the slope if the points allow one.
+
+    Raises:
+        FitError: There are too few points, or ``viscous`` is 'yes' and the slope clearly negative.
+    """
     if lack := _lack_of_points(curve, RISING if viscous == 'yes' else PLAIN):
         raise FitError(lack)
     if _lack_of_points(curve, RISING):
@@ -288,14 +292,18 @@ def solve_law(curve: FrictionCurve, names: tuple[str, ...], scale: float = 0.0) 
     """
     fit, given = StribeckFit(curve, names, _start_values(curve, names), 1.0), scale
     # Nearly absolute residuals first, which outliers move little; their median makes the scale.
-    for loss, at in (('soft_l1', 0.1), ('soft_l1', 0.1), ('cauchy', CAUCHY)):
+    for loss, loss_scale in (('soft_l1', 0.1), ('soft_l1', 0.1), ('cauchy', CAUCHY)):
         scale = given or _robust_scale(fit)
-        fit = replace(fit, median_scale=scale, values=_minimise_loss(fit, scale, loss, at))
+        fit = replace(fit, median_scale=scale, values=_minimise_loss(fit, scale, loss, loss_scale))
     return fit
 
 
 def _start_values(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
-    """Find the best law over ten decays a decade, from a straight line to a step at the lowest speed."""
+    """Return the values of least squares over a scan of the decay, ten to a decade.
+
+    The scan goes from a straight line to a step at the lowest speed. The values are as
+    :attr:`StribeckFit.values`; those that are not in ``names`` are 0.
+    """
     path = curve.speed - curve.speed.min()
     place = np.unique(path)
     top = min(math.log10(40.0 * place[-1] / place[1]), 12.0)
@@ -314,8 +322,18 @@ def _start_values(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
     return start
 
 
-def _minimise_loss(fit: StribeckFit, scale: float, loss: str, at: float) -> FloatArray:
-    """Find the values that fit best, from those on, by a loss of the residuals over the scale."""
+def _minimise_loss(fit: StribeckFit, scale: float, loss: str, loss_scale: float) -> FloatArray:
+    """Return the values of least loss, from those of a fit as the start.
+
+    Args:
+        fit: The start; coefficients that are not in its ``names`` keep their values.
+        scale: Standard deviation by which residuals are divided, in units of each point's ``std``.
+        loss: Name of a loss of ``scipy.optimize.least_squares``.
+        loss_scale: Its ``f_scale``: the divided residual from which on points count less.
+
+    Returns:
+        All values, as :attr:`StribeckFit.values`.
+    """
     free = np.array([name in fit.names for name in UNITS])
 
     def whole(part: FloatArray) -> FloatArray:
@@ -327,14 +345,15 @@ def _minimise_loss(fit: StribeckFit, scale: float, loss: str, at: float) -> Floa
         return (_build_law(whole(part), fit.curve) - fit.curve.coefficient) / (scale * fit.curve.std)
 
     exactly: Any = dict.fromkeys(('ftol', 'xtol', 'gtol'), 1e-15)
-    how: Any = {'x_scale': 'jac', 'loss': loss, 'f_scale': at, 'max_nfev': 200}
+    how: Any = {'x_scale': 'jac', 'loss': loss, 'f_scale': loss_scale, 'max_nfev': 200}
     return whole(least_squares(misfit, fit.values[free], 'cs', **how, **exactly).x)
 
 
 def _robust_scale(fit: StribeckFit) -> float:
-    """Estimate the standard deviation from the median absolute residual.
+    """Estimate the standard deviation from the median absolute residual, in units of ``std``.
 
-    k residuals are small by construction, so the smallest k - 1 are left out (Street, Carroll and
+    It is raised for few points, and not below a hundredth of the rounding error. Since k residuals
+    are small by construction, the smallest k - 1 are left out (Street, Carroll and
     Ruppert 1988).
     """
     ordered, k = np.sort(np.abs(fit.residual / fit.curve.std)), len(fit.names)
@@ -343,7 +362,7 @@ def _robust_scale(fit: StribeckFit) -> float:
 
 
 def _lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
-    """Say whether there are too few points or too few different speeds."""
+    """Return the rule that too few points or different speeds break, or '' if there are enough."""
     n, k = curve.speed.size, len(names)
     coefficients = f'{k} coefficients ({", ".join(names)})'
     if n < k + SPARE_POINTS:
@@ -385,7 +404,10 @@ def _require_identified(free: StribeckFit) -> StribeckFit:
 
 
 def _require_fall(fit: StribeckFit) -> None:
-    """Refuse a fall that is none, or that a constant explains as well (F-test at 0.1 %)."""
+    """Raise FitError unless friction falls, and that significantly (F-test at 0.1 %).
+
+    It is compared with a constant, or a straight line if the fit has a viscous slope.
+    """
     if not fit.values[0] > 0.0:
         raise FitError(
             f'static - kinetic = {fit.values[0]:.3g} must be above 0: the curve has no falling'
@@ -407,7 +429,11 @@ def _require_fall(fit: StribeckFit) -> None:
 
 
 def _require_decay(fit: StribeckFit) -> None:
-    """Refuse speeds that do not hold the decay between them."""
+    """Raise FitError unless the decay lies within the range of the measured speeds.
+
+    All speeds may lie beyond it, all but the lowest may, or the fall may not have levelled off at the
+    highest speed.
+    """
     slowest, fastest = float(fit.curve.speed.min()), float(fit.curve.speed.max())
     decay, factor = fit.law.decay, fit.decay_factor
     if (reach := decay * slowest) > FARTHEST:
@@ -451,6 +477,7 @@ def _unit_questions(curve: FrictionCurve) -> list[str]:
 
 
 def _fit_warnings(fit: StribeckFit) -> Iterator[str]:
+    """Yield a sentence on each doubt about a fit that was accepted."""
     curve = fit.curve
     yield from _unit_questions(curve)
     share = fit.outliers.size / fit.weight.size
@@ -477,7 +504,7 @@ def _fit_warnings(fit: StribeckFit) -> Iterator[str]:
 
 
 def unchecked(fit: StribeckFit) -> str:
-    """Return the point that no other checks, as a sentence; '' for none."""
+    """Return a sentence on the point whose leverage is so high that no other checks it; '' without one."""
     leverage = fit.leverage
     top = int(np.argmax(leverage))
     if leverage[top] <= _MUCH_LEVERAGE:
@@ -489,7 +516,11 @@ def unchecked(fit: StribeckFit) -> str:
 
 
 def _lack_of_fit(fit: StribeckFit) -> Iterator[str]:
-    """Say whether neighbours are too much alike: along the speeds, and in the order of measurement."""
+    """Yield a sentence, at most one, on residuals that are not independent.
+
+    Neighbours along the speeds or in the order of measurement may be alike, or the scatter may grow
+    with the slope of the law. Residuals within the rounding of the data are not judged.
+    """
     if fit.scale <= _rounding_scale(fit.curve):
         return
     along = np.argsort(fit.curve.speed, kind='stable')

@@ -109,6 +109,9 @@ def _finite_values(column: FloatArray | None) -> FloatArray:
 def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
     """Fit the law to a curve, or to curves at several loads or water temperatures.
 
+    Returns:
+        A :class:`PooledFit` if the curve has a load or a temperature, else a plain fit.
+
     Raises:
         FitError: The curve cannot identify the law.
     """
@@ -139,7 +142,12 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
 
 
 def _fit_exponent(reduced: Callable[[float], FrictionCurve], names: tuple[str, ...]) -> float:
-    """Return the exponent with the least misfit by Cauchy's loss at one scale."""
+    """Return the exponent of the load with the least misfit by Cauchy's loss.
+
+    Args:
+        reduced: Returns the curve at the reference load, for an exponent.
+        names: The coefficients that are free.
+    """
     tried = [solve_law(reduced(float(g)), names) for g in _EXPONENTS]
     # Nearly absolute residuals choose the start and the scale, which outliers move little.
     best = int(np.argmin([float(np.sum(np.abs(fit.residual / fit.curve.std))) for fit in tried]))

@@ -309,9 +309,11 @@ class Lining:
         return min(math.ceil(end * self.rate) / self.rate, self._duration)
 
     def follow(self, end: float, times: FloatArray) -> tuple[FloatArray, list[Change]]:
-        """Follow the lining to a later time, as :meth:`next_end` says [s].
+        """Follow the lining to a later time, and keep its state there.
 
-        It is sampled at n times that do not fall, after the last end and up to this one [s].
+        Args:
+            end: A time that :meth:`next_end` returned [s].
+            times: Times to sample at, ascending, after the last end and up to this one, shape (n,) [s].
 
         Returns:
             Displacement, velocity and acceleration in SI units and whether it sticks, shape
@@ -338,7 +340,7 @@ class Lining:
         return MotionState(round(place, _PLACES), speed)
 
     def _drive_at(self, time: FloatArray) -> FloatArray:
-        """Return time, speed and load, shape (3, n); draw the fluctuation of the load."""
+        """Return time, speed and load in SI units, shape (3, n); draw the load's fluctuation at random."""
         name = self.config.name
         load = self._shaft.load(name, time)
         if self._deviation:
@@ -366,7 +368,7 @@ class Lining:
         return nodes
 
     def _uniform_stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
-        """Return first and last node of each stretch with one law and without a knock inside."""
+        """Return the first and last index of ``nodes`` of each stretch with one law and no knock inside."""
         time = nodes[0]
         inner = np.isin(time, list(self._knocks))
         if self._course.moves:
@@ -398,7 +400,10 @@ class Lining:
         return motion
 
     def _stick_changes(self, motion: Motion) -> list[Change]:
-        """Return where sticking begins and ends, at knocks and changes of the law too."""
+        """Return the changes between stick and slip in a stretch, and keep its last phase.
+
+        A knock or a new law at its start may begin or end a stick.
+        """
         changes = []
         starts = motion.start.phase is Phase.STICK
         if starts != self._sticking:
@@ -413,7 +418,7 @@ class Lining:
         return changes
 
     def _rest_changes(self, nodes: FloatArray) -> list[Change]:
-        """Return when the shaft comes to rest or begins to turn; remember how the last node leaves it."""
+        """Return the changes between rest and turning, and keep whether the shaft rests at the last node."""
         resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)
         change = np.flatnonzero(resting != np.append(self._resting, resting[:-1]))
         self._resting = bool(resting[-1])

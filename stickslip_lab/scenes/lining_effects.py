@@ -211,14 +211,14 @@ def _read_knocks(settings: Settings, duration: float) -> list[tuple[float, float
 
 
 def _unit_blow(settings: Settings, config: BearingConfig) -> float:
-    """Return one unit of a blow [N s]; of ``fold``, what gives the lining the nominal fold speed."""
+    """Return the impulse of one ``knock_unit`` [N s]; ``fold`` gives the lining the nominal fold speed."""
     if 'knock_unit' not in settings or settings.choice('knock_unit', ('N s', 'fold')) == 'N s':
         return 1.0
     return config.bearing.mass * float(fold_speed(config.bearing, nominal_load(config)))
 
 
 def _read_rate(settings: Settings, key: str, max_rate: float) -> float:
-    """Return the rate of what is asked for [Hz], 0 where it is not."""
+    """Return the ``rate`` of an optional section [Hz]; 0 if the section is missing."""
     if key not in settings:
         return 0.0
     sampled = settings.section(key, ['rate'], 'its sampling, {rate: Hz}')

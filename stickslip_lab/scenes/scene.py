@@ -99,7 +99,17 @@ def load_scene(path: str | Path, seed: int | None = None, sensors: str | Path | 
 
 
 def _read_document(path: str | Path, kind: str, meaning: str, schema: str) -> Any:
-    """Return the mapping in a file of a kind, which its first key names."""
+    """Return the mapping in a YAML file, with the key that names its kind.
+
+    Args:
+        path: The file.
+        kind: The key that names the kind of the file; its value is the schema.
+        meaning: Name of the kind, for the error.
+        schema: The version that is read.
+
+    Raises:
+        SceneError: The file cannot be read, or is of another kind or schema.
+    """
     try:
         document = load_yaml(path)
     except ConfigurationError as error:
@@ -143,7 +153,7 @@ def _read_seed(settings: Settings) -> int:
 
 
 def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
-    """Return the configuration's file; of a folder of them each seed takes the next."""
+    """Return the path of the configuration; in a folder of files the seed picks one."""
     path = folder / settings.text('config', 'the path of a configuration file')
     if not path.is_dir():
         return path
@@ -167,7 +177,17 @@ def _read_sensors(folder: Path, settings: Settings, seed: int, path: str | Path 
 
 
 def _join_effects(settings: Settings, sensors: Settings | None) -> tuple[Settings, ...]:
-    """Return what happens and what the sensors make of it; where both name an effect the scene's."""
+    """Return the effects of a scene and those of its sensors file, in the order in which they act.
+
+    An effect of the scene replaces those of the same name in the sensors file.
+
+    Args:
+        settings: The scene.
+        sensors: The sensors file; None without one.
+
+    Raises:
+        SceneError: The sensors file lists an effect that is not one of the sensors.
+    """
     own_effects = read_effects(settings.value('effects', 'the list of what happens'))
     if sensors is None or 'effects' not in sensors:
         return own_effects

@@ -71,9 +71,9 @@ def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 
 def moving_mean(window: float, step: float, value: float) -> Term:
-    """``y(t) = (1/window) * integral of x from t - window to t``, by trapezia of the grid.
+    """Return a filter ``y(t) = (1/window) * integral of x from t - window to t``, by trapezia.
 
-    It has settled on a value; samples are ``step`` [s] apart.
+    It has settled on a value, and keeps its state from call to call; samples are ``step`` [s] apart.
     """
     steps = window / step
     whole, rest = int(steps), steps - int(steps)
@@ -96,7 +96,7 @@ def moving_mean(window: float, step: float, value: float) -> Term:
 
 @channel_effect('sensor', ['level'], 'unit', 'floor', 'engine', 'sea', 'period', 'scatter')
 def vibration_background(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Add to a level what is not the lining.
+    """Add background vibration to the level of the lining, as a root of the sum of squares.
 
     The floor of the sensor, and the engine, given at the fold speed and growing with the square
     of the speed, rise and fall by a share with the sea; each value scatters.
@@ -149,7 +149,7 @@ def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'size', 'unit', 'windows', 'share', section='the spikes')
 def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Put single samples off by a size, up or down."""
+    """Add outliers to single samples, of a fixed size up or down."""
     unit, factor = unit_of(settings, channel)
     size = settings.number('size', unit) * factor
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
@@ -197,7 +197,7 @@ def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'windows', 'share', section='when it sends NaN')
 def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Send NaN in the place of some samples."""
+    """Replace samples by NaN: those in ``windows``, or a random ``share`` of them."""
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def spoil(signal: Signal) -> None:

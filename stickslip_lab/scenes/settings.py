@@ -60,14 +60,14 @@ class Settings:
         return self._content[key]
 
     def text(self, key: str, meaning: str) -> str:
-        """Return a text that is not empty."""
+        """Return a text that is not empty; ``meaning`` says what it is, for the error."""
         value = self.value(key, meaning)
         if not isinstance(value, str) or not value.strip():
             raise self.broken(key, f'must be a text: {meaning}')
         return value
 
     def choice(self, key: str, options: Sequence[str]) -> str:
-        """Return one of some texts."""
+        """Return a text that must be one of the options."""
         value = self.value(key, f'one of {", ".join(options)}')
         self._check_value(key, Parameter(key, 'str', REQUIRED, '', choices=tuple(options)))
         return str(value)
@@ -80,7 +80,15 @@ class Settings:
         minimum: float = -math.inf,
         maximum: float = math.inf,
     ) -> float:
-        """Return a finite number above one bound, or not below another, and not above a third."""
+        """Return a finite number within bounds.
+
+        Args:
+            key: The key.
+            unit: Its unit, for the error; '-' without one.
+            above: Lower bound that is not allowed itself.
+            minimum: Lower bound that is allowed.
+            maximum: Upper bound that is allowed.
+        """
         low, is_open = max(above, minimum), above > minimum
         row = Parameter(key, 'float', REQUIRED, '', unit.strip('-'), low, maximum, above_minimum=is_open)
         value = self.value(key, row.rule())
@@ -89,7 +97,7 @@ class Settings:
         return float(self._check_value(key, row))
 
     def whole(self, key: str, meaning: str, minimum: int, maximum: float = math.inf) -> int:
-        """Return a whole number within bounds; ``meaning`` says what is missing where it is."""
+        """Return a whole number within inclusive bounds; ``meaning`` says what it is, for the error."""
         self.value(key, meaning)
         return int(
             self._check_value(key, Parameter(key, 'int', REQUIRED, '', minimum=minimum, maximum=maximum))
@@ -103,7 +111,13 @@ class Settings:
             raise SceneError(str(error)) from None
 
     def rows(self, key: str, name: str, meaning: str) -> list[tuple[str, Any]]:
-        """Return the entries of a list that is not empty, each with its name for sentences."""
+        """Return the entries of a list that is not empty, as pairs of a name for errors and the entry.
+
+        Args:
+            key: The key.
+            name: What an entry is, before its number in the name.
+            meaning: What the list must be, for the error.
+        """
         listed = self.value(key, meaning)
         if not isinstance(listed, list) or not listed:
             raise self.broken(key, f'must be {meaning}')
@@ -286,9 +300,9 @@ def read_windows(settings: Settings, duration: float) -> Hit:
 
 
 def read_sample_mask(settings: Settings, duration: float, random: np.random.Generator) -> Hit:
-    """Return the ``windows`` and the ``share`` of samples, of which at least one is there.
+    """Return a function of times [s] that says which samples are hit, by ``windows``, ``share`` or both.
 
-    The random stream is drawn from only where there is a share.
+    Random numbers are drawn only for a share, one for each sample.
     """
     if 'windows' not in settings and 'share' not in settings:
         raise SceneError(f'{settings.name} must have windows, a share of the samples, or both')
@@ -351,7 +365,10 @@ def _draw_between(limits: Any, seed: int, place: str) -> float:
 
 
 def _number_repeated(entries: list[Any]) -> list[str]:
-    """Return the names of a list's entries: effects by name, so that others change nothing."""
+    """Return a unique name for each entry of a list: an effect's name and count, else the position.
+
+    An effect keeps its name, and so its random stream, when others are added to the list.
+    """
     seen: Counter[str] = Counter()
     unique = []
     for number, entry in enumerate(entries):

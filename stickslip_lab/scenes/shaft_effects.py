@@ -70,14 +70,14 @@ class SceneRun:
     _claimed: set[tuple[str, str]] = field(default_factory=set)
 
     def claim(self, effect: str, place: str = '', part: str = '') -> None:
-        """Take an effect for a topic or a bearing, or for one part of it, once."""
+        """Note that an effect has a topic, a bearing or a part; raise SceneError if it is listed twice."""
         owner = f"'{effect}' with {part}" if part else f"'{effect}'"
         if (owner, place) in self._claimed:
             raise SceneError(f'effect {owner} is listed twice{place}')
         self._claimed.add((owner, place))
 
     def pick(self, settings: Settings, quantity: str) -> Iterator[Channel]:
-        """Return the channels of a quantity that an effect is for: of its ``bearing``, else of all."""
+        """Claim and yield an effect's channels of a quantity: those of its ``bearing``, else of all."""
         names = [b.name for b in self._named_bearings(settings)]
         for channel in self.channels:
             if channel.quantity == quantity and any(map(channel.serves, names)):
@@ -85,7 +85,7 @@ class SceneRun:
                 yield channel
 
     def bearings(self, settings: Settings, part: str = '') -> list[BearingConfig]:
-        """Return the bearings that an effect on the lining is for: its ``bearing``, else all.
+        """Claim and return the bearings that an effect on the lining is for: its ``bearing``, else all.
 
         Where it may be listed once for each part of a bearing, ``part`` names it.
         """
@@ -154,14 +154,22 @@ def effect(stage: str, *keys: str) -> Callable[[Builder], Builder]:
 def channel_effect(
     stage: str, quantities: Sequence[str], *keys: str, section: str = ''
 ) -> Callable[[ChannelEffect], ChannelEffect]:
-    """Declare an effect on each channel of some quantities of its ``bearing``, else of all.
+    """Declare an effect on each channel of some quantities, of its ``bearing`` or of all bearings.
 
-    The function returns what changes the signal of each next block, if it is of that kind. With a
-    ``section`` the keys are those of a section for each quantity, of which one is there at least;
-    what is said of it stands in the sentence where it is wrong.
+    The decorated function is called once for each channel. It returns a function that changes the
+    signal of each block in place, or None if the effect has added itself to the run.
+
+    Args:
+        stage: Stage at which it acts.
+        quantities: Quantities of the channels.
+        keys: Settings of the effect, or of each section.
+        section: Meaning of a section, for errors. If given, the settings have a section for each
+            quantity, at least one of which must be present.
     """
 
     def declare(function: ChannelEffect) -> ChannelEffect:
+        """Register the effect under the function's name and return the function unchanged."""
+
         def build(settings: Settings, run: SceneRun) -> None:
             named = [q for q in quantities if not section or q in settings]
             if not named:
@@ -190,7 +198,7 @@ def unit_of(settings: Settings, channel: Channel) -> tuple[str, float]:
 
 
 def require_header(channel: Channel, otherwise: str) -> None:
-    """Refuse a channel whose messages have no time stamp, and say what could not be otherwise."""
+    """Raise SceneError if a channel's messages have no time stamp; ``otherwise`` says what that prevents."""
     if not channel.is_stamped:
         fields = ' or '.join(STAMPED_FIELDS)
         raise SceneError(
@@ -237,7 +245,7 @@ def _evaluate_polynomial(coefficients: list[float], x: FloatArray) -> FloatArray
 
 
 def _add_course(channel: Channel, run: SceneRun, course: Profile | Response, factor: float) -> None:
-    """Add a course in a unit of which one is so many in SI; the integral of a speed turns."""
+    """Add a course, times ``factor`` to SI units, to a channel; to a speed its integral, the way, too."""
 
     def way(time: FloatArray) -> FloatArray:
         return course.integral(time) * factor
@@ -281,7 +289,7 @@ def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 
 def _telegraph_speeds(settings: Settings, unit: str) -> dict[str, float]:
-    """Return the speed of each order the telegraph has."""
+    """Return the speed of each order of the telegraph, by name: in ``unit``, negative astern, 0 for stop."""
     speeds = {'stop': 0.0}
     for way, sign in (('ahead', 1.0), ('astern', -1.0)):
         if way in settings:
@@ -296,7 +304,16 @@ def _telegraph_speeds(settings: Settings, unit: str) -> dict[str, float]:
 def _read_orders(
     settings: Settings, speeds: dict[str, float], duration: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return when each order is given, and the speed it asks for."""
+    """Return the times of the orders [s] and the speeds ordered, both of shape (n,).
+
+    Args:
+        settings: Settings with the list ``orders``.
+        speeds: Speed of each order by name; the result has its unit.
+        duration: Duration of the scene [s].
+
+    Raises:
+        SceneError: An order is unknown, or the times do not rise within the scene.
+    """
     rows = settings.rows('orders', 'order', 'a list of orders [time in s, order]')
     for name, order in rows:
         if not isinstance(order, list) or len(order) != 2:

@@ -69,8 +69,12 @@ class Diagram:
 def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: int = 400) -> Diagram:
     """Compute every limit cycle of the averaged model at a load > 0 [N], and the exact one.
 
-    From the lowest to the highest surface speed, 0 <= low < high [m/s], at so many even speeds;
-    the ends of branches come on top.
+    Args:
+        bearing: The bearing.
+        load: The load.
+        speeds: Lowest and highest surface speed, 0 <= low < high [m/s]. A lowest of 0 is replaced by
+            one just above, because nothing slides at rest.
+        points: Number of even speeds, to which those where branches end are added.
     """
     grid = np.linspace(*speeds, points)
     if speeds[0] == 0.0:
@@ -116,7 +120,14 @@ def _find_amplitudes(bearing: Bearing, speed: FloatArray, load: float) -> FloatA
 
 
 def _find_turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: FloatArray) -> list[_Turn]:
-    """Find where the number of cycles changes, between ever closer ones of the rising speeds."""
+    """Locate each change in the number of cycles to rounding, by dividing the steps of the speeds.
+
+    Args:
+        bearing: The bearing.
+        load: The load [N].
+        speeds: Ascending surface speeds [m/s], shape (n,).
+        amplitude: Amplitudes at them, ``nan`` for none, shape (n, k) [m].
+    """
     counts = np.isfinite(amplitude).sum(axis=1)
     ends, cycles = (np.stack([c[:-1], c[1:]]) for c in (speeds, counts))
     while np.any(ends[1] - ends[0] > _ROUNDING * ends[1]):
@@ -139,7 +150,10 @@ def _find_turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: Fl
 
 
 def _classify_turn(bearing: Bearing, load: float, boundaries: Range, low: float, high: float) -> _Turn:
-    """Return what happens between two neighbouring speeds; ``known`` are fold and Hopf speed [m/s]."""
+    """Return the Hopf or the fold between two neighbouring speeds ``low`` and ``high`` [m/s].
+
+    ``boundaries`` are the fold and the Hopf speed [m/s], which replace a speed that agrees with them.
+    """
     rows = _find_amplitudes(bearing, np.array([low, high]), load)
     before, after = (row[np.isfinite(row)] for row in rows)
     speed = next((v for v in boundaries if math.isclose(v, high, rel_tol=_SAME)), high)
@@ -190,6 +204,7 @@ def _join_branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray
 def _find_spans(
     bearing: Bearing, load: float, edges: Sequence[float]
 ) -> tuple[tuple[float, float, Regime], ...]:
+    """Return low and high speed [m/s] and regime between ascending edges; equal neighbours are joined."""
     middles = 0.5 * (np.array(edges[:-1]) + edges[1:])
     spans: list[tuple[float, float, Regime]] = []
     for (low, high), name in zip(pairwise(edges), assess(bearing, middles, load).regime, strict=True):

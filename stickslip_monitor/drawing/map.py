@@ -163,8 +163,8 @@ class Boundaries:
 def boundaries(bearing: Bearing, speeds: Range, caution_margin: float, points: int = 400) -> Boundaries:
     """Compute the curves of a stability map, with a fold margin below which the alarm says caution [-].
 
-    From the lowest to the highest surface speed, 0 <= low < high [m/s], at so many even speeds;
-    the curves' own corners come on top.
+    The speeds go evenly from the lowest to the highest surface speed, 0 <= low < high [m/s]; those
+    of the curves' corners are added to the ``points``.
     """
     speed = np.union1d(np.linspace(*speeds, points), corners(bearing, speeds))
     return Boundaries(
@@ -315,7 +315,13 @@ def _draw_amplitudes(
 def _exact_amplitudes(
     bearing: Bearing, speeds: Range, loads: Range
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Speeds [m/s], loads [N], and over both the amplitudes [mm] of the exact stable cycle."""
+    """Compute the amplitudes of the exact stable cycle on a grid; results are cached.
+
+    The grid leaves out the lowest speed and load, which may be 0.
+
+    Returns:
+        Speeds (n,) [m/s], loads (m,) [N] and amplitudes (m, n) [mm], ``nan`` without a cycle.
+    """
     columns, rows = _EXACT_GRID
     speed = np.linspace(speeds[0], speeds[1], columns + 1)[1:]
     load = np.linspace(loads[0], loads[1], rows + 1)[1:]
@@ -422,7 +428,7 @@ def _draw_smoothed_track(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> lis
     It goes from wide and light to narrow and dark, so that ways back can be distinguished.
 
     Returns:
-        A line of it, to be named.
+        One of its lines, labelled for the legend; an empty list if nothing was drawn.
     """
     box = axes.get_window_extent()
     shown = axes.transData.transform(np.column_stack([x, y]))
@@ -447,7 +453,12 @@ def _draw_smoothed_track(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> lis
 
 
 def _smooth_parts(shown: FloatArray, stride: float) -> Iterator[FloatArray]:
-    """Yield the means of each uninterrupted part of a track, shape (m, 2), a stride apart, in pixels."""
+    """Yield the smoothed points of each part of a track between breaks, shape (m, 2) [pixels].
+
+    Args:
+        shown: The track, ``nan`` at breaks, shape (n, 2) [pixels].
+        stride: Least distance between two points [pixels]. First and last point are not averaged.
+    """
     is_finite = np.all(np.isfinite(shown), axis=1)
     length = max(1, int(is_finite.sum()) // _STOPS)
     for run in np.split(shown, np.flatnonzero(np.diff(is_finite.astype(np.int8))) + 1):

@@ -164,7 +164,7 @@ class _Lines:
         return self._time[drawn], possible, np.where(sticking[drawn], possible, 0.0)
 
     def line(self, *names: str) -> tuple[FloatArray, ...]:
-        """Return time and values of columns, thinned to their envelope; a break is nan, drawn nowhere."""
+        """Return time and values of columns, thinned to their envelope; nan at breaks."""
         values = [np.insert(np.asarray(self.columns[n], dtype=float), self._breaks, np.nan) for n in names]
         rows = canvas.envelope(self._most, *values)
         return (self._time[rows], *(value[rows] for value in values))
@@ -343,7 +343,10 @@ def _set_clock_ticks(axes: canvas.Axes, max_ticks: int) -> None:
 
 
 def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
-    """Return the events that are marked, with their numbers: of too many the alarms, or none."""
+    """Return the events to mark, each with its number from 1.
+
+    Of too many events only the alarms are marked, and of too many alarms none.
+    """
     numbered = list(enumerate(events, 1))
     if len(numbered) > _MOST_LINES:
         numbered = [(i, e) for i, e in numbered if e.raised and e.after.severity is Severity.ERROR]
