@@ -73,34 +73,59 @@ class ChunkWriter:
         self._begin_chunk()
 
     def start(self, profile: str, library: str) -> None:
-        """Begin the file."""
+        """Write the magic bytes and the header.
+
+        Args:
+            profile: The profile of the file, as ``ros2``.
+            library: The name of the program that writes it.
+        """
         self._file.write(MAGIC + _encode_records(Header(profile, library)))
 
     def add_metadata(self, name: str) -> None:
-        """Write a metadata record without contents; it has to come before the first message."""
+        """Write a metadata record without contents at once; call it before the first message is added.
+
+        Args:
+            name: The name of the record.
+        """
         offset, data = self._file.tell(), _encode_records(Metadata(name=name, metadata={}))
         self._file.write(data)
         self._metadata.append(MetadataIndex(offset=offset, length=len(data), name=name))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Add the definition of a type; return its schema id."""
+        """Append the definition of a type to the unfinished chunk; return its schema id, new in each call.
+
+        Args:
+            name: The type.
+            encoding: How the definition is written, as ``ros2msg``.
+            data: The definition.
+        """
         self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
         self._add_definition(self._schemas[-1])
         return len(self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
-        """Add a topic of the type with a schema id; return its channel id."""
+        """Append a channel to the unfinished chunk; return its id, which is new in each call, from 1.
+
+        Args:
+            topic: The name of its topic.
+            encoding: How its messages are encoded, as ``cdr``.
+            schema: The schema id of their type.
+            metadata: What is recorded with the channel.
+        """
         number = len(self._channels) + 1
         self._channels.append(Channel(number, topic, encoding, dict(metadata), schema))
         self._add_definition(self._channels[-1])
         return number
 
     def write(self, columns: Sequence[tuple[int, IntArray, Messages]]) -> None:
-        """Write messages in the order of their log times; at one time in the order of the columns.
+        """Append messages to chunks by log time, then by column; write each chunk that becomes full.
+
+        The messages of the columns are sorted among each other, not with those of earlier calls. They are
+        added to ``counts`` and ``span``. The log time is the time of publication too.
 
         Args:
-            columns: For each column a channel id, log times, shape (n,) [ns], and n messages; one
-                message at least in all.
+            columns: For each column a channel id, log times, shape (n,) [ns], and n messages; at least one
+                message in all.
         """
         log_time = np.concatenate([time for _, time, _ in columns])
         order = np.argsort(log_time, kind='stable')
@@ -147,7 +172,7 @@ class ChunkWriter:
         self._file.write(summary + _encode_records(Footer(*places, checksum)) + MAGIC)
 
     def _assign_sequence(self, channel: IndexArray, order: IndexArray) -> IntArray:
-        """Return the sequence number of each message within its channel; count the messages.
+        """Return the sequence number of each message within its channel, shape (n,); add to ``counts``.
 
         Args:
             channel: The channel id of each message, shape (n,).
@@ -164,13 +189,13 @@ class ChunkWriter:
     def _append_records(
         self, block: NDArray[np.uint8], ends: IntArray, channel: IndexArray, log_time: IntArray
     ) -> None:
-        """Append encoded records to chunks, and write each chunk that is full.
+        """Append encoded records to chunks, write each chunk that is full, and widen ``span``.
 
         Args:
             block: The records, one after the other.
-            ends: The byte behind each of them.
-            channel: The channel id of each.
-            log_time: The log time of each, rising [ns].
+            ends: The byte behind each of the n records, shape (n,).
+            channel: The channel id of each, shape (n,).
+            log_time: The log time of each, rising [ns], shape (n,).
         """
         first, greatest = int(log_time[0]), int(log_time[-1])
         start, end = self.span if self._chunks or self._index else (first, greatest)
@@ -190,7 +215,7 @@ class ChunkWriter:
             self._write_full_chunk()
 
     def _add_definition(self, record: McapRecord) -> None:
-        """Append a schema or channel to the unfinished chunk."""
+        """Append a schema or channel to the unfinished chunk; write the chunk if it is full."""
         self._chunk_records += _encode_records(record)
         self._write_full_chunk()
 
@@ -199,12 +224,12 @@ class ChunkWriter:
         self._index: dict[int, list[NDArray[np.void]]] = {}
 
     def _write_full_chunk(self) -> None:
-        """Write the unfinished chunk if it has reached its size."""
+        """Write the unfinished chunk if it is longer than the chunk size and has a message."""
         if len(self._chunk_records) > self._chunk_size:
             self._write_chunk()
 
     def _write_chunk(self) -> None:
-        """Write the unfinished chunk and its indexes, and begin the next; one without a message waits."""
+        """Write the unfinished chunk and its indexes, and begin the next; do nothing without a message."""
         if not self._index:
             return
         records = bytes(self._chunk_records)
@@ -267,7 +292,7 @@ def _group_by_channel(channel: IndexArray) -> Iterator[tuple[int, IndexArray]]:
 
 
 def _encode_records(*records: McapRecord) -> bytes:
-    """Return records as they lie in a file, one after the other."""
+    """Return the bytes of records as they lie in a file, one after the other."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -292,7 +317,11 @@ def _make_records(columns: Iterable[Messages]) -> Iterator[tuple[IndexArray, NDA
 
 
 def _group_by_size(messages: Sequence[bytes]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
-    """Group messages by size; yield their indexes, and their bytes as an array, shape (m,) each."""
+    """Group messages by size, the smallest first.
+
+    Yields:
+        The indexes of the m messages of a size among all, and these messages, shape (m,) each.
+    """
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     for size in np.unique(sizes).tolist():
         rows = np.flatnonzero(sizes == size)
@@ -301,7 +330,11 @@ def _group_by_size(messages: Sequence[bytes]) -> Iterator[tuple[IndexArray, NDAr
 
 
 def _frame_records(data: NDArray[np.void]) -> NDArray[np.void]:
-    """Return message records with opcode, length and data; the other fields are not initialized."""
+    """Return message records with opcode, length and data, shape (n,); the other fields are uninitialized.
+
+    Args:
+        data: The messages, all of one size, shape (n,).
+    """
     records = np.empty(data.size, [*_HEAD, ('data', data.dtype)])
     records['opcode'], records['length'] = Opcode.MESSAGE, MESSAGE_HEAD.size + data.itemsize
     records['data'] = data

@@ -58,7 +58,10 @@ class SourceColumn:
     timeout: float | None = None
 
     def sent(self, values: FloatArray) -> FloatArray:
-        """Return numbers of the column as the sensor would have sent them; those in ``kept`` unchanged."""
+        """Return numbers of the column as the sensor would have sent them; those in ``kept`` unchanged.
+
+        Numbers that become too large are infinite. Without a conversion the array itself is returned.
+        """
         if (self.ratio, self.scale, self.offset) == (1.0, 1.0, 0.0):
             return values
         with np.errstate(over='ignore'):  # infinite is no value either

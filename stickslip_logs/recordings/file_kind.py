@@ -77,10 +77,13 @@ class Content(NamedTuple):
 
 
 def read_content(path: Path) -> Content:
-    """Return the kind of a file and its first bytes, unpacked where it is packed.
+    """Return the kind of a file by its first bytes, and these, unpacked where it is packed.
+
+    The kind is :data:`UNKNOWN` for content that is neither a recording nor text with cells, and for an empty
+    file. A damaged packed file is a :data:`TABLE`, whose reader reports the damage.
 
     Raises:
-        BagError: It cannot be read, or is of a kind that is not read; the text has the remedy.
+        BagError: It cannot be read, or is of a known kind that is not supported; the text has the remedy.
     """
     begin = read_begin(path)
     is_packed = begin.startswith(PACKED)
@@ -98,10 +101,10 @@ def read_content(path: Path) -> Content:
 
 
 def read_begin(path: Path) -> bytes:
-    """Return the first 4096 bytes of a file, packed as they are.
+    """Return up to 4096 first bytes of a file, without unpacking it.
 
     Raises:
-        BagError: It cannot be read, or is of a kind that is not; the text has the remedy.
+        BagError: It cannot be read, or is of a known kind that is not supported; the text has the remedy.
     """
     try:
         with open_file(path) as file:
@@ -122,7 +125,10 @@ def read_begin(path: Path) -> bytes:
 
 
 def _remedy_for_text(begin: bytes) -> str:
-    """Return what a text is, and how to convert it, if it is of a format that is not read; else empty."""
+    """Return what an SQL dump or lines of InfluxDB are and how to convert them; empty for any other text.
+
+    The result is the end of a sentence, with ``{0}`` or ``{}`` in place of the path.
+    """
     if dump := _SQL_DUMP.search(begin[:_DUMP_LOOK]):
         program = dump[1] or b''
         load, write = _LOADERS.get(program, _OTHER_LOADER)
@@ -154,22 +160,22 @@ def _is_text(begin: bytes) -> bool:
 
 
 def has_recording_name(name: str) -> bool:
-    """Return whether a file's name is that of a recording; hidden ones are drafts or copies of names."""
+    """Return whether a file has the name of a recording; False for a hidden one, as that of a draft is."""
     return not name.startswith('.') and bool(_RECORDING.fullmatch(name))
 
 
 def has_sqlite_name(name: str) -> bool:
-    """Return whether a file's name is that of a recording of SQLite."""
+    """Return whether a file has the name of a recording in SQLite, hidden or not."""
     return bool(_SQLITE.fullmatch(name))
 
 
 def has_table_name(name: str) -> bool:
-    """Return whether a file's name is that of a table."""
+    """Return whether a file has the name of a CSV, TSV or Parquet file; False for a hidden one."""
     return not name.startswith('.') and bool(_TABLE.fullmatch(name))
 
 
 def recording_name_of(name: str) -> str:
-    """Return the name of the recording that a file is numbered as a part of; empty for none."""
+    """Return the recording of which a file is a numbered part, 'a' for 'a_3.mcap'; empty for another name."""
     part = NUMBERED_PART.fullmatch(name)
     return compose_letters(part['stem']) if part else ''
 
@@ -180,9 +186,9 @@ def compose_letters(name: str) -> str:
 
 
 def find_stored_path(path: Path) -> Path:
-    """Return the path under which a file or folder is stored, whose name may be in another normal form.
+    """Return the path under which a file or folder is stored: its name may be in another Unicode normal form.
 
-    The path itself where there is none.
+    The path itself where no such file is stored, or the folder cannot be read.
     """
     try:
         if path.exists():

@@ -76,8 +76,8 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
 
     Returns:
         Each recording once, in the order of the paths, those of a folder by name (10 after 9). A
-        path under which there is none, and a folder that cannot be read, stay as they are:
-        opening them says why.
+        path without any, and a folder that cannot be read, are returned unchanged: opening them
+        raises the error.
     """
     bags: dict[Path, Path] = {}
     for path in map(find_stored_path, map(Path, paths)):
@@ -87,7 +87,7 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
 
 
 def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
-    """Return a sentence on the files under some paths that are data and not among what is found.
+    """Return a sentence that names files of data under some paths that are not checked.
 
     Args:
         paths: Files and folders that are to be checked.
@@ -113,7 +113,10 @@ def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
 
 
 def _find_in_folder(path: Path) -> list[Path]:
-    """Return the recordings below a folder, or its logs where it has none; a list of the path for a file."""
+    """Return the recordings at any depth of a folder, or its logs where it has none, sorted by path.
+
+    Subfolders that cannot be read are among them. A path that is no folder is returned alone.
+    """
     # Path.is_dir raises where a link leads through a folder that is closed.
     if not os.path.isdir(path):  # noqa: PTH112
         return [path]
@@ -129,11 +132,11 @@ def _find_in_folder(path: Path) -> list[Path]:
 
 
 def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list[str]]]:
-    """Yield a folder and each below it, with the names of its files; hidden ones are left out.
+    """Yield a folder and each below it, with the names of its files; hidden folders and files are left out.
 
     Args:
         folder: The folder; nothing is yielded for a file.
-        closed: Takes the folders that cannot be read.
+        closed: Takes the folders that cannot be read: they are appended.
     """
     for where, folders, files in os.walk(folder, onerror=lambda error: closed.append(Path(error.filename))):
         # Drafts of recordings that are being written begin with a dot.
@@ -150,7 +153,10 @@ def _is_file_or_link(path: Path) -> bool:
 
 
 def _kind_of(path: Path) -> str:
-    """Return 'recording', 'log', 'excluded' (no data) or 'other', by the name of a file or its content."""
+    """Return 'recording', 'log', 'excluded' (no data) or 'other', by the name of a file or else its content.
+
+    A file that cannot be read, or is of a kind that is not supported, is 'other'.
+    """
     if has_recording_name(path.name):
         return _RECORDING
     if has_table_name(path.name):
@@ -168,7 +174,13 @@ def _kind_of(path: Path) -> str:
     maxsize=1 << 16
 )  # what is checked and what is left out are asked for one after the other
 def _kind_by_content(path: Path, size: int, changed_ns: int) -> str:
-    """Return the kind of a file by its first bytes, and of a text by whether it has times and numbers."""
+    """Return the kind of a file as :func:`_kind_of` does, by its content; the result is cached.
+
+    Args:
+        path: The file.
+        size: Its size [bytes], a part of the key of the cache.
+        changed_ns: When it was changed last [ns], likewise.
+    """
     del size, changed_ns  # they tell a file from one that had its name before
     try:
         kind, begin = read_content(path)
@@ -188,14 +200,20 @@ def _kind_by_content(path: Path, size: int, changed_ns: int) -> str:
 
 
 def _holds_numbers(begin: bytes) -> bool:
-    """Return whether most lines of a text have two numbers beside their times, or are JSON."""
+    """Return whether most lines of a text have two numbers beside their times, or begin as JSON does."""
     lines = [line.strip() for line in begin.replace(b'\0', b'').split(b'\n')]
     lines = [_TIMES.sub(b'', line) for line in lines if line]
     return 2 * sum(line.startswith(b'{') or len(_NUMBERS.findall(line)) > 1 for line in lines) > len(lines)
 
 
 def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> list[Path]:
-    """Return the recordings that files are: their folder where they are parts of one, else each of them."""
+    """Return the recordings that files of a folder are: the folder where they are parts of one, else each.
+
+    Args:
+        folder: The folder.
+        names: The names of its files of recordings.
+        has_metadata: Whether it has a ``metadata.yaml``, which makes them parts of one.
+    """
     if has_metadata:
         return [folder]
     stems = {recording_name_of(name) for name in names}
@@ -205,7 +223,10 @@ def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> l
 
 
 def _are_parts(folder: Path, names: Sequence[str]) -> bool:
-    """Return whether files that are numbered alike are consecutive in time; True where that is not known."""
+    """Return whether files that are numbered alike are consecutive in time, by reading them.
+
+    True also for SQLite, for packed files, and where one cannot be read.
+    """
     try:
         files = [folder / name for name in sorted(names, key=natural_sort_key)]
         if any(has_sqlite_name(file.name) or read_begin(file).startswith(ZSTD) for file in files):
@@ -216,7 +237,10 @@ def _are_parts(folder: Path, names: Sequence[str]) -> bool:
 
 
 def are_consecutive(files: Sequence[McapFile]) -> bool:
-    """Return whether each file begins about where the one before ended: 1 s before to 1 h behind."""
+    """Return whether each file begins from 1 s before to 1 h behind the end of the one before it.
+
+    Files without times are left out.
+    """
     spans = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
     return all(
         -_OVERLAP_NS <= (start or 0) - (end or 0) <= _APART_NS
@@ -225,7 +249,13 @@ def are_consecutive(files: Sequence[McapFile]) -> bool:
 
 
 def has_other_parts(path: Path) -> bool:
-    """Return whether a numbered file has parts of the same recording beside it, and no metadata."""
+    """Return whether a numbered file has parts of the same recording beside it, and no metadata.
+
+    False where the folder cannot be read.
+
+    Args:
+        path: A file named as a part, such as ``voyage_0.mcap``.
+    """
     try:
         names = [part.name for part in path.parent.iterdir()]
     except OSError:
@@ -253,8 +283,13 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
 
     Reports files that are missing or not read.
 
+    Args:
+        folder: The folder.
+        findings: Takes the warnings.
+
     Raises:
-        BagError: There are none, or those of several recordings, or the metadata are of another format.
+        BagError: The folder cannot be read, has no files of recordings or those of several, or the metadata
+            are of a kind that is not supported.
     """
     try:
         paths = sorted(p for p in folder.iterdir() if has_recording_name(p.name))
@@ -280,9 +315,10 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
 
 
 def _report_missing_numbers(names: Sequence[str], findings: Findings) -> None:
-    """Report numbers that are missing between those of files.
+    """Report up to ten numbers that are missing between those of files as lost.
 
-    Numbers of dates may have gaps, and files before the first may be gone: some recorders keep the newest.
+    Nothing is reported where half of the numbers and more are missing. Numbers of dates may have gaps, and
+    files before the first may be gone: some recorders keep the newest.
     """
     parts = [part for name in names if (part := NUMBERED_PART.fullmatch(name))]
     numbers = {int(part['number']) for part in parts if not _DATE.search(part[0][: part.end('number')])}
@@ -296,7 +332,17 @@ def _report_missing_numbers(names: Sequence[str], findings: Findings) -> None:
 def _complete_metadata(folder: Path, metadata: Metadata, present: list[str], findings: Findings) -> Metadata:
     """Return the metadata with the files that are there; report listed ones that are missing, and others.
 
-    Files that are not listed are added where they are numbered as parts of the same recording.
+    Files that are not listed are added where they are numbered as parts of the same recording; then ``count``
+    is None.
+
+    Args:
+        folder: The folder, for the error.
+        metadata: The metadata as read.
+        present: The names of the files in the folder.
+        findings: Takes the warnings.
+
+    Raises:
+        BagError: None of the listed files is there.
     """
     by_name = {compose_letters(name): name for name in present}
     names = [by_name[name] for name in map(compose_letters, metadata.names) if name in by_name]
@@ -325,7 +371,7 @@ def read_metadata(folder: Path) -> Metadata | str:
     """Read the metadata of a rosbag2 folder.
 
     Returns:
-        The files they list, or a sentence on why they are not there or cannot be used.
+        The files they list; or a text with the reason why there are none or they cannot be used.
 
     Raises:
         BagError: They describe a recording of a kind this package cannot read.
@@ -358,7 +404,12 @@ CONVERT = "convert it with 'ros2 bag convert' first"
 
 
 def _load_yaml(data: bytes) -> Any:
-    """Load YAML; raise a ValueError for aliases, which rosbag2 does not write, and deep nesting."""
+    """Load YAML within limits.
+
+    Raises:
+        ValueError: It has aliases, which rosbag2 does not write, or is nested too deeply.
+        yaml.YAMLError: It is no YAML.
+    """
     depth = 0
     for event in yaml.parse(data, _LOADER):
         depth += isinstance(event, yaml.CollectionStartEvent)

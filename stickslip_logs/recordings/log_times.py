@@ -17,12 +17,14 @@ _MAX_RATE = 1000.0
 
 
 def ask_for_time_unit(start_ns: int | None, end_ns: int | None, max_count: int) -> str:
-    """Return a question where log times look like dates in another unit than nanoseconds; else empty.
+    """Return a question to the owner where log times look like dates in another unit than ns; else empty.
+
+    They do where the messages of a topic are improbably dense, and in another unit lie in this century.
 
     Args:
-        start_ns: The first log time [ns], or None.
-        end_ns: The last one, likewise.
-        max_count: The most messages that a topic has.
+        start_ns: The first log time [ns]; None without messages.
+        end_ns: The last log time [ns]; None without messages.
+        max_count: How many messages the topic with the most of them has.
     """
     if start_ns is None or end_ns is None or end_ns <= start_ns:
         return ''
@@ -57,8 +59,8 @@ class LogTimes:
     def corrected(self, reading: Iterable[Part]) -> Iterator[Part]:
         """Yield the parts of a reading, with stamps as log times where the log times were rewritten.
 
-        The first part with values decides, and sets ``text`` and ``replaced``. Stamps that step back are
-        raised to the one before.
+        The first part with values decides for all parts, and sets ``text`` and ``replaced``. A stamp that
+        steps back is raised to the highest one before it in its part.
         """
         for part in reading:
             if not self._begun:
@@ -87,9 +89,10 @@ class LogTimes:
 
 
 def _measure_pace(series: Series) -> float | None:
-    """Return the seconds of log time that pass in a second of stamps; None where no stamp differs.
+    """Return the seconds of log time that pass in a second of stamps; None for a series without own stamps.
 
-    Pauses and steps of either clock are left out. A series too short to tell has the pace 1.
+    A series has none where its stamps equal its log times. Pauses and backward steps of either clock are left
+    out. A series of less than five seconds has the pace 1.
     """
     if np.array_equal(series.log_time_ns, series.stamp_ns):
         return None

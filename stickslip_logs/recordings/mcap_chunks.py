@@ -106,10 +106,11 @@ def decompress(data: bytes | memoryview, compression: str, size: int, is_cut: bo
         data: Compressed bytes.
         compression: Name used by MCAP: ``''``, ``'lz4'`` or ``'zstd'``.
         size: Decompressed size the chunk declares [bytes].
-        is_cut: Whether it is only the beginning of one, of which what can be restored is returned.
+        is_cut: Whether it is only the beginning of one: then up to ``size`` bytes are returned, as many as
+            can be restored.
 
     Raises:
-        DamagedBlock: Unknown compression, damaged data, or another size than declared.
+        DamagedBlock: Unknown compression; or, for a whole chunk, damaged data or another size than declared.
     """
     if compression not in _FEEDS:
         raise DamagedBlock(f"its compression '{compression}' is unknown")
@@ -137,8 +138,11 @@ def decompress(data: bytes | memoryview, compression: str, size: int, is_cut: bo
 def load_block(block: Block) -> bytes:
     """Read the records of a block, decompressed where it is a chunk.
 
+    Of a truncated chunk the beginning is returned, up to 32 MiB and without a check of its checksum.
+
     Raises:
-        DamagedBlock: The chunk is too large, does not decompress, or its checksum is wrong.
+        DamagedBlock: The file became shorter, or the chunk is no chunk, is too large, does not decompress, or
+            has a wrong checksum.
         BagError: The file cannot be read.
     """
     max_bytes = min(block.length, (_MAX_TRUNCATED if block.is_cut else MAX_CHUNK) + _MAX_CHUNK_HEAD)
@@ -174,8 +178,10 @@ def load_block(block: Block) -> bytes:
 def view_numbers(data: bytes, code: str, begin: int = 0) -> NDArray[Any]:
     """View a buffer as an array of overlapping numbers: element k begins at byte ``begin + k``.
 
+    The array ends with the last number that is whole; it is empty where the buffer is too short for one.
+
     Args:
-        data: The buffer.
+        data: The buffer, which is not copied.
         code: The numpy type, with its byte order.
         begin: The byte of element 0.
     """
@@ -209,7 +215,7 @@ class Piece:
     end: int
 
     def groups(self) -> Iterator[tuple[int, IntArray]]:
-        """Yield each channel id that has messages, and their indexes."""
+        """Yield each channel id that has messages, rising, and the indexes of these, shape (m,)."""
         counts = np.bincount(self.channel)
         keys = np.flatnonzero(counts)
         if len(keys) <= _MAX_UNSORTED:
@@ -222,8 +228,9 @@ class Piece:
 def walk_records(data: bytes) -> Iterator[Piece]:
     """Yield the records of a block in pieces of some megabytes, up to the first that is not whole.
 
-    Where messages may begin is found by their first byte: one counts where the record before it
-    ends, and nowhere else.
+    ``end`` of the last piece is below the length of the block where bytes remain; a block of less than a head
+    of a record yields nothing. Messages are found by their first byte, which counts only where the record
+    before it ends.
     """
     raw = np.frombuffer(data, np.uint8)
     words, next_words = view_numbers(data, '<i8'), view_numbers(data, '<u4', 8)
@@ -268,9 +275,9 @@ def walk_records(data: bytes) -> Iterator[Piece]:
 
 
 def _find_equal_run(data: bytes, begin: int) -> Piece | None:
-    """Return the run of messages of one length that begins at a byte, as telemetry has them.
+    """Return the run of messages of equal length that begins at a byte, as telemetry has them.
 
-    None where there is none, or it is shorter than 64 KiB.
+    None where there is no message at the byte, or the run is shorter than 64 KiB. It is up to 4 MiB long.
     """
     if begin + PAYLOAD > len(data) or data[begin] != _MESSAGE:
         return None
@@ -295,7 +302,12 @@ def _find_equal_run(data: bytes, begin: int) -> Piece | None:
 
 
 def _skip_record(data: bytes, begin: int, definitions: dict[int, bytes]) -> tuple[int, int]:
-    """Skip one record that is no message, or a run of empty ones of opcode 0; keep a definition.
+    """Skip one record that is no valid message, or a run of empty ones of opcode 0.
+
+    Args:
+        data: The block.
+        begin: Where the record begins.
+        definitions: Takes a schema or channel of up to 4 MiB, by ``begin``.
 
     Returns:
         The byte behind it, or ``begin`` where it is not whole; and how many unreadable records were skipped.

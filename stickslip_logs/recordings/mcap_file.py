@@ -81,7 +81,10 @@ class McapFile:
         self._ambiguous: set[int] = set()
 
     def find_problem(self, channel: Channel) -> str:
-        """Return the reason why messages of a channel cannot be decoded; empty where none is known yet."""
+        """Return a clause on why messages of a channel cannot be decoded; empty where no reason is known.
+
+        The definition itself is not parsed here.
+        """
         schema = self.schemas.get(channel.schema_id)
         if channel.message_encoding != MessageEncoding.CDR:
             return encoding_problem('message', channel.message_encoding, 'cdr')
@@ -92,22 +95,23 @@ class McapFile:
         return ''
 
     def find_type(self, channel: Channel) -> str:
-        """Return the type of the messages of a channel, empty if unknown."""
+        """Return the name of the type of a channel's messages; empty for a channel without a known schema."""
         schema = self.schemas.get(channel.schema_id)
         return schema.name if schema is not None else ''
 
     def find_topics(self, block: Block) -> set[str]:
-        """Return the topics that a block has messages of; all of the file where that is not known."""
+        """Return the topics of which a block has messages; all of the file where the block does not tell."""
         held = block.channels
         return {c.topic for key, c in self.channels.items() if held is None or held >> key & 1}
 
     def add_definition(self, block: Block | None, offset: int, record: bytes) -> bool:
         """Add a schema or channel to those of the file; return whether the record can be read.
 
-        One that contradicts an earlier one is reported, and messages behind it are not read.
+        The first definition of an id counts. In a block, one that contradicts it is reported as a loss, and
+        the messages behind it are not read.
 
         Args:
-            block: The block of the record; None in the summary, where a contradiction is kept to oneself.
+            block: The block of the record; None in the summary, where a contradiction is not reported.
             offset: Where the record begins in it.
             record: The whole record.
         """
@@ -136,7 +140,10 @@ class McapFile:
         return True
 
     def _add_schema(self, stream: ReadDataStream) -> tuple[int, bool]:
-        """Add a schema where its id is new; return the id, and whether it equals the first of that id."""
+        """Add a schema if its id is new; return the id, and whether it equals the first one of that id.
+
+        An id with two definitions is marked as ambiguous. Raises one of ``PARSE_ERRORS``.
+        """
         schema = Schema.read(stream)
         # A longer definition is not used, and not kept.
         schema.data = schema.data[: LONGEST_TEXT + 1]
@@ -146,14 +153,24 @@ class McapFile:
         return schema.id, is_same
 
     def _add_channel(self, stream: ReadDataStream) -> tuple[int, bool]:
-        """Add a channel where its id is new; return the id, and whether it equals the first of that id."""
+        """Add a channel if its id is new; return the id, and whether it equals the first one of that id.
+
+        False also where its schema is ambiguous. Its metadata are dropped. Raises one of ``PARSE_ERRORS``.
+        """
         channel = Channel.read(stream)
         channel.metadata = {}
         is_same = self.channels.setdefault(channel.id, channel) == channel
         return channel.id, is_same and channel.schema_id not in self._ambiguous
 
     def select_valid(self, key: int, rows: IntArray, block: Block, piece: Piece) -> IntArray:
-        """Return those messages of a channel in a piece that come before a contradicting definition."""
+        """Return those messages of a channel in a piece that come before a contradicting definition.
+
+        Args:
+            key: The channel id.
+            rows: The indexes of its messages in the piece, shape (m,).
+            block: The block.
+            piece: The piece of it.
+        """
         if key not in self._refused:
             return rows
         offset, place = self._refused[key]
@@ -169,7 +186,13 @@ class McapFile:
     def compare_counts(
         self, stated: Mapping[int, int], counted: Mapping[int, int], keys: Iterable[int]
     ) -> None:
-        """Report the channels of which the statistics state another count than was read."""
+        """Report as a loss the channels of which the statistics state another count than was read.
+
+        Args:
+            stated: The messages of each channel id by the statistics.
+            counted: Those that were read.
+            keys: The channel ids to compare.
+        """
         texts = [
             f"{stated.get(key, 0)} messages of '{self.channels[key].topic}', and"
             f' {counted.get(key, 0)} can be read'
@@ -183,7 +206,7 @@ class McapFile:
             self.findings.lose(f"file '{self.path.name}': its statistics count {listed}{rest}")
 
     def read_all(self, heads: _RecordHeads) -> None:
-        """Fill in channels, counts, blocks and times by reading all blocks; report oddities."""
+        """Fill in channels, counts, blocks, times and ``cut`` by reading all blocks; report oddities."""
         name = self.path.name
         if heads.empty_count:
             records = plural(heads.empty_count, 'record')
@@ -215,7 +238,11 @@ class McapFile:
             self.findings.lose(f"file '{name}' has {rest} behind its end, not read")
 
     def _read_blocks(self, blocks: list[Block]) -> int:
-        """Read all blocks, keep those with messages; return how many messages the last one has."""
+        """Read all blocks; set ``counts``, and ``blocks`` to those with messages, with times and channels.
+
+        Returns:
+            How many messages the last block that was read has; 0 without blocks.
+        """
         count, way = 0, FilePass(self)
         for block in blocks:
             count, block.channels, spans = 0, 0, []
@@ -234,10 +261,12 @@ class McapFile:
         return count
 
     def _widen_span(self, piece: Piece) -> list[tuple[int, int]]:
-        """Return first and last log time [ns] of a piece, or an empty list.
+        """Widen the span of the file by the log times of a piece that are above 0.
 
-        Widens the span of the file by the times above 0, notes that there is a time of 0, and reports
-        negative times as lost.
+        Sets ``has_zero`` where a time is 0, and reports negative times as lost.
+
+        Returns:
+            A list with the first and last log time from 0 on [ns]; empty where there is none.
         """
         times = piece.log_time_ns
         if (times < 0).any():
@@ -255,7 +284,11 @@ class McapFile:
         return [(int(times.min()), int(times.max()))] if times.size else []
 
     def read_summary(self, heads: _RecordHeads) -> bool:
-        """Fill in channels, counts and times by the summary; return False where it cannot be trusted."""
+        """Fill in channels, counts, blocks and times by the summary, and set ``is_stated``.
+
+        Returns:
+            False where the summary cannot be trusted: what was filled in until then must be discarded.
+        """
         counts = heads.statistics
         is_known = all(self.add_definition(None, 0, r) for r in heads.definitions)
         if counts is None or not is_known or self._ambiguous:
@@ -275,7 +308,11 @@ class McapFile:
         return not counts.message_count or self._set_span(counts)
 
     def _set_span(self, counts: Statistics) -> bool:
-        """Set first and last time by the chunk heads; return False where they cannot be times of messages."""
+        """Set first and last time, and ``has_zero``, by the chunk heads; note where the statistics differ.
+
+        Returns:
+            False where the chunk heads cannot be times of messages.
+        """
         held = [block for block in self.blocks if block.channels != 0]
         start = min((block.start_ns for block in held), default=0)
         end = max((block.end_ns for block in held), default=0)
@@ -310,8 +347,8 @@ class McapFile:
 class FilePass:
     """One pass over the blocks of a file, as far as it takes no more than it may.
 
-    ``counts`` are the messages of each channel that were met. With ``is_over`` the file was read
-    to where it had taken all that it may, and nothing more comes of it.
+    ``counts`` are the messages of each channel that were read. With ``is_over`` the pass has
+    reached its limit of memory, and yields nothing more.
     """
 
     def __init__(self, file: McapFile) -> None:
@@ -321,7 +358,12 @@ class FilePass:
         self._most = self._left = _FREE_BYTES + _BYTES_FOR_EACH * file.size
 
     def charge(self, block: Block, size: int) -> None:
-        """Charge memory for a block [bytes]; where that exceeds the limit, end the pass and report it."""
+        """Charge memory to the pass; where its limit is exceeded, set ``is_over`` and report a loss.
+
+        Args:
+            block: The block that takes it.
+            size: How much it takes [bytes].
+        """
         self._left -= size
         if self._left < 0 and not self.is_over:
             self.is_over = True
@@ -387,7 +429,10 @@ class _RecordHeads:
         self._footer = b''
 
     def read_heads(self) -> None:
-        """Read the head of each record up to the footer, or to where the file is truncated."""
+        """Read the head of each record up to the footer, or to where the file is truncated.
+
+        Fills in all attributes. A truncated last chunk becomes a block with ``is_cut``.
+        """
         while len(begin := os.pread(self._file, _BEGIN, self.offset)) >= HEAD.size:
             kind, length = HEAD.unpack_from(begin)
             offset, length = self.offset, length + HEAD.size
@@ -416,10 +461,12 @@ class _RecordHeads:
             self.blocks.append(block)
 
     def _skip_damage(self) -> bool:
-        """Move to the next place of the chunk index, and record the hole before it.
+        """Move ``offset`` to the next place of the chunk index, and add the hole before it to ``holes``.
 
-        At the last place, the summary, the data end. Returns False, and moves nothing, where no place
-        follows.
+        The last place is the summary: there the data have ended.
+
+        Returns:
+            False where no place follows; then nothing changes.
         """
         if self._places is None:
             self._places = self._read_places()
@@ -433,7 +480,10 @@ class _RecordHeads:
         return True
 
     def _read_places(self) -> list[int]:
-        """Return the offsets of chunks by their index, and last that of the summary; empty without one."""
+        """Return the offsets of chunks by their index, rising, and last that of the summary [bytes].
+
+        An empty list where the file does not end in a footer with a summary.
+        """
         end = os.pread(self._file, _FOOTER + len(MAGIC), max(self._size - _FOOTER - len(MAGIC), 0))
         if len(end) != _FOOTER + len(MAGIC) or end[0] != Opcode.FOOTER or end[_FOOTER:] != MAGIC:
             return []
@@ -480,7 +530,13 @@ class _RecordHeads:
             self.blocks.append(Block(self._path, offset, length, length, False))
 
     def _keep_summary_record(self, kind: int, offset: int, length: int) -> None:
-        """Keep a definition or the statistics of the summary; ignore other and oversized records."""
+        """Read a definition or the statistics of the summary; ignore other, oversized and damaged records.
+
+        Args:
+            kind: The opcode.
+            offset: Where the record begins [bytes].
+            length: How long it is [bytes].
+        """
         if length > _MAX_RECORD or kind not in (*_BARE, Opcode.STATISTICS):
             return
         record = os.pread(self._file, length, offset)
@@ -492,9 +548,9 @@ class _RecordHeads:
 
     @property
     def has_sound_summary(self) -> bool:
-        """Whether the footer says the same of the summary as the records, with its checksum.
+        """Whether the summary can be used: the footer gives its place and its checksum, if any, is right.
 
-        The summary of a file that holds what no recorder of chunks writes is not used.
+        False for a file with messages outside of chunks, or with damage. Reads the summary in each access.
         """
         if not self.is_finished or self.offset != self._size or len(self._footer) != _FOOTER:
             return False
@@ -509,7 +565,13 @@ class _RecordHeads:
 
 
 def scan_file(path: Path, findings: Findings) -> McapFile:
-    """Read what a file holds: by its summary, or where that cannot be trusted, by all its records.
+    """Return the contents of a file: by its summary, or where that cannot be trusted, by all its records.
+
+    An empty file, as of a recorder that was stopped at once, is a truncated one.
+
+    Args:
+        path: The file.
+        findings: Takes the warnings.
 
     Raises:
         BagError: The file cannot be read, or is not MCAP.

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording in MCAP: one file, or the files of a rosbag2 folder in order.
 
-The blocks of a recording are taken in the order in which they begin, and what lies before the
-beginning of the next one is put in order and yielded_ns on. So memory holds the blocks that overlap
-in time and no more: as a rule two. Only a recording whose blocks all span much of it, because it
-was written in no order of time, takes memory in proportion to its length.
+The blocks of a recording are read in the order in which they begin, and the messages before the
+beginning of the next block are sorted and yielded. So memory holds only the blocks that overlap in
+time: as a rule two. Only an unordered recording, whose blocks all span much of it, takes memory in
+proportion to its length.
 """
 
 from __future__ import annotations
@@ -111,13 +111,15 @@ class Pass:
         return [key for key, c in file.channels.items() if c.topic in self.numbers]
 
     def read_sorted(self, columns_of: MakeColumns, min_count: int, max_count: int) -> Iterator[Columns]:
-        """Yield the columns of all messages in the order of time, then of place, some at a time.
+        """Yield the columns of all wanted messages in the order of time, then of place, some at a time.
+
+        Reports progress after each block, and losses; a file whose pass is over is not read on. Use it once.
 
         Args:
             columns_of: Makes the columns of the chosen messages of a piece; log times [ns] come first,
                 then numbers of blocks.
-            min_count: Messages that are collected before some are yielded.
-            max_count: The most that are yielded at a time.
+            min_count: How many messages are collected before some are yielded.
+            max_count: How many messages are yielded at a time at most.
         """
         waiting: list[Columns] = []
         size, limit, yielded_ns = 0, min_count, -1
@@ -152,8 +154,11 @@ class Pass:
     def _read_block(self, job: Job, columns_of: MakeColumns, yielded_ns: int) -> Iterator[Columns]:
         """Yield the columns of the wanted messages of a block, piece by piece; report what is lost.
 
-        Messages before ``yielded_ns`` [ns] are lost: all of that time was yielded before, as the head of
-        the block says that it begins later.
+        Args:
+            job: The block to read.
+            columns_of: Makes the columns of the chosen messages of a piece.
+            yielded_ns: All messages before this time were yielded already [ns]: earlier ones in the block,
+                which declares a later beginning, are lost.
         """
         file, late = job.file_pass.file, 0
         for piece, groups in job.file_pass.read_groups(job.block):
@@ -191,7 +196,11 @@ class Pass:
 
 
 def _sort_columns(parts: Sequence[Columns]) -> Columns:
-    """Return columns joined, in the order of time, then of block, then as they are."""
+    """Return columns joined, sorted by time, then by number of block, then in their order.
+
+    Args:
+        parts: Columns, at least one of them: times [ns], numbers of blocks, and others.
+    """
     columns = tuple(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
     time, number = columns[:2]
     later, same = time[1:] > time[:-1], time[1:] == time[:-1]
@@ -201,7 +210,10 @@ def _sort_columns(parts: Sequence[Columns]) -> Columns:
 
 
 def _split_columns(columns: Columns, max_count: int) -> Iterator[Columns]:
-    """Yield up to ``max_count`` messages at a time; split those of one time only if they are more."""
+    """Yield up to ``max_count`` messages at a time; nothing without messages.
+
+    Messages of one time are split only if they are more than that.
+    """
     while columns[0].size > max_count:
         times = columns[0][:max_count]
         end = int(times.searchsorted(times[-1])) or max_count
@@ -252,9 +264,15 @@ class McapReading(MessageReading):
         return wanted.reader(schema)
 
     def _make_columns(self, job: Job, piece: Piece, chosen: Chosen) -> Columns:
-        """Return log times [ns], blocks, topics by number, stamps [ns] and values of chosen messages.
+        """Return log times [ns], blocks, topics by number, stamps [ns], shape (n,), and values, shape (k, n).
 
-        Those without a valid time, or of another definition, are left out and counted as faults.
+        Messages without a valid time, or of another definition, are left out and counted as faults; those of
+        another definition are reported as lost too. The memory of the numbers is charged to the pass.
+
+        Args:
+            job: The block.
+            piece: The piece of it.
+            chosen: Its messages of the wanted topics.
         """
         times = stamp = piece.log_time_ns
         topic, block = np.full(times.size, -1, np.int32), np.full(times.size, job.number, np.int32)
@@ -315,7 +333,10 @@ class McapRecording(Recording):
         self._times = BlockTimes(files, self.least_ns)
 
     def judge_order(self, topics: Sequence[str]) -> CourseOfBlocks:
-        """Judge the order of time of some topics; add its warnings, and correct start and end by it."""
+        """Read the times of some topics, and return their course.
+
+        Adds its notes to the warnings, and sets start and end of the recording where it corrects them.
+        """
         course = self._times.judge_order(topics)
         for text in course.notes:
             self._findings.note(text)
@@ -324,7 +345,11 @@ class McapRecording(Recording):
         return course
 
     def definition(self, topic: str) -> str:
-        """Return the ``ros2msg`` definition of a topic's messages."""
+        """Return the ``ros2msg`` definition of a topic's messages, the first one if there are several.
+
+        Raises:
+            BagError: The topic is not there or cannot be decoded.
+        """
         self._require_readable(topic)
         definitions = (
             file.schemas[channel.schema_id].data
@@ -335,16 +360,27 @@ class McapRecording(Recording):
         return next(definitions).decode(errors='replace')
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> McapReading:
-        """Read numbers of some topics in blocks."""
+        """Return a pass that reads numbers of some topics; errors as for :meth:`Recording.reading`.
+
+        The order of time is judged at once, which can add warnings.
+        """
         wanted = [TopicNumbers(topic, paths) for topic, paths in self._group_requests(requests).items()]
         return McapReading(self, wanted, progress)
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
-        """Yield messages by log time, then by place in the recording.
+        """Return an iterator of messages by log time, then by place in the recording.
 
-        A block is in memory while its time lasts.
+        The order of time is judged at once, which can add warnings; blocks are read while iterating. A block
+        is in memory while its time lasts.
+
+        Args:
+            topics: Which topics; all when None.
+            spans: The log times that are wanted; all when None.
+
+        Raises:
+            BagError: A topic is not there (at once), or a file cannot be read.
         """
         names = [
             (name, self._require_topic(name).type) for name in (self.topics if topics is None else topics)
@@ -372,7 +408,10 @@ class McapRecording(Recording):
 
 
 def _list_topics(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
-    """Return the topics of all files by name; channels of one name are one topic."""
+    """Return the topics of all files, sorted by name.
+
+    Channels of one name are one topic, which has a problem where one of them has, or their types differ.
+    """
     channels: dict[str, list[TopicInfo]] = {}
     for file in files:
         for key, channel in file.channels.items():

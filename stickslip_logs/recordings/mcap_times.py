@@ -65,11 +65,16 @@ class CourseOfBlocks:
         self.end_ns = course.end_ns if is_corrected else None
 
     def find_span(self, number: int, block: Block) -> tuple[int, int]:
-        """Return the first and last time of a block by its number [ns], corrected where that is needed."""
+        """Return the first and last time of a block by its number [ns], corrected where that is needed.
+
+        Those that the block declares where none of the topics has a time in it.
+        """
         return self._spans.get(number, (block.start_ns, block.end_ns))
 
     def correct_times(self, number: int, file: McapFile, piece: Piece) -> IntArray:
         """Return the corrected log times of the messages of a piece [ns], shape (n,).
+
+        Without corrections this is the array of the piece itself, else a copy. Invalid times are unchanged.
 
         Args:
             number: The number of its block in the recording.
@@ -137,7 +142,7 @@ class BlockTimes:
                         yield number, rows
 
     def _drop_untimed(self, rows: Iterable[_TopicRows]) -> Iterator[_TopicRows]:
-        """Yield the messages with a valid log time; nothing of a topic without any."""
+        """Yield the messages of each topic that have a valid log time; skip a topic without any."""
         for topic, time_ns, byte in rows:
             is_time = _are_times(time_ns, self._least_ns)
             if is_time.all():
@@ -148,8 +153,8 @@ class BlockTimes:
     def _walk_block(self, file: McapFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
         """Return the messages of a block by decompressing it, up to damage in it.
 
-        An empty list for a block of more than 16 MB. Stops where the budget of sparse bytes, to which this
-        adds, is spent.
+        The list is empty for a block of more than 16 MB. Adds to the sparse bytes of the pass, and stops
+        where their limit is reached.
         """
         parts, begin = [(_NONE, _NONE, _NONE)], 0
         if block.size <= _MAX_WALKED_BYTES and self._sparse_bytes <= _MAX_SPARSE_BYTES:
@@ -166,13 +171,13 @@ class BlockTimes:
 
 
 def _join_spans(spans: Iterable[tuple[int, int]]) -> tuple[int, int]:
-    """Return the earliest start and the latest end of spans [ns]."""
+    """Return the earliest start and the latest end of spans, of which there is at least one [ns]."""
     starts, ends = zip(*spans, strict=True)
     return min(starts), max(ends)
 
 
 def _are_times(time_ns: IntArray, least_ns: int) -> BoolArray:
-    """Return which log times are valid, shape (n,)."""
+    """Return which log times lie from ``least_ns`` to ``MAX_TIME_NS``, shape (n,)."""
     if time_ns.size and least_ns <= time_ns.min() and time_ns.max() <= MAX_TIME_NS:
         return np.ones(time_ns.size, np.bool_)
     result: BoolArray = (time_ns >= least_ns) & (time_ns <= MAX_TIME_NS)
@@ -221,7 +226,16 @@ def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_Top
 
 
 def _rows_of(file: McapFile, piece: Piece, numbers: Mapping[str, int]) -> _Rows:
-    """Return log times, topics by number (-1 for another topic) and bytes of the messages of a piece."""
+    """Return the log times, topics and places of the messages of a piece, shape (n,) each.
+
+    Args:
+        file: The file, which says the topic of each channel.
+        piece: The piece.
+        numbers: The number of each topic; other topics become -1.
+
+    Returns:
+        Log times [ns], numbers of topics, and the byte of the block at which each record begins.
+    """
     keys, which = np.unique(piece.channel, return_inverse=True)
     topics = [numbers.get(file.channels[k].topic, -1) if k in file.channels else -1 for k in keys.tolist()]
     topic = np.array(topics, np.int64)[which] if topics else _NONE

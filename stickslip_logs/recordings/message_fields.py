@@ -117,8 +117,15 @@ _TIME = (Field('sec', 'uint32'), Field('nanosec', 'uint32'))
 def parse_schema(name: str, data: bytes) -> Definitions:
     """Parse a concatenated ``ros2msg`` definition; return the fields of each type by its short name.
 
+    Constants are skipped. ``Time`` and ``Duration`` are among the types in any case.
+
+    Args:
+        name: The type that the first part defines.
+        data: The definition, in UTF-8.
+
     Raises:
-        SchemaError: A line is not a field, or a type is used but not defined.
+        SchemaError: It is too long or no text, a part has no name, a line is not a field, or a type is used
+            but not defined.
     """
     if len(data) > LONGEST_TEXT:
         raise SchemaError(f'its definition is longer than {LONGEST_TEXT} letters, the limit')
@@ -151,13 +158,29 @@ def _strip_comments(text: str) -> list[str]:
 
 
 def _parse_fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
-    """Return the fields of a type; raise a SchemaError for a line that declares none."""
+    """Return the fields that lines of a definition declare; skip constants.
+
+    Args:
+        lines: The lines without comments.
+        name: The type, whose package is that of types without one.
+
+    Raises:
+        SchemaError: A line is not a field, or its array is too long.
+    """
     package = name.split('/')[0]
     return tuple(_parse_field(line, package) for line in lines if not _CONSTANT.match(line))
 
 
 def _parse_field(line: str, package: str) -> Field:
-    """Parse the line of a field; raise a SchemaError where it is none, or its array is too long."""
+    """Parse the line of a field.
+
+    Args:
+        line: The line, not blank.
+        package: The package of a type without one.
+
+    Raises:
+        SchemaError: It is not a field, or its array is too long or has a bound without a number.
+    """
     type_text, *rest = line.split()
     match = _TYPE.fullmatch(type_text)
     if match is None or not rest:
@@ -245,7 +268,13 @@ Layout = tuple[Sequence[Token], Sequence[tuple[int, int]]]
 def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPath]) -> Layout | None:
     """Return where the numbers at some paths lie in messages of a type.
 
-    None where the messages must be decoded one by one.
+    None where the messages must be decoded one by one: an element is chosen by name, or the type has arrays
+    of varying size in the way, or is too large.
+
+    Args:
+        definitions: The fields of all types.
+        root: The type.
+        paths: Paths that lead to numbers, as :func:`find_primitive` has checked.
     """
     if any(isinstance(step, ByName) for path in paths for step in path):
         return None
@@ -342,12 +371,16 @@ def _gather_numbers(
 
 
 def _align_place(place: int | IntArray, size: int) -> int | IntArray:
-    """Return the next multiple of a size at or behind a byte, or behind each of some."""
+    """Return the next multiple of a size at or behind a byte, or of each byte of an array."""
     return (place + size - 1) // size * size if size > 1 else place
 
 
 def _find_decoder(schema: Schema) -> Callable[[bytes], Any]:
-    """Return the function that decodes one message; raise a SchemaError for a definition it refuses."""
+    """Return the function that decodes one message.
+
+    Raises:
+        SchemaError: The decoder refuses the definition, or its encoding.
+    """
     try:
         # The parser prints what it raises.
         with _SILENCE, contextlib.redirect_stderr(io.StringIO()):
@@ -405,7 +438,7 @@ class TopicNumbers:
             yield from ((request, series) for request in requests)
 
     def count_foreign(self, row: int, names: Iterable[str]) -> None:
-        """Count a message that lacks the element, chosen by name, of a path; keep some of the names it has.
+        """Count a message that lacks the element, chosen by name, of a path; keep up to some 20 of its names.
 
         Args:
             row: The number of the path.
@@ -416,7 +449,7 @@ class TopicNumbers:
             self.names.update(names)
 
     def reader(self, schema: Schema) -> FieldReader | BagError:
-        """Return the cached reader of messages of a schema, or the error where they cannot be read."""
+        """Return the cached reader of messages of a schema, or the error, not raised, if it has none."""
         key = schema.name, schema.data
         if key not in self._readers:
             try:
@@ -464,7 +497,16 @@ class FieldReader:
         self._layout = compile_layout(definitions, schema.name, paths)
 
     def _check_fields(self, topic: str, type_name: str, definitions: Definitions) -> None:
-        """Raise a BagError for the first wanted path that does not lead to a number."""
+        """Check that all wanted paths lead to numbers.
+
+        Args:
+            topic: The topic, for the error.
+            type_name: The type of its messages.
+            definitions: The fields of all types.
+
+        Raises:
+            BagError: A path does not; the first one is named.
+        """
         for path in self._paths:
             try:
                 find_primitive(definitions, type_name, path)
@@ -478,12 +520,19 @@ class FieldReader:
     def read(
         self, data: bytes, offset: IntArray, size: IntArray, log_time_ns: IntArray
     ) -> tuple[FloatArray, IntArray]:
-        """Read n messages whose data lies at some offsets of a block of records [bytes].
+        """Read n messages, and count them and their faults in the ``TopicNumbers`` of this reader.
+
+        Args:
+            data: A block of records.
+            offset: Where the data of each message begins in it, shape (n,).
+            size: How long they are [bytes], shape (n,).
+            log_time_ns: The log times [ns], shape (n,).
 
         Returns:
-            A row of n values for each path; then, where elements are chosen by name, a row for each
-            path with 1 for a message that is not for it; the stamps [ns]: the log times where there
-            are none.
+            Values, shape (width, n): a row for each path, NaN for a message without a number; then, where
+            elements are chosen by name, a row for each path with 1 for a message that is not for it. And the
+            stamps [ns], shape (n,): the log time where a message has none; the array of log times itself
+            where the type has none.
         """
         count, faults = len(offset), self._wanted.reasons
         self._wanted.count += count
@@ -548,7 +597,14 @@ class FieldReader:
         return np.arange(len(stamp_ns))[rows][~sound] if not sound.all() else np.empty(0, np.int64)
 
     def _decode_alone(self, data: bytes, place: int, values: FloatArray, stamp_ns: IntArray) -> None:
-        """Decode one message, and write its numbers and stamp into column ``place``; count what fails."""
+        """Decode one message, write its numbers and stamp into two arrays, and count what fails.
+
+        Args:
+            data: The message.
+            place: Its column in the arrays.
+            values: Takes the numbers, NaN for one that is not there, shape (width, n).
+            stamp_ns: Takes a stamp that is not zero, shape (n,) [ns].
+        """
         values[:, place] = math.nan
         try:
             message = self._decode(data)
@@ -607,7 +663,10 @@ class MessageReading(ABC):
     def _make_series(
         self, log_time_ns: IntArray, topic: IntArray, stamp_ns: IntArray, values: FloatArray
     ) -> dict[Request, Series]:
-        """Return the series of a stretch, whose arrays are those of :meth:`_read_stretches`."""
+        """Return the series of a stretch by request, and move the sequence numbers on.
+
+        The arrays are those of :meth:`_read_stretches`.
+        """
         result: dict[Request, Series] = {}
         is_unstamped = np.array_equal(log_time_ns, stamp_ns)
         for number, topic_numbers in enumerate(self._wanted):
@@ -628,7 +687,10 @@ _RULE = '=' * 80
 
 
 def definition_of(kind: str) -> str | None:
-    """Return the ``ros2msg`` text of a type with all that it uses; None where it is not known."""
+    """Return the ``ros2msg`` text of a type with the types that it uses; None where one is not known.
+
+    The texts are those of this package, or else of a sourced ROS 2.
+    """
     parts: dict[str, str] = {}
     if not _collect_texts(short_name(kind), parts):
         return None
@@ -637,7 +699,12 @@ def definition_of(kind: str) -> str | None:
 
 
 def _collect_texts(name: str, parts: dict[str, str]) -> bool:
-    """Add the texts of a type and of those that it uses; return False where one is not known."""
+    """Add the texts of a type and of the types that it uses; return False where one is not known.
+
+    Args:
+        name: The short name of the type.
+        parts: Takes the texts by short name; incomplete where False is returned.
+    """
     text = _load_built_in().get(name) or _read_installed_type(name)
     if text is None:
         return False
@@ -657,7 +724,11 @@ def _load_built_in() -> dict[str, str]:
 
 
 def _read_installed_type(name: str) -> str | None:
-    """Return the text of a type from the packages of a sourced ROS 2; None where it is not there."""
+    """Return the text of a type from the packages of a sourced ROS 2; None where it is not there.
+
+    Args:
+        name: The short name, as ``std_msgs/Float64``; None is returned for any other text.
+    """
     if not re.fullmatch(r'\w+/\w+', name):
         return None
     package, short_name = name.split('/')

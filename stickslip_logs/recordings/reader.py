@@ -77,12 +77,14 @@ def _open_files(
 ) -> Recording:
     """Open files of one format as a recording.
 
+    Files that are packed as a whole are unpacked into a temporary folder, which goes with the recording.
+
     Args:
-        path: What the recording is called by.
-        files: The files, unpacked first where they are packed.
-        packed: 'message' where each message of a database is.
+        path: The file or folder by which the recording is named.
+        files: The files in order, all of SQLite or all of MCAP.
+        packed: 'message' where each message of a database is compressed; else empty.
         findings: Takes the warnings.
-        is_one: Whether it is known that they are parts of one recording.
+        is_one: Whether files of MCAP are known to be parts of one recording; else their times decide.
 
     Raises:
         BagError: One cannot be read, or they are not parts of one recording.
@@ -101,7 +103,12 @@ def _open_files(
 
 
 def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
-    """Return a file, or the unpacked copy of one that is packed as a whole; report a truncated one.
+    """Return a file, or the unpacked copy of one that is packed by zstd as a whole; report a truncated one.
+
+    Args:
+        path: The file.
+        scratch: The folder of the copy.
+        findings: Takes the loss of a truncated file.
 
     Raises:
         BagError: Nothing of it can be unpacked, or it grows to more than its size allows.
@@ -131,13 +138,14 @@ def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
 
 @contextlib.contextmanager
 def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> Iterator[Path]:
-    """Copy a piped recording to a temporary file; give its path while the context lasts.
+    """Copy a piped recording to a temporary file, whose path is valid while the context lasts.
 
-    A recording is read by its end, and as a rule twice; on the disk it takes no memory.
+    A recording is read by its end, and as a rule twice; on the disk it takes no memory. Of a stream that is
+    neither a recording nor a table only the beginning is copied.
 
     Args:
-        stream: Where it comes from; one that ends in the middle is a file that is cut.
-        show: Given what is being done, and the bytes read so far.
+        stream: The pipe; one that ends within a recording makes a truncated file.
+        show: Called after each piece with a text, the bytes read so far, and None for the unknown total.
 
     Raises:
         BagError: Nothing is piped, or the disk does not take it.

@@ -30,7 +30,7 @@ _MAX_LISTED = 50
 
 
 def select_messages(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
-    """Return the columns of some messages."""
+    """Return the columns of some messages; with a slice these are views."""
     return tuple(column[..., rows] for column in columns)
 
 
@@ -167,7 +167,7 @@ class TimeSpans:
         self._edges = np.array(self.spans, np.int64).reshape(-1, 2)
 
     def holds(self, time_ns: IntArray) -> BoolArray:
-        """Return whether each time is in any of the stretches, shape (n,)."""
+        """Return whether each time [ns] is in any of the stretches, shape (n,)."""
         starts, ends = self._edges.T
         number = np.searchsorted(starts, time_ns, 'right') - 1
         inside: BoolArray = (number >= 0) & (time_ns <= np.append(ends, -1)[number])
@@ -255,9 +255,16 @@ class Recording(ABC):
         """
 
     def read(self, requests: Iterable[Request], progress: Progress | None = None) -> dict[Request, Series]:
-        """Read a whole recording at once; return a series for each request.
+        """Read a whole recording at once; return a series for each request, with its faults.
 
         What cannot be read is missing, and ``losses`` names it.
+
+        Args:
+            requests: The numbers to read.
+            progress: Given the bytes, or messages, done and to do.
+
+        Raises:
+            BagError: As for :meth:`reading`; also FieldError.
         """
         return read_series(self.reading(requests, progress))
 
@@ -284,20 +291,28 @@ class Recording(ABC):
         """
 
     def _require_topic(self, name: str) -> TopicInfo:
-        """Return the topic of a name; raise a BagError that lists the others where there is none."""
+        """Return the topic of a name.
+
+        Raises:
+            BagError: There is none; the text lists the others.
+        """
         if name not in self.topics:
             raise BagError(missing_topic(self.topics, name))
         return self.topics[name]
 
     def _require_readable(self, name: str) -> TopicInfo:
-        """Return the topic of a name; raise a BagError where it is not there or cannot be decoded."""
+        """Return the topic of a name.
+
+        Raises:
+            BagError: It is not there or cannot be decoded.
+        """
         topic = self._require_topic(name)
         if topic.problem:
             raise BagError(f"topic '{name}' ({topic.type}) cannot be read: {topic.problem}")
         return topic
 
     def _group_requests(self, requests: Iterable[Request]) -> dict[str, dict[FieldPath, list[Request]]]:
-        """Group requests by topic and field.
+        """Group requests by topic, then by path of the field, both in sorted order.
 
         Raises:
             BagError: A topic is not there, cannot be decoded, or has another type than asked for.
@@ -314,7 +329,10 @@ class Recording(ABC):
 
 
 def read_series(reading: Reading) -> dict[Request, Series]:
-    """Read a pass to its end; return one series for each request."""
+    """Read a pass to its end; return one series for each request, with its faults.
+
+    Where a request has no stamps, ``stamp_ns`` is the same array as ``log_time_ns``.
+    """
     parts = list(reading)
     faults = reading.faults()
 
@@ -349,7 +367,7 @@ def encoding_problem(of: str, encoding: str, supported: str) -> str:
 
 
 def missing_topic(topics: Collection[str], name: str) -> str:
-    """Return the sentence on a missing topic: those that are there, the nearest first."""
+    """Return the error text on a missing topic, with up to ten that are there, similar names first."""
     close = difflib.get_close_matches(name, topics, MOST_NAMED, cutoff=0.5)
     ranked = [*close, *(topic for topic in topics if topic not in close)]
     more = len(ranked) - MOST_NAMED

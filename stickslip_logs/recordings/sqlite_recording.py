@@ -82,7 +82,15 @@ class SqliteRecording(Recording):
         self._message_count = self._counts.total()
 
     def _describe_topic(self, name: str, kind: str, encoding: str) -> TopicInfo:
-        """Describe a topic; keep the definition of its type where only this computer has it."""
+        """Return the description of a topic, with a problem where its messages cannot be decoded.
+
+        Saves the definition of its type where only this computer has it.
+
+        Args:
+            name: The topic.
+            kind: Its type.
+            encoding: How its messages are encoded.
+        """
         text = self._texts.get(kind) or definition_of(kind)
         problem = ''
         if encoding != 'cdr':
@@ -114,7 +122,13 @@ class SqliteRecording(Recording):
             raise BagError(_refuse_database(file, str(error))) from None
 
     def _apply_journal(self, file: Path) -> Path:
-        """Return the file; with a journal beside it, a copy into which the journal was played back."""
+        """Return the file; with a journal beside it, a copy into which the journal was played back.
+
+        The copy is made once, in the temporary folder of the recording, and noted.
+
+        Raises:
+            OSError: It cannot be copied; also sqlite3.Error.
+        """
         ends = [file.with_name(f'{file.name}{end}') for end in ('-wal', '-journal')]
         if not any(end.is_file() and end.stat().st_size for end in ends):
             return file
@@ -132,7 +146,17 @@ class SqliteRecording(Recording):
         return copy
 
     def _scan_database(self, number: int, file: Path) -> None:
-        """Add the topics, definitions, message counts and times of a file to those of the recording."""
+        """Add the topics, definitions, message counts and times of a file to those of the recording.
+
+        Reports as losses topics of several types, of which the first counts, and unreadable messages.
+
+        Args:
+            number: The number of the file in the recording.
+            file: The file.
+
+        Raises:
+            BagError: The file cannot be read.
+        """
         with self._open_read_only(file) as database:
             names: dict[int, str] = {}
             for key, *row in database.execute('SELECT id, name, type, serialization_format FROM topics'):
@@ -154,7 +178,7 @@ class SqliteRecording(Recording):
     def _count_messages(
         self, number: int, file: Path, database: sqlite3.Connection, names: Mapping[int, str]
     ) -> None:
-        """Add the messages of a file to the counts and to the order of time.
+        """Add the messages of a file to the counts and to the order of time; report those of unknown topics.
 
         Args:
             number: The number of the file in the recording.
@@ -191,7 +215,13 @@ class SqliteRecording(Recording):
     ) -> Iterator[Rows]:
         """Yield batches of rows of the messages in the order of writing: row id, then some columns.
 
-        Damaged pages are reported; reading goes on behind them, at ids in growing steps.
+        Damaged pages are reported as a loss; reading goes on behind them, at ids in growing steps.
+
+        Args:
+            file: The file, for the reports.
+            database: A connection to it.
+            columns: The columns, as SQL writes them.
+            where: The condition, as SQL writes it; trusted.
         """
         begin, step, skips = -(1 << 63), _FIRST_SKIP, 0
         while begin < 1 << 63 and skips <= _MAX_SKIPS:
@@ -221,13 +251,25 @@ class SqliteRecording(Recording):
             begin, step, skips = max(begin, 0) + step, 2 * step, skips + 1
 
     def definition(self, topic: str) -> str:
-        """Return the ``ros2msg`` definition of a topic's messages."""
+        """Return the ``ros2msg`` definition of a topic's messages.
+
+        Raises:
+            BagError: The topic is not there or cannot be decoded.
+        """
         return self._texts[self._require_readable(topic).type]
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
-        """Yield messages in the order of time."""
+        """Yield messages in the order of time, then of place in the recording.
+
+        Args:
+            topics: Which topics; all when None.
+            spans: The log times that are wanted; all when None.
+
+        Raises:
+            BagError: A topic is not there, or a file cannot be read; raised at the first message.
+        """
         names = [self._require_topic(name) for name in (self.topics if topics is None else topics)]
         for columns in self.batches([topic.name for topic in names]):
             for time_ns, number, data in zip(*(column.tolist() for column in columns), strict=True):
@@ -235,7 +277,14 @@ class SqliteRecording(Recording):
                     yield Message(names[number].name, names[number].type, time_ns, data)
 
     def batches(self, topics: Sequence[str]) -> Iterator[Columns]:
-        """Yield messages in order of time: log times [ns], topics by their number in ``topics``, and data."""
+        """Yield messages in order of corrected time; note at the end what is odd about the times.
+
+        Yields:
+            Log times [ns], numbers of topics as in ``topics``, and data as bytes, shape (n,) each.
+
+        Raises:
+            BagError: A file cannot be read.
+        """
         # A topic without messages has no number.
         sources = np.array([self._topic_numbers.get(topic, -1) for topic in topics], np.int64)
         course = self._order.course(sources.tolist())
@@ -247,7 +296,15 @@ class SqliteRecording(Recording):
             self._findings.note(text)
 
     def _iterate_written(self, topics: Sequence[str]) -> Iterator[Columns]:
-        """Yield messages as written: log times [ns], topics by number, data, and places in the recording."""
+        """Yield messages as written; report at the end how many have no valid time or data.
+
+        Yields:
+            Log times [ns], numbers of topics as in ``topics``, unpacked data, and places in the recording,
+            shape (n,) each.
+
+        Raises:
+            BagError: A file cannot be read.
+        """
         numbers, unread = {topic: number for number, topic in enumerate(topics)}, 0
         unpack = self._choose_unpacker()
         for file_number, file in enumerate(self.files):
@@ -294,18 +351,26 @@ class SqliteRecording(Recording):
         return unpack
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> SqliteReading:
-        """Read numbers in blocks."""
+        """Return a pass that reads numbers of some topics; errors as for :meth:`Recording.reading`.
+
+        Progress is given in messages.
+        """
         wanted = [TopicNumbers(topic, paths) for topic, paths in self._group_requests(requests).items()]
         return SqliteReading(self, wanted, progress)
 
 
 def _is_time(value: Any) -> bool:
-    """Return whether a value of a database can be a log time [ns]."""
+    """Return whether a value of a database is an integer that can be a log time [ns]; 0 can be one."""
     return isinstance(value, int) and 0 <= value <= MAX_TIME_NS
 
 
 def _join_places(file: int, rowid: IntArray) -> IntArray:
-    """Return the places of messages, which rise through the files of a recording, shape (n,)."""
+    """Return the places of messages, which rise through the files of a recording, shape (n,).
+
+    Args:
+        file: The number of the file.
+        rowid: Their row ids, shape (n,); those that damage made are clipped.
+    """
     return (file << _ROWID_BITS) + rowid.clip(0, (1 << _ROWID_BITS) - 1)
 
 
@@ -340,7 +405,16 @@ class SqliteReading(MessageReading):
                 self._progress(done, max(total, done))
 
     def _read_numbers(self, times: IntArray, topic: IntArray, messages: Sequence[bytes]) -> Columns:
-        """Return log times [ns], topics by number, stamps [ns] and values of encoded messages."""
+        """Decode messages, and count their faults.
+
+        Args:
+            times: Their log times [ns], shape (n,).
+            topic: The number of the topic of each, shape (n,).
+            messages: The n messages.
+
+        Returns:
+            Log times and topics as given, stamps [ns], shape (n,), and values, shape (k, n).
+        """
         size = np.fromiter(map(len, messages), np.int64, len(messages))
         offset, data = np.cumsum(size) - size, b''.join(messages)
         stamps, values = times.copy(), np.full((self._width, times.size), np.nan)
@@ -352,7 +426,7 @@ class SqliteReading(MessageReading):
 
 
 def _refuse_database(file: Path, problem: str) -> str:
-    """Return the sentence on a database that cannot be read.
+    """Return the error text on a database that cannot be read; open it once more to name its tables.
 
     Args:
         file: The database.

@@ -123,7 +123,11 @@ class TableRecording(Recording):
         self.start_ns, self.end_ns = course.start_ns, course.end_ns
 
     def _shift_to_zero(self) -> None:
-        """Shift all clocks so that the first time is 0, where times begin before zero, or before 1970."""
+        """Set the clocks of the table to count from the first time in head and tail, where that is negative.
+
+        Such times begin before a trigger, or before 1970, which is noted. Where any time is a date after
+        1973, the clocks count from 1970. Either way earlier times become none.
+        """
         times = np.concatenate([_drop_untimed(self._ends, clock)[1] for clock in self.table.clocks])
         zero_ns = 0
         if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
@@ -142,7 +146,7 @@ class TableRecording(Recording):
         return len(head) < 2 or not head >= names - {''}
 
     def _long_columns(self) -> tuple[int, int] | None:
-        """Return the columns of names and of values of a table of one value a line; else None."""
+        """Return the places of the names and the values in a table of one value a line; None for others."""
         plain = [parse_heading(name).name for name in self.table.names]
         name = [k for k, text in enumerate(plain) if _NAME.fullmatch(text)]
         value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]
@@ -154,7 +158,11 @@ class TableRecording(Recording):
         return (name[0], value[0]) if name and len(value) == 1 else None
 
     def _guess_columns(self) -> tuple[list[int], list[int]]:
-        """Return the columns without headings that may be names (equally frequent texts), and of numbers."""
+        """Guess, in a table without headings, which columns are names and which are numbers, by the head.
+
+        Returns:
+            The places of columns of texts that are about equally frequent, and of columns with a number.
+        """
         rows, words, numbers = self.table.head, list[int](), list[int]()
         for k in set(range(len(self.table.names))) - set(self.table.time_columns):
             cells = Counter(str(row[k]) for row in rows if k < len(row))
@@ -165,7 +173,10 @@ class TableRecording(Recording):
         return words, numbers
 
     def _list_columns(self) -> Iterator[LogColumn]:
-        """Yield each column but those of times; of a long table each name, with the unit of most lines."""
+        """Yield each column but those of times; of a long table each name, with the unit of most lines.
+
+        A long table is read as a whole where head and tail may lack names.
+        """
         table = self.table
         if self.names is None:
             for k, heading in enumerate(table.names):
@@ -198,7 +209,7 @@ class TableRecording(Recording):
         return next((k for k, text in names if _UNIT.fullmatch(parse_heading(text).name)), None)
 
     def _find_quality_column(self, column: int) -> int | None:
-        """Return the column of quality marks of a column of numbers; None where there is none."""
+        """Return the place of the quality marks of a column of numbers; None where there is none."""
         names = self.table.names
         for k, heading in enumerate(names):
             is_beside = k == column + 1 or self.names is not None
@@ -207,19 +218,31 @@ class TableRecording(Recording):
         return None
 
     def quality(self, status: int) -> Callable[[str], bool] | None:
-        """Return a test for marks by which numbers do not count; None for a column without such marks."""
+        """Return a function that is True for a mark by which a number does not count.
+
+        None where the marks of the column, in head and tail, have no known meaning.
+
+        Args:
+            status: The place of the column of marks.
+        """
         marks = {str(row[status]) for row in self._ends if len(row) > status}
         return find_quality(self.table.names[status], marks)
 
     def _rows_of_every_name(self, name: int) -> Iterator[Cells]:
-        """Yield rows of head and tail, and a row of empty cells for each name that these may lack."""
+        """Yield the rows of head and tail, then, where these may lack names, an empty row with each name.
+
+        For the latter the file is read.
+
+        Args:
+            name: The place of the column of names.
+        """
         yield from (row for row in self._ends if len(row) > name)
         if self._may_lack_names or self.is_unordered:
             blank = [''] * len(self.table.names)
             yield from ([*blank[:name], text, *blank[name + 1 :]] for text in self._read_texts(name))
 
     def _read_texts(self, column: int) -> list[str]:
-        """Read the file for each text of a column; return these once each."""
+        """Read the whole file for the texts of a column; return each once, in the order of the file."""
         blocks = self.table.blocks([column], _ignore_progress, _ignore_progress)
         return list(
             dict.fromkeys(text for rows in blocks for text in dict.fromkeys(texts_of(rows.columns[0])))
@@ -246,7 +269,7 @@ class TableRecording(Recording):
         }
 
     def _first_value(self, column: LogColumn) -> str:
-        """Return the first cell of a column that is not empty, up to 20 letters; empty without one."""
+        """Return the first cell of a column in the head that is not empty, up to 20 letters; else empty."""
         rows = self._rows_of(column, self.table.head)[0]
         return str(rows[0][column.place]).strip()[:_MAX_LETTERS] if rows else ''
 
@@ -261,7 +284,7 @@ class TableRecording(Recording):
         return self.table.is_sent
 
     def deliver(self, columns: Mapping[str, SourceColumn]) -> None:
-        """Deliver columns as topics from now on; report which of them have quality marks.
+        """Deliver columns as topics from now on, in place of earlier ones; note which have quality marks.
 
         Args:
             columns: The source of each topic; its ``status`` is found here.
@@ -278,9 +301,10 @@ class TableRecording(Recording):
                 )
 
     def filler(self, column: LogColumn) -> float | None:
-        """Return a number of nines that comes again far from all others of a column; None where none does.
+        """Return the number that stands for "no value" in a column, in its unit; None where there is none.
 
-        Loggers write -99 and the like where an instrument is silent.
+        Loggers write -99 and the like where an instrument is silent. Such a number is of nines, occurs at
+        least twice in head and tail, and is farther from all others than these are from each other.
         """
         cells = [str(row[column.place]).strip() for row in self._rows_of(column, self._ends)[0]]
         fillers = Counter(cell for cell in cells if _NINES.fullmatch(cell))
@@ -293,18 +317,25 @@ class TableRecording(Recording):
         return None
 
     def interval(self, column: LogColumn) -> float:
-        """Return the median time between numbers of a column in the head [s]; 0 without two times."""
+        """Return the median time between cells of a column in the head [s]; 0 without two different times.
+
+        Cells that share a time count as one.
+        """
         times = self._rows_of(column, self.table.head)[1]
         steps = np.abs(np.diff(np.sort(times) if self.is_unordered else times))
         return float(np.median(steps[steps > 0])) * 1e-9 if steps.any() else 0.0
 
     def shares_times(self, column: LogColumn) -> bool:
-        """Return whether most numbers of a column share their time with another, as the clock is coarse."""
+        """Return whether a column has more than 1.5 cells for each time in the head: the clock is coarse."""
         times = self._rows_of(column, self.table.head)[1]
         return bool(times.size > _SHARED_TIMES * np.unique(times).size)
 
     def _rows_of(self, column: LogColumn, rows: Iterable[Cells]) -> tuple[list[Cells], IntArray]:
-        """Return the rows of a column that have a cell in it and a time, and these times [ns]."""
+        """Return those of some rows that belong to a column, with a cell in it and a time.
+
+        Returns:
+            The rows, and their times [ns], shape (n,).
+        """
         keys = self.keys_of(column)
         last_place = max([column.place, *(place for place, _ in keys)])
         column_rows = [
@@ -317,12 +348,14 @@ class TableRecording(Recording):
         return _drop_untimed(column_rows, self.table.clock_of(column.place))
 
     def keys_of(self, column: LogColumn) -> tuple[tuple[int, str], ...]:
-        """Return by which cells rows belong to a column: places and texts; empty where all rows do."""
+        """Return places and texts of the cells by which rows belong to a column; empty where all rows do."""
         name = () if self.names is None or column.name is None else ((self.names[0], column.name),)
         return (*name, *column.where)
 
     def chosen(self, column: LogColumn, where: Mapping[str, str]) -> LogColumn:
-        """Return the column restricted to rows with given texts in other columns.
+        """Return a copy of the column restricted to rows with given texts in other columns.
+
+        The file is read where head and tail lack a text.
 
         Args:
             column: The column.
@@ -353,7 +386,11 @@ class TableRecording(Recording):
     def key_of(self, column: LogColumn) -> tuple[str, list[str]] | None:
         """Return the heading of the column that tells several things apart, such as shafts, and its texts.
 
-        None where the rows of the column are of one thing, or were sent over a bus.
+        Only head and tail are searched; the texts are each once, in their order. None where the rows of the
+        column are of one thing, or were sent over a bus.
+
+        Args:
+            column: The column of the numbers of these things.
         """
         if self.is_sent:
             return None  # one sender is used, as live
@@ -371,12 +408,20 @@ class TableRecording(Recording):
         )
 
     def definition(self, topic: str) -> str:
-        """Return the definition of what the sensors would have sent."""
+        """Return the definition of a ``Float64``, which the sensors would have sent.
+
+        Raises:
+            BagError: There is no such topic or column.
+        """
         self._find_column(topic)
         return 'float64 data\n'
 
     def _find_column(self, topic: str) -> SourceColumn:
-        """Return the source of a delivered topic, or the column of that heading; else raise a BagError."""
+        """Return the source of a delivered topic, or else that of the column with this heading.
+
+        Raises:
+            BagError: There is neither.
+        """
         if topic in self.by_topic:
             return self.by_topic[topic]
         for column in self.all_columns:
@@ -385,7 +430,13 @@ class TableRecording(Recording):
         raise BagError(missing_topic(self.topics, topic))
 
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> TableReading:
-        """Return a pass over the table; it reads the file once, to judge its order of time."""
+        """Return a pass over the table; read the file at once to buffer numbers and judge their order.
+
+        That adds warnings and losses, and may correct start and end. The fields of requests are ignored.
+
+        Raises:
+            BagError: A topic is not there, or a column tells rows apart that have to be chosen by it.
+        """
         wanted = list(requests)
         columns = {request.topic: self._find_column(request.topic) for request in wanted}
         # Those of one line count from left to right, in whatever order they are asked for.
@@ -397,7 +448,15 @@ class TableRecording(Recording):
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
-        """Yield what the sensors would have sent as messages, in order of time."""
+        """Yield what the sensors would have sent as messages, in order of time, then of column.
+
+        Args:
+            topics: Which topics; all that are delivered when None.
+            spans: The times that are wanted; all when None.
+
+        Raises:
+            BagError: As for :meth:`reading`; raised at the first message.
+        """
         names = list(self.by_topic if topics is None else topics)
         for part in self.reading([Request(name, 'data') for name in names]):
             rows: list[tuple[int, str, int, bytes]] = []
@@ -413,7 +472,7 @@ class TableRecording(Recording):
 
 
 def _drop_untimed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], IntArray]:
-    """Return the rows with a valid time of a clock, and these times [ns]."""
+    """Return the rows that have a valid time by a clock, and these times [ns], shape (n,)."""
     last_place = max(clock.columns)
     long = [row for row in rows if len(row) > last_place]
     if not long:
@@ -441,7 +500,11 @@ class _PartBuffer:
         self._bytes = 0
 
     def add(self, part: Part) -> None:
-        """Append a part; raise a BagError where the temporary folder is full."""
+        """Append a part.
+
+        Raises:
+            BagError: The temporary file cannot be written, as its disk is full.
+        """
         arrays = itertools.chain([part.time_ns], *part.numbers.values())
         self._bytes += sum(array.nbytes for array in arrays)
         if self._bytes <= _MAX_KEPT_BYTES:
@@ -466,7 +529,10 @@ class _PartBuffer:
 
 
 def _filled_columns(part: Part) -> IntArray:
-    """Return a number for each row whose bits say which topics have a number in it, shape (n,)."""
+    """Return, for each row, a number whose bits are the topics with a number in the row, shape (n,).
+
+    Bit k is of topic k in the order of the part, modulo 62: later topics share a bit. 0 is a row without any.
+    """
     filled = np.zeros(part.time_ns.size, np.int64)
     for k, (at, _) in enumerate(part.numbers.values()):
         filled[at] |= 1 << k % _BITS
@@ -571,7 +637,13 @@ class TableReading:
         return course, has_whole_lines
 
     def _search_keys(self, rows: Rows, time_ns: IntArray, at: IntArray) -> None:
-        """Add times of rows with numbers, and their texts in candidate columns, to the search for keys."""
+        """Add times of rows with numbers, and their texts in candidate columns, to the search for keys.
+
+        Args:
+            rows: A block of rows.
+            time_ns: The times of its rows with numbers [ns], shape (m,).
+            at: The indexes of these among the rows with a time, shape (m,).
+        """
         row_indexes = np.flatnonzero(rows.is_timed)[at].tolist()
         texts = {place: texts_of(rows.columns[self._wanted.index(place)]) for place in self._steps.places}
         self._steps.add(
@@ -579,7 +651,10 @@ class TableReading:
         )
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
-        """Yield the series of one stretch of time after the other."""
+        """Yield the series of one stretch of time after the other, at least once; restart the counts.
+
+        At the end, times that were rounded are reported as a loss.
+        """
         self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
         is_empty = True
         for part in _sort_parts(self._correct_parts(), list(self._columns), self._course.wait_ns):
@@ -591,7 +666,10 @@ class TableReading:
         self._report_rounded_times()
 
     def _report_rounded_times(self) -> None:
-        """Report the first column most of whose numbers share the time of the one before: rounded times."""
+        """Report as a loss the first column with rounded times: more than two numbers for each time.
+
+        Times count as rounded if they are 10 s or more apart on average.
+        """
         recording = self._recording
         span_ns = (recording.end_ns or 0) - (recording.start_ns or 0)
         for topic, distinct in self._distinct.items():
@@ -624,7 +702,11 @@ class TableReading:
             yield part._replace(time_ns=self._course.follow(part.time_ns, source, place))
 
     def _read_rows(self, rows: Rows) -> Part:
-        """Read the numbers of all topics from a block of rows; count words that stand in their place."""
+        """Read the numbers of all topics from a block of rows; count words that stand in their place.
+
+        Numbers are as the sensor sends them, NaN for a word. Rows without a time are dropped. Numbers in
+        other units are converted, those of bad quality become NaN, and those of unused senders are dropped.
+        """
         part = Part(rows.time_ns[rows.is_timed], {})
         number = np.cumsum(rows.is_timed) - 1
         coded: dict[int, tuple[dict[str, int], IntArray]] = {}
@@ -707,7 +789,7 @@ class TableReading:
         return chosen
 
     def _convert_units(self, numbers: Numbers, units: Sequence[str], column: LogColumn) -> None:
-        """Convert numbers in other units to that of the column; make those in no such unit NaN; report both.
+        """Convert numbers in other units to that of the column; set those in no such unit to NaN; note both.
 
         Args:
             numbers: Numbers of a name in a long table; changed.
@@ -739,7 +821,13 @@ class TableReading:
 
     @staticmethod
     def _drop_bad_quality(numbers: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
-        """Make numbers with a bad quality mark NaN, and count the marks as words."""
+        """Set numbers with a bad quality mark to NaN, and count the marks as words.
+
+        Args:
+            numbers: The numbers; changed.
+            marks: The mark of each.
+            is_bad: Returns whether a number with a mark does not count.
+        """
         bad = set(filter(is_bad, set(marks)))
         if bad:
             chosen = np.array([mark in bad for mark in marks], np.bool_) & numbers.is_there
@@ -754,7 +842,10 @@ class TableReading:
             counted[word if word in counted or len(counted) < _MAX_KINDS else 'others'] += count
 
     def _make_series(self, part: Part) -> dict[Request, Series]:
-        """Return the series of a sorted part; add to the counts of numbers and of distinct times."""
+        """Return the series of a sorted part by request; add to the counts of numbers and of distinct times.
+
+        Sequence numbers continue from the part before.
+        """
         series: dict[str, Series] = {}
         for k, (topic, (at, value)) in enumerate(part.numbers.items()):
             sequence = (at + self._rows) * len(part.numbers) + k
@@ -773,7 +864,7 @@ def _sort_parts(parts: Iterable[Part], topics: Sequence[str], wait_ns: int | Non
     Args:
         parts: The parts in the order of the file.
         topics: The topics of their numbers.
-        wait_ns: How long a row waits for its turn [ns]; None for all of them.
+        wait_ns: By how much a later row of the file may be earlier [ns]; with None all rows are sorted.
     """
     waiting: list[Part] = []
     for part in parts:
@@ -813,7 +904,7 @@ def _merge_parts(parts: Sequence[Part], topics: Sequence[str]) -> Part:
 
 
 def _rows_between(part: Part, begin: int, end: int) -> Part:
-    """Return the rows ``begin`` to ``end`` (excluded) of a part."""
+    """Return the rows ``begin`` to ``end`` (excluded) of a part, which count from 0 in the result."""
     numbers = {}
     for topic, (at, value) in part.numbers.items():
         rows = slice(*at.searchsorted([begin, end]).tolist())

@@ -179,7 +179,8 @@ class BagWriter:
                 several columns, one after the other.
 
         Raises:
-            BagError: As for :meth:`write`.
+            BagError: As for :meth:`write`, or a topic has another number of times than messages. Then nothing
+                is written, unless the disk is the cause.
         """
         encoded = []
         for name, time, messages in columns:
@@ -199,8 +200,11 @@ class BagWriter:
     def break_off(self) -> None:
         """End the recording like one that lost power while it was written; nothing more can be written.
 
-        The record that was being written, as a rule the last chunk, ends half-way; what comes at a
-        recording's end is missing.
+        The record that was being written, as a rule the last chunk, ends half-way; the summary and the
+        ``metadata.yaml`` are missing.
+
+        Raises:
+            BagError: The disk does not take it.
         """
         with self._name_bag_in_errors():
             begin = self._file.tell()
@@ -215,7 +219,7 @@ class BagWriter:
             raise BagError(f"bag '{self.path}' exists already and is not overwritten")
 
     def _begin_draft(self) -> tuple[Path, IO[bytes]]:
-        """Create and lock a hidden draft beside the target, and remove those that others left.
+        """Create and lock a hidden draft beside the target; remove drafts of this name that others left.
 
         Returns:
             The draft (a file or a folder), and the open file in it.
@@ -238,7 +242,12 @@ class BagWriter:
         return {topic: self._writer.counts.get(channel, 0) for topic, (_, channel) in self._topics.items()}
 
     def _publish_draft(self) -> None:
-        """Finish the file, write the metadata of a folder, and move the draft to the path of the bag."""
+        """Finish and close the file, write the metadata of a folder, and move the draft to its place.
+
+        Raises:
+            BagError: The path exists by now.
+            OSError: The disk does not take it.
+        """
         if not self._is_broken:
             self._writer.finish()
             if not self._is_file:
@@ -258,7 +267,7 @@ class BagWriter:
 
     @contextlib.contextmanager
     def _name_bag_in_errors(self) -> Iterator[None]:
-        """Turn an OSError into a BagError that names the bag."""
+        """Raise an OSError of the context as a BagError that names the bag."""
         try:
             yield
         except OSError as error:
@@ -308,7 +317,7 @@ class BagWriter:
 def _begin_file(
     file: IO[bytes], label: str | None, chunk_size: int = 0, compression: str = 'none'
 ) -> ChunkWriter:
-    """Write the head of a file, and its label if it has one; return what writes the rest."""
+    """Write the head of a file, and its label unless None; return the writer of the rest."""
     writer = ChunkWriter(file, chunk_size, compression)
     writer.start(Profile.ROS2, _LIBRARY)
     if label is not None:
@@ -317,7 +326,10 @@ def _begin_file(
 
 
 def is_labelled(path: Path, label: str) -> bool:
-    """Return whether a file is a recording that this package wrote with a label."""
+    """Return whether a file is a recording that this package wrote with a label.
+
+    False for a link, and for a file that cannot be read.
+    """
     begin = io.BytesIO()
     _begin_file(begin, label)
     try:
@@ -351,7 +363,10 @@ def encode_float64s(values: ArrayLike) -> list[bytes]:
 
 
 def float64_rows(values: ArrayLike) -> NDArray[np.void]:
-    """Encode ``std_msgs/Float64`` messages of n numbers as an array, shape (n,), which is written faster."""
+    """Encode ``std_msgs/Float64`` messages of n numbers in CDR, as an array of shape (n,).
+
+    An array is written faster than the list of :func:`encode_float64s`.
+    """
     numbers = np.asarray(values, '<f8')
     rows = np.empty(numbers.shape, np.dtype([('head', 'V4'), ('data', '<f8')]))
     rows['head'], rows['data'] = np.void(_CDR), numbers
@@ -359,7 +374,7 @@ def float64_rows(values: ArrayLike) -> NDArray[np.void]:
 
 
 def encode_stamped(type_name: str, field: str, stamp_ns: ArrayLike, values: ArrayLike) -> list[bytes]:
-    """Encode messages that are a header, with an empty frame, and some numbers.
+    """Encode n messages that are a header, with an empty frame, and some numbers, in CDR.
 
     Args:
         type_name: The type, one of ``STAMPED_FIELDS``.
@@ -420,7 +435,7 @@ def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes
     body = bytearray(struct.pack('<iI', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000))
 
     def put(item: bytes) -> None:
-        """Add a number of four bytes, or a text, which begins with one."""
+        """Append a number of four bytes, or a text, which begins with one, padded to a multiple of four."""
         body.extend(_PADS[len(body) % 4])
         body.extend(item)
 
