@@ -67,7 +67,7 @@ class Access:
         return hmac.compare_digest(token.encode('utf-8', 'replace'), self.token.encode())
 
     def session(self, number: str = '') -> str:
-        """Return the content of a cookie, of a new session if no number is given."""
+        """Return the content of the cookie of a session; of a new one, with a random number, for ``''``."""
         number = number or secrets.token_urlsafe(16)
         text = f'stickslip dashboard {number}'.encode('utf-8', 'replace')
         return f'{number}.{hmac.new(self.token.encode(), text, hashlib.sha256).hexdigest()}'
@@ -77,14 +77,17 @@ class Access:
         self.ended.append(request.cookies.get(cookie_name(request), ''))
 
     def signed_in(self, request: web.Request) -> bool:
-        """Return whether a request belongs to a session."""
+        """Return whether a request has the cookie of a session that was not ended.
+
+        Where there is no token, the page needs no session: see :meth:`admits`.
+        """
         cookie = request.cookies.get(cookie_name(request), '')
         session = self.session(cookie.partition('.')[0] or '-')
         same = hmac.compare_digest(cookie.encode('utf-8', 'replace'), session.encode('utf-8', 'replace'))
         return same and cookie not in self.ended
 
     def admits(self, request: web.Request) -> bool:
-        """Return whether a request may see what is shown."""
+        """Return whether a request has the token or a session; always true where there is no token."""
         if not self.token:
             return True
         kind, _, token = request.headers.get('Authorization', '').partition(' ')
@@ -106,7 +109,11 @@ class Access:
         return refused if refused is not None else await handler(request)
 
     def _refuse_request(self, request: web.Request) -> web.Response | None:
-        """Return the answer to a request that breaks a rule; ``None`` where it may pass."""
+        """Return the answer to a request that breaks a rule; ``None`` where it may pass.
+
+        421 for a foreign Host, 403 for a change asked for by another page, 401 without the token (for the
+        page itself a redirect to the login).
+        """
         if not self.is_ours(request.host):
             text = 'This machine is not known by that name: start the page with --name NAME.\n'
             return web.Response(status=421, text=text)
@@ -185,7 +192,10 @@ class Connections:
             self._since[request.protocol] = time.monotonic()
 
     def sweep(self, connections: Iterable[Any]) -> None:
-        """Abort the connections of a server that are idle for too long, and the idlest of too many."""
+        """Abort the connections of a server that are idle for too long, and the idlest of too many.
+
+        One on which a request is being answered is never idle; a new one is idle from this call on.
+        """
         now = time.monotonic()
         open_since = {
             connection: self._since.get(connection, now) for connection in connections if connection.transport

@@ -36,7 +36,7 @@ _OFF_SHOW = (*_NOT_ACTIVE, AlarmState.SHELVED, AlarmState.OUT_OF_SERVICE)
 
 
 def _require_type(kind: type) -> Callable[[Any], Any]:
-    """Make a reader of a value without which there is nothing to show."""
+    """Make a reader of a required value, which raises ``ValueError`` if it is not of this type."""
 
     def read(value: Any) -> Any:
         if not isinstance(value, kind):
@@ -47,33 +47,39 @@ def _require_type(kind: type) -> Callable[[Any], Any]:
 
 
 def _allow_type(kind: type, default: Any = None) -> Callable[[Any], Any]:
-    """Make a reader of a value that may be missing, or be anything."""
+    """Make a reader of an optional value, which returns ``default`` if it is not of this type."""
     return lambda value: value if isinstance(value, kind) else default
 
 
 def _read_finite(value: Any) -> float | None:
+    """Return a finite number, ``None`` for anything else."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     return value if number and abs(value) <= sys.float_info.max else None
 
 
 def _read_count(value: Any) -> int:
+    """Return a count that JavaScript can hold, 0 for anything else."""
     return value if isinstance(value, int) and 0 <= value <= _MOST_COUNTED else 0
 
 
 def _read_milliseconds(time_ns: Any) -> int | None:
+    """Convert a time [ns] to ms; ``None`` for no integer, or a time that JavaScript does not have."""
     time = time_ns // 1_000_000 if isinstance(time_ns, int) else None
     return None if time is None or abs(time) > _LATEST else time
 
 
 def _read_time(time_ns: Any) -> int:
+    """Convert a required time [ns] to ms; raise ``ValueError`` where there is none."""
     return int(_require_type(int)(_read_milliseconds(time_ns)))
 
 
 def _read_texts(value: Any) -> list[str]:
+    """Return the items of a list as texts; empty where it is not a list."""
     return [str(item) for item in _allow_type(list, ())(value)]
 
 
 def _read_inputs(value: Any) -> dict[str, Any]:
+    """Return the checked records of the known inputs, by name; raise ``ValueError`` for an invalid one."""
     inputs = _require_type(dict)(value)
     return {name: _apply_rule(inputs[name], _INPUT) for name in INPUTS if name in inputs}
 
@@ -87,7 +93,7 @@ def _apply_rule(value: Any, rule: Any) -> Any:
             left out, or a list of the one rule of all its items.
 
     Raises:
-        ValueError: Something without which there is nothing to show is missing.
+        ValueError: A required value is missing, or of another type.
     """
     if isinstance(rule, dict):
         fields = _require_type(dict)(value)
@@ -141,7 +147,7 @@ _ALARMS = {
 
 
 def checked_record(document: Any) -> dict[str, Any] | None:
-    """Return the record of a bearing for the page, times in milliseconds; ``None`` where it is none."""
+    """Return the known fields of a bearing's record for the page, times in ms; ``None`` if it is invalid."""
     try:
         return dict(_apply_rule(document, _RECORD))
     except ValueError:
@@ -149,11 +155,13 @@ def checked_record(document: Any) -> dict[str, Any] | None:
 
 
 def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] | None:
-    """Return a list of alarms for the page, times in milliseconds; ``None`` where it is none.
+    """Return the known fields of a list of alarms for the page, times in ms; ``None`` if it is invalid.
+
+    Each alarm and row also gets ``actions``, the values of the actions to offer for it.
 
     Args:
-        document: What should be the monitor's list.
-        bearings: Names of the bearings that are shown; those of others are left out.
+        document: The list as received, which may be anything.
+        bearings: Names of the bearings that are shown; alarms and rows of others are left out.
     """
     if not isinstance(document, dict) or document.get('schema') != ALARM_SCHEMA:
         return None
@@ -174,7 +182,7 @@ def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] |
 
 
 def _is_possible(alarm: dict[str, Any], action: Action) -> bool:
-    """Return whether an action on an alarm does something that is worth an offer."""
+    """Return whether an action would change an alarm, and should be offered."""
     if action is Action.SILENCE:
         return bool(alarm['sounding'])
     # To shelve what is not active is possible, but nothing to offer.
@@ -213,7 +221,7 @@ class EventLog:
             self._restore_entries(store)
 
     def _restore_entries(self, store: StateWriter) -> None:
-        """Take the entries of the file; set one aside that is damaged."""
+        """Take the entries of the file; set a damaged file aside, with an entry and :attr:`damage` on it."""
         try:
             self._add_entries(_kept_entries(store.read()))
         except AlarmStateError as error:
@@ -232,7 +240,7 @@ class EventLog:
             self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
 
     def _add_entries(self, entries: Iterable[Any]) -> bool:
-        """Add entries; return whether any was new."""
+        """Add entries, and drop the oldest beyond :data:`KEPT`; return whether any was new."""
         before = len(self._entries)
         for entry in entries:
             if isinstance(entry, dict):
@@ -266,10 +274,10 @@ class EventLog:
 
 
 def _kept_entries(document: Any) -> list[Any]:
-    """Return the entries of a kept log, none where there is no file yet.
+    """Return the entries of a saved log, empty where there is no file yet (``None``).
 
     Raises:
-        AlarmStateError: It is no log of this version.
+        AlarmStateError: It is not a log of this version.
     """
     if document is None:
         return []
@@ -290,6 +298,7 @@ def _in_order(entries: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _format_iso(time_ms: int | None) -> str:
+    """Format a time [ms since 1970] by ISO 8601 in UTC; empty for ``None`` or a time out of range."""
     if time_ms is None:
         return ''
     try:

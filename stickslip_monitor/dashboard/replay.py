@@ -63,9 +63,9 @@ class Replay:
         self._length_ns = max(sample.log_time_ns for sample in self._samples) - self._start_ns
         self._changed = asyncio.Event()
         self._paused = False
-        self._begin_anew()
+        self._restart_session()
 
-    def _begin_anew(self) -> None:
+    def _restart_session(self) -> None:
         """Rewind to before the first sample, with a new session."""
         self._session = Session(self._config, self._shown, NoLog(), lambda: self._log_ns, None, Graph())
         self._shown.act = self._session.act
@@ -75,7 +75,7 @@ class Replay:
         self._session.begin()
 
     def _go_from(self, log_ns: int) -> None:
-        """Count the time of the recording from here."""
+        """Set the log time [ns] from which the playing time counts, from now on."""
         self._from_ns, self._since = log_ns, time.monotonic()
 
     def _wanted_ns(self) -> int:
@@ -90,12 +90,16 @@ class Replay:
         self._changed.set()
 
     def seek(self, seconds: float) -> None:
-        """Go to a time since the beginning [s]; a step back clears all results and starts a new session."""
+        """Go to a time since the beginning [s], limited to the recording; a pause stays one.
+
+        A step back, and any step after the end, clears all results and plays from the beginning up to there
+        with a new session.
+        """
         place = self._start_ns + round(min(max(seconds, 0.0), self._length_ns * 1e-9) * 1e9)
         if place < self._log_ns or self._board.finished:
             self._log_ns = self._start_ns
             self._board.begin_again(self._replay_place())
-            self._begin_anew()
+            self._restart_session()
         self._go_from(place)
         self._changed.set()
 
@@ -107,7 +111,7 @@ class Replay:
             await self._changed.wait()
 
     async def play(self) -> None:
-        """Play the recording from its present place to its end."""
+        """Play the recording from its present place, showing its state; at the end finish the board."""
         shown = -math.inf
         while self._next < len(self._samples):
             behind = self._play_until(self._wanted_ns())
@@ -115,12 +119,12 @@ class Replay:
                 shown = time.monotonic()
                 self._show_state()
             # However fast it is to go, the readers of the page get their turn.
-            await asyncio.sleep(0.0 if behind else self._time_to_pause())
+            await asyncio.sleep(0.0 if behind else self._sleep_time())
         self._show_state()
         self._board.finish()
 
-    def _time_to_pause(self) -> float:
-        """Return the time until the next sample or step is due [s]."""
+    def _sleep_time(self) -> float:
+        """Return how long to sleep until the next sample is due [s]: up to ``_SHOWN_EVERY``, 0 at the end."""
         if self._next == len(self._samples):
             return 0.0
         if self._paused:
@@ -129,7 +133,7 @@ class Replay:
         return min(max(left, 0.0), _SHOWN_EVERY)
 
     def _play_until(self, wanted_ns: int) -> bool:
-        """Take what was recorded until then; return whether there is more than a turn's worth of it."""
+        """Take the samples up to a log time [ns] for up to ``_TURN``; return whether some are left."""
         end = time.monotonic() + _TURN
         while self._next < len(self._samples):
             sample = self._samples[self._next]
@@ -154,15 +158,16 @@ class Replay:
         self._session.tick(now, self._log_ns - self._start_ns)
 
     def _moment_now(self) -> Moment:
-        """Now is where the recording is."""
+        """Return the present place of the recording as the time now."""
         return Moment(self._log_ns, self._log_ns)
 
     def _show_state(self) -> None:
+        """Show all bearings and the place in the recording on the board."""
         self._session.show(self._moment_now())
         self._board.play(self._replay_place())
 
     def _replay_place(self) -> dict[str, Any]:
-        """Return the place in the recording, for the page."""
+        """Return the place in the recording for the page: ``at`` and ``length`` [s], and ``paused``."""
         return {
             'at': round((self._log_ns - self._start_ns) * 1e-9, 1),
             'length': round(self._length_ns * 1e-9, 1),
@@ -171,7 +176,7 @@ class Replay:
 
 
 def _read_samples(recording: Recording, config: MonitorConfig) -> list[_Sample]:
-    """Yield the numbers of a recording in its order."""
+    """Return the numbers of a recording in its order, one for each bearing and input that reads it."""
     sources = [
         (request, bearing.name, place)
         for bearing in config.bearings

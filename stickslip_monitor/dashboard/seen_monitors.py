@@ -177,7 +177,7 @@ class WatchedMonitor(Sink):
         self.forget()
 
     def forget(self) -> None:
-        """Know nothing yet."""
+        """Forget all that was received, as before the first record."""
         self.bearings = {view.name: Watched(self.key(view.name), view) for view in self._views}
         self.alarms: dict[str, Any] | None = None
         self._health: tuple[int, str] = (0, '')
@@ -206,7 +206,7 @@ class WatchedMonitor(Sink):
         return silent is not None and silent < SILENT
 
     def missing(self) -> list[str]:
-        """Keys of the bearings of which nothing comes."""
+        """Return the keys of the bearings that have had no record for :data:`SILENT`, or never."""
         now = self._clock()
         return [
             bearing.key
@@ -215,7 +215,7 @@ class WatchedMonitor(Sink):
         ]
 
     def faults(self) -> list[str]:
-        """Return the reasons why what is shown must not be taken for all there is; a sentence each."""
+        """Return the reasons why what is shown may be incomplete or old, a sentence each; empty for none."""
         name = self.source
         if self.silent_for is None:
             other_names = ', '.join(self._others)
@@ -242,7 +242,10 @@ class WatchedMonitor(Sink):
             yield f'The list of alarms of {name} is {about(late)} old: newer alarms are missing.'
 
     def notice(self) -> str:
-        """Return the node's own faults, and the bearings whose map is of another file, as one text."""
+        """Return the node's own faults, and the bearings whose map is of another file, as one text.
+
+        Empty without any, and while the monitor is silent or not active.
+        """
         if not self.receiving or self._is_idle():
             return ''
         level, text = self._health
@@ -278,7 +281,10 @@ class WatchedMonitor(Sink):
         self._health = (level, text)
 
     def take_alarms(self, document: Any) -> None:
-        """Store the list of alarms and send it to the page; ignore an invalid one."""
+        """Store the list of alarms and send it to the page; ignore an invalid one.
+
+        Its changes and notes are logged, and the requests that they answer (:meth:`ask`) are completed.
+        """
         record = checked_alarms(document, self.bearings)
         if record is None:
             return
@@ -311,7 +317,7 @@ class WatchedMonitor(Sink):
             names[name] = self._clock()
 
     def concerned(self, request: ActionRequest) -> bool:
-        """Return whether the known alarms have anything that a request could change."""
+        """Return whether a request could change an alarm here; also while the alarms are unknown."""
         if request.bearing not in (None, *(bearing.key for bearing in self.bearings.values())):
             return False
         return self.alarms is None or any(
@@ -320,7 +326,15 @@ class WatchedMonitor(Sink):
         )
 
     async def ask(self, request: ActionRequest, patience: float) -> int:
-        """Hand a request on and wait so long [s] for what comes of it; see DashboardState.ask."""
+        """Hand a request on, and wait up to ``patience`` [s] for the changes of alarms that answer it.
+
+        Returns:
+            The number of alarms that were changed.
+
+        Raises:
+            DashboardError: No list of alarms came yet, or no answer in time.
+            StickslipError: The request cannot be handed on.
+        """
         if self.alarms is None:
             raise DashboardError(_NO_ALARMS)
         entry = (request, asyncio.get_running_loop().create_future())
@@ -404,19 +418,23 @@ class DashboardState:
         }
 
     def _take_news(self, kind: str, document: dict[str, Any], key: str) -> None:
+        """Send an event of a monitor to the page, alarms as those of all; then the state of the monitors."""
         if kind == 'alarms':
             document = {'alarms': self.alarms, 'log': self.log.latest()}
         self.send(kind, document, key)
         self._send_monitor()
 
     def play(self, place: dict[str, Any]) -> None:
-        """Store the place of a replay, and send it to the page."""
+        """Store the place of a replay, and send it to the page if it has changed."""
         if place != self.playing:
             self.playing = place
             self.send('replay', place, '')
 
     def begin_again(self, place: dict[str, Any]) -> None:
-        """Clear all results before a recording restarts, and send the page its new place."""
+        """Clear all results and the log before a recording restarts, and send the page its whole new state.
+
+        ``place`` is the place of the replay, as for :meth:`play`.
+        """
         self.finished, self.playing = False, place
         self.log.clear()
         for monitor in self.monitors:
@@ -440,6 +458,7 @@ class DashboardState:
         self._send_monitor()
 
     def _send_monitor(self) -> None:
+        """Send the page the state of the monitors, if more than silence and the texts of faults changed."""
         monitor = self.monitor()
         state = monitor | {'silent': None, 'faults': len(monitor['faults'])}
         if state != self._sent:
@@ -447,7 +466,7 @@ class DashboardState:
             self.send('monitor', monitor, '')
 
     def monitor(self) -> dict[str, Any]:
-        """Return whether the monitors are there, and why what is shown must not be taken for all there is."""
+        """Return the presence of the monitors, and the faults and notices on what is shown, for the page."""
         silences = [monitor.silent_for for monitor in self.monitors]
         known_silences = [round(silent, 1) for silent in silences if silent is not None]
         watched = () if self.finished else self.monitors
@@ -485,13 +504,13 @@ class DashboardState:
         return None if watched is None else {'columns': COLUMNS, 'rows': list(watched.history)}
 
     async def ask(self, request: ActionRequest, patience: float) -> int:
-        """Hand a request on to every monitor that it concerns, and wait so long [s] for what comes of it.
+        """Hand a request on to every monitor that it concerns, and wait up to ``patience`` [s] for answers.
 
         Returns:
             The number of alarms that were changed.
 
         Raises:
-            DashboardError: There is nothing to do, or nothing came of it in time.
+            DashboardError: There is nothing to do, or no answer came in time.
             StickslipError: It cannot be handed on.
         """
         concerned = [monitor for monitor in self.monitors if monitor.concerned(request)]

@@ -94,10 +94,10 @@ class Hub:
         self.readers: set[Reader] = set()
 
     def join(self, signed_in: bool = True) -> Reader:
-        """Add a reader, who has signed in at the page or not.
+        """Add a reader; some places are reserved for those who have signed in at the page.
 
         Raises:
-            DashboardError: There are too many.
+            DashboardError: There is no place left for this reader.
         """
         max_readers = MOST_READERS if signed_in else MOST_READERS - KEPT_READERS
         if len(self.readers) >= max_readers:
@@ -226,7 +226,7 @@ class Server:
             await self.close()
 
     async def _log_in(self, request: web.Request) -> web.Response:
-        """Answer a token that is right with the cookie of a new session."""
+        """Answer the right token with the cookie of a new session, a wrong one with the form again."""
         try:
             form = await asyncio.wait_for(request.post(), SLOWEST_REQUEST)
         except asyncio.TimeoutError:
@@ -239,13 +239,17 @@ class Server:
         return response
 
     async def _log_out(self, request: web.Request) -> web.Response:
+        """End the session of a request, and delete its cookie."""
         self._access.end(request)
         response = web.Response(status=204)
         response.del_cookie(cookie_name(request))
         return response
 
     async def _stream_events(self, request: web.Request) -> web.StreamResponse:
-        """Stream the state of the page, and then every change of it."""
+        """Stream the state of the page, and then its changes, until the reader leaves, stalls or is closed.
+
+        A heartbeat fills pauses. The answer is 503 where there are too many readers.
+        """
         try:
             reader = self.hub.join(not self._access.token or self._access.signed_in(request))
         except DashboardError as error:
@@ -272,7 +276,11 @@ class Server:
         return response
 
     async def _carry_out(self, request: web.Request) -> web.Response:
-        """Carry out an action; answer with the number of alarms that it changed."""
+        """Carry out an action; answer 200 with the number of alarms that it changed.
+
+        The answer is 409 where there was nothing to do or no answer came, 503 where the monitor cannot be
+        reached; see :func:`_read_request` for an invalid request.
+        """
         action_request = await _read_request(request, self._parse_action)
         try:
             count = await self._board.ask(action_request, PATIENCE)
@@ -283,12 +291,18 @@ class Server:
         return _make_answer(200, f'{action_request.action}: {count} alarm{"s" if count != 1 else ""}')
 
     def _parse_action(self, document: Any) -> ActionRequest:
+        """Parse a request to act.
+
+        Raises:
+            ConfigurationError: It is invalid, or its action is not offered on a dashboard.
+        """
         action_request = parse_request(document, self._board.bearings)
         if action_request.action not in OFFERED:
             raise ConfigurationError(f'{action_request.action} is not for a dashboard')
         return action_request
 
     async def _steer_replay(self, request: web.Request) -> web.Response:
+        """Pause, resume or move the replay as a request asks."""
         assert self._player is not None
         paused, place = await _read_request(request, _parse_course)
         if paused is not None:
@@ -298,6 +312,7 @@ class Server:
         return _make_answer(200, '')
 
     async def _send_history(self, request: web.Request) -> web.Response:
+        """Answer with the history of the bearing in the query; 404 for an unknown one."""
         history = self._board.history(request.query.get('bearing', ''))
         if history is None:
             return web.Response(status=404, text='There is no such bearing.\n')
@@ -314,6 +329,8 @@ class Server:
 
 
 def _serve_file(name: str) -> Handler:
+    """Make a handler that answers with a file of the page."""
+
     async def serve(_: web.Request) -> web.StreamResponse:
         return web.FileResponse(_PAGE / name)
 
@@ -321,10 +338,11 @@ def _serve_file(name: str) -> Handler:
 
 
 async def _read_request(request: web.Request, read: Callable[[Any], T]) -> T:
-    """Read the document of a request.
+    """Read the JSON document of a request, and parse it by ``read``.
 
     Raises:
-        web.HTTPException: It is none, or does not come whole in time: the answer to it.
+        web.HTTPException: The answer to a request that is not JSON (415 by its type, else 400), that ``read``
+            refuses with a ``ValueError`` (400), or that does not come whole in time (408).
     """
     if request.content_type != 'application/json':
         raise web.HTTPUnsupportedMediaType(text='a request must be application/json\n')
@@ -338,10 +356,13 @@ async def _read_request(request: web.Request, read: Callable[[Any], T]) -> T:
 
 
 def _parse_course(document: Any) -> tuple[bool | None, float | None]:
-    """Return whether a replay is to stand still, and where it is to go [s]; ``None`` for as it is.
+    """Parse a request to steer a replay.
+
+    Returns:
+        Whether to pause it, and the time since the beginning to go to [s]; ``None`` to leave it as it is.
 
     Raises:
-        ConfigurationError: The request is not one for a replay.
+        ConfigurationError: The request is invalid.
     """
     if not isinstance(document, dict):
         raise ConfigurationError('a request must be a JSON object')

@@ -226,7 +226,11 @@ def _build_nmea(settings: Mapping[str, Any], used: bool) -> NmeaLink | None:
 
 
 def check_port(name: str, value: str) -> SplitResult:
-    """Split the address of a port into its parts.
+    """Split the address of a port (``udp``, ``tcp`` or ``serial``) into its parts.
+
+    Args:
+        name: Name of the parameter, for the error.
+        value: The address.
 
     Raises:
         ConfigurationError: It is not the address of a port.

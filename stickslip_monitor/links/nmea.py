@@ -120,7 +120,7 @@ class SentenceStream:
 
 
 def read_numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
-    """Return the numbers for an input in the fields of a sentence; none where it is of another source.
+    """Return the numbers for an input in the fields of a sentence; empty where it is of another source.
 
     A number that is marked as invalid, or cannot be read, is NaN.
     """
@@ -343,7 +343,10 @@ def _order_text(text: str) -> str:
 
 
 def short_names(bearings: Sequence[str]) -> list[str]:
-    """Shorten the names of bearings to ``_NAME`` characters: whole words, numbered where two are alike."""
+    """Shorten the names of bearings to ``_NAME`` upper-case characters, in whole words where these fit.
+
+    Names that would be alike end in their position in the list, from 1.
+    """
     short = [_truncate_words(clean(name), _NAME) for name in bearings]
     return [
         name if short.count(name) == 1 else f'{name[: _NAME - len(str(number)) - 1]} {number}'

@@ -137,7 +137,11 @@ class Port:
             self._on_link(True, '')
 
     def _open_serial_line(self) -> int:
-        """Open the serial line, 8N1; return its descriptor."""
+        """Open the serial line, 8N1, at 4800 baud unless the address gives a rate; return its descriptor.
+
+        Raises:
+            OSError: It cannot be opened, or is not a serial line.
+        """
         descriptor = os.open(self.url.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             tty.setraw(descriptor)
@@ -154,7 +158,11 @@ class Port:
         return descriptor
 
     async def _open_socket(self) -> int:
-        """Open a socket at the first address of the host that takes one; return its descriptor."""
+        """Open a socket at the first address of the host that takes one; return its descriptor.
+
+        Raises:
+            OSError: None does.
+        """
         kind = socket.SOCK_STREAM if self.url.scheme == 'tcp' else socket.SOCK_DGRAM
         host, number = self.url.hostname, self.url.port
         *first_infos, last_info = await self._loop.getaddrinfo(host, number, type=kind)

@@ -196,7 +196,10 @@ class SignalKValues:
         return f'{self._prefix}.{camel(bearing)}.{name}'
 
     def make_update(self, bearing: str, record: Mapping[str, Any] | None) -> Update:
-        """Return the update with a bearing's values; null without a record and while inputs are lost."""
+        """Return the update with a bearing's values; null without a record and while inputs are lost.
+
+        Where no cycle exists, a missing number that :data:`.WITHOUT_CYCLE` has is sent with that value.
+        """
         valid = record if record is not None and record['reason'] != 'input_stale' else {}
         none = WITHOUT_CYCLE if valid.get(REGIME) else {}
         numbers = {name: valid.get(VALUES[name][0]) for name in self._value_names(bearing)}
@@ -285,7 +288,7 @@ class Notifications:
         ]
 
     def set_monitor_fault(self, text: str) -> list[Update]:
-        """Return the update on the monitor itself, none if its fault is unchanged; no text: no fault."""
+        """Store the fault of the monitor itself, ``''`` for none; return its update, empty if unchanged."""
         state = {'state': 'warn', 'method': ['visual']} if text else {}
         value = {**NORMAL, **state, 'message': text, 'data': {'occurrence': self._monitor.token}}
         if value == self._monitor.value:

@@ -156,6 +156,8 @@ class SignalKClient(Sink):
 
         Raises:
             LinkError: The server refuses, and waiting does not mend it.
+            aiohttp.ClientError: The server cannot be reached, or refuses for now; so also OSError.
+            asyncio.TimeoutError: It does not answer.
         """
         url = f'{self._link.url}/signalk/v1/stream?subscribe=none&sendMeta=all'
         try:
@@ -182,7 +184,7 @@ class SignalKClient(Sink):
             raise _Unusable(self._refusal_text(error.status)) from error
 
     def _refusal_text(self, status: int) -> str:
-        """Return the error for the HTTP status with which the server refuses the stream."""
+        """Return the sentence on the HTTP status with which the server refuses the stream."""
         if status in (401, 403) and not self._headers:
             return f"signalk.url = '{self._link.url}' {_NEEDS_TOKEN} ({status})"
         if status in (401, 403):
@@ -233,7 +235,7 @@ class SignalKClient(Sink):
         self._wake.set()
 
     async def _send_outbox(self, socket: aiohttp.ClientWebSocketResponse) -> None:
-        """Send updates as they come into the outbox, until the connection fails or this is cancelled."""
+        """Send updates as they come into the outbox, until cancelled; return when the connection fails."""
         # The reader of the connection reports its loss.
         with suppress(aiohttp.ClientError, OSError):
             while True:
@@ -316,7 +318,10 @@ class SignalKClient(Sink):
         self._side.log.warning(f'Signal K {path}: no value for {UNHEARD:g} s: {why}')
 
     async def finish(self) -> None:
-        """Send null values and that the monitor was stopped; the alarms stay at the server."""
+        """Send null values and that the monitor was stopped; the alarms stay at the server.
+
+        Without a connection or a prefix nothing is sent; a connection that fails meanwhile is ignored.
+        """
         socket = self._socket
         if socket is None or not self._link.prefix:
             return
@@ -328,7 +333,13 @@ class SignalKClient(Sink):
 
 
 def _explain_silence(status: int, value: str, has_token: bool) -> str:
-    """Explain the silence of a path by a server's answer about it."""
+    """Return the reason why a path is silent, by a server's answer to a request for its value.
+
+    Args:
+        status: HTTP status; 0 where there was no answer.
+        value: Body of the answer, or the reason why there was none.
+        has_token: Whether the request carried a token.
+    """
     if status in (401, 403):
         return 'the token may not read' if has_token else f'the server {_NEEDS_TOKEN}'
     if status == 404:

@@ -79,6 +79,7 @@ def declare(node: Node) -> None:
 
 
 def _as_written(name: str, value: Any) -> Any:
+    """Return the value of a parameter as its file has it; ``None`` for null, a list for an array."""
     # rcl takes a null, as 'ros2 param dump' writes it, for a word.
     if value is None or value in ('null', 'None', 'Null', 'NULL', '~'):
         return None
@@ -179,6 +180,16 @@ def check_overrides(node: Node, config: MonitorConfig) -> list[str]:
 
 
 def _check_policy(shown: str, policy: str, value: object) -> None:
+    """Check an override of a policy: one of its words, for the depth a whole number from 0.
+
+    Args:
+        shown: Name of the parameter, for the error.
+        policy: The policy in lower case, e.g. ``reliability``.
+        value: The value given.
+
+    Raises:
+        ConfigurationError: The policy does not have that value.
+    """
     words = [word.lower() for word in getattr(_POLICY_WORDS.get(policy), '__members__', ())]
     rule = f'one of {", ".join(words)}' if words else 'a whole number, not below 0'
     fits = str(value).lower() in words if words else type(value) is int and value >= 0
@@ -245,6 +256,7 @@ class MonitorNode(LifecycleNode):
         """Wrap a callback so that its exceptions are logged and the monitor goes on."""
 
         def call(*arguments: Any) -> Any:
+            """Return the result of the callback, ``None`` where it raised."""
             try:
                 return callback(*arguments)
             except Exception as error:
@@ -267,7 +279,7 @@ class MonitorNode(LifecycleNode):
             self._put_on_record('node', f'a callback failed: {text}')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Build the monitor from the parameters and create the publishers."""
+        """Build the monitor from the parameters and create the publishers; fail where that is impossible."""
         self.health = NodeHealth(changed=self.health.changed, calibration_faults=self.config.faults)
         bearings = plural(len(self.config.bearings), 'bearing')
         self.get_logger().info(f'working out the boundaries of {bearings}')
@@ -279,7 +291,7 @@ class MonitorNode(LifecycleNode):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start listening; inputs are waited for from now on."""
+        """Subscribe to the inputs and wait for them from now on; fail where one cannot be subscribed to."""
         assert self._configured is not None
         simulated = self.get_parameter(USE_SIM_TIME).value is True
         try:
@@ -289,7 +301,7 @@ class MonitorNode(LifecycleNode):
             return self._fail_transition(f'its inputs cannot be subscribed to: {sentence(error)}')
         result = super().on_activate(state)
         self._record_state('active')
-        self._tell_inputs(self._configured.session.config)
+        self._log_inputs(self._configured.session.config)
         self._running = running
         running.begin()
         return result
@@ -342,6 +354,7 @@ class MonitorNode(LifecycleNode):
             self._configured.session.note(topic, text)
 
     def _fail_transition(self, text: str) -> TransitionCallbackReturn:
+        """Log why a transition fails and store it for :meth:`start`; return ``FAILURE``."""
         # Logged here because rclpy says nothing of an exception in a transition.
         self._failure = text
         self.get_logger().error(text)
@@ -352,8 +365,8 @@ class MonitorNode(LifecycleNode):
         self.get_logger().info(text)
         self._put_on_record('lifecycle', text)
 
-    def _tell_inputs(self, config: MonitorConfig) -> None:
-        """Log what an active node does."""
+    def _log_inputs(self, config: MonitorConfig) -> None:
+        """Log which inputs of which bearings an active node monitors, and in which ROS domain."""
         log, domain = self.get_logger().info, os.environ.get('ROS_DOMAIN_ID') or '0'
         bearings = plural(len(config.bearings), 'bearing')
         log(f'{self.get_fully_qualified_name()} monitors {bearings} in ROS domain {domain}')
@@ -369,6 +382,7 @@ class MonitorNode(LifecycleNode):
             log(f'{bearing.name}: {", ".join(inputs)}')
 
     def _stop_listening(self) -> None:
+        """End what runs while the node is active, and put on record that nobody monitors; else do nothing."""
         running, self._running = self._running, None
         if running is not None:
             running.destroy()

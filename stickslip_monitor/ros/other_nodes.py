@@ -91,7 +91,7 @@ class RosGraph(Graph):
 
 
 def node_name(info: Any) -> str:
-    """Return the full name of the node at an end of a topic."""
+    """Return the full name of the node at an end of a topic, or words for one without a name."""
     if info.node_name == _UNKNOWN_NODE:
         return 'a program that names no node'
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
@@ -109,6 +109,14 @@ def _override_clause(topic: str, profile: QoSProfile) -> str:
 
 
 def _publisher_of(info: Any, profile: QoSProfile, override: str, sends: bool) -> Publisher:
+    """Describe a publisher of an input, and why its quality of service does not match, if so.
+
+    Args:
+        info: The publisher as rclpy describes the end of a topic.
+        profile: What the subscription asks for.
+        override: Appended to the fault: what overrides have changed in it.
+        sends: Whether its messages still come.
+    """
     match, reason = qos_check_compatible(info.qos_profile, profile)
     fault = ''
     if match is QoSCompatibility.ERROR:
@@ -184,6 +192,7 @@ class Watcher:
                     self._hand_over(listener.take_other, node)
 
     def _on_bearings(self, listener: Sink, message: String) -> None:
+        """Pass on the record of each bearing in a message; ignore one of another schema."""
         document = self._parse_message(message)
         if isinstance(document, dict) and document.get('schema') == BEARINGS_SCHEMA:
             for record in document['bearings']:
@@ -193,6 +202,7 @@ class Watcher:
         self._hand_over(listener.take_alarms, self._parse_message(message))
 
     def _parse_message(self, message: String) -> Any:
+        """Parse the JSON of a message; return ``None``, and log it the first time, where it is not JSON."""
         try:
             return json.loads(message.data)
         except (ValueError, RecursionError):
@@ -250,7 +260,11 @@ def _is_of_node(status: DiagnosticStatus) -> bool:
 
 @contextmanager
 def open_watcher(listeners: Mapping[str, Sink], diagnostics: str, hand_over: HandOver) -> Iterator[Watcher]:
-    """Open a watcher, with ROS running until it is closed; see :class:`Watcher` for the arguments."""
+    """Open a watcher, with ROS running until it is closed; see :class:`Watcher` for the arguments.
+
+    Raises:
+        RosError: ROS cannot be started, or a name is not valid.
+    """
     with _open_node() as (node, spin):
         watcher = Watcher(node, listeners, diagnostics, hand_over)
         spin()
@@ -264,7 +278,7 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
     ``take`` is called in another thread.
 
     Raises:
-        RosError: The topic's name is none.
+        RosError: ROS cannot be started, or the topic's name is not valid.
     """
 
     def on_diagnostics(message: DiagnosticArray) -> None:
@@ -282,7 +296,11 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
 
 @contextmanager
 def _open_node() -> Iterator[tuple[Node, Callable[[], None]]]:
-    """Open a node, with a function that spins it in a thread. Signals are left to the program."""
+    """Open a node, with a function that spins it in a thread; signals are left to the program.
+
+    Raises:
+        RosError: ROS cannot be started.
+    """
     try:
         rclpy.init(args=without_log_files([]), signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.RCLError as error:

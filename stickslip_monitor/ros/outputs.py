@@ -62,6 +62,7 @@ def resolved(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
     """Return a copy of the configuration with the full, remapped names of its topics."""
 
     def named(bearing: BearingConfig) -> BearingConfig:
+        """Return a copy of a bearing with the full names of the topics of its inputs."""
         inputs: dict[str, Any] = {
             name: replace(source, topic=node.resolve_topic_name(source.topic))
             for name, source in bearing.inputs.items()
@@ -105,6 +106,7 @@ class Configured:
             raise
 
     def _make_outputs(self, config: MonitorConfig) -> None:
+        """Store a configuration, and make the clips and publishers that it asks for."""
         store = self._make_store(config.clips)
         self.config = config
         self.clips = None if store is None else Clips(self._node, config.clips, store)
@@ -301,7 +303,10 @@ class Clips(ClipRecorder):
         self.add(ClipMessage(time_ns, topic, kind, data))
 
     def close(self, patience: float = 10.0) -> None:
-        """Write what is left, the clip that is being taken too, within so much time [s]."""
+        """Finish the clip that is being taken and write all that wait, for up to ``patience`` [s].
+
+        Clips that are not written by then are lost, which is logged.
+        """
         self.finish()
         self.write()
         if not self._writer.close(patience):

@@ -99,7 +99,14 @@ class Player:
         return played
 
     def _run_clock(self, begin: float, first: int, target: int, rate: float) -> None:
-        """Sleep until it is time for a message, with /clock running on meanwhile."""
+        """Block until a message is due, and publish /clock up to its time meanwhile.
+
+        Args:
+            begin: When the first message was due, by ``time.monotonic`` [s].
+            first: Recorded time of the first message [ns].
+            target: Recorded time of the message to wait for [ns].
+            rate: How much faster than recorded.
+        """
         due = begin + (target - first) * 1e-9 / rate
         while (left := due - time.monotonic()) > 0.0:
             time.sleep(min(left, CLOCK_PERIOD))

@@ -56,7 +56,10 @@ ReadClock = Callable[[], Moment]
 
 
 def node_clock(node: LifecycleNode, simulated: bool) -> ReadClock:
-    """Make a function that reads the clocks of a node; ROS time is 0 before the first /clock."""
+    """Make a function that reads the steady clock, and the time by which a node measures.
+
+    That is ROS time where it is simulated (0 before the first /clock), else the clock of this machine.
+    """
     if simulated:
         ros = node.get_clock()
         return lambda: Moment(time.monotonic_ns(), ros.now().nanoseconds)
@@ -200,16 +203,20 @@ class Running:
         return self._session.act(request)
 
     def _update_health(self, steady: float) -> None:
-        """Update the node's own health, once a second."""
+        """Update the node's own health at a time of the steady clock [s]; called once a second."""
         self._health.age(steady)
         self._own.look_at_files()
-        self._look_at_losses(steady)
+        self._update_losses(steady)
         if self._looks % _DOUBLE_LOOKS == 0:
             self._look_for_doubles()
         self._looks += 1
 
-    def _look_at_losses(self, steady: float) -> None:
-        """Update the counts of lost messages; log new losses."""
+    def _update_losses(self, steady: float) -> None:
+        """Update the health on lost messages, and whether any was lost lately; log new losses.
+
+        Args:
+            steady: Time of the steady clock [s].
+        """
         health, lanes = self._health, self.inputs.lanes
         health.lost = sum(lane.lost for lane in lanes)
         health.left_out = sum(lane.left_out for lane in lanes)
@@ -283,7 +290,10 @@ class Actions:
         """Create a service that carries out ``on`` or ``off`` (alike for a Trigger) for all bearings."""
 
         def serve(request: Any, response: Any) -> Any:
-            """Carry out the action for all bearings, and answer with what it changed."""
+            """Log and carry out the action for all bearings, and name the alarms that it changed.
+
+            A Trigger that changed none is answered with ``success`` false, a SetBool never.
+            """
             action = on if getattr(request, 'data', True) else off
             self._node.get_logger().info(f'{action} of all bearings asked for by a {ROS_SERVICE} call')
             changes = self._carry_out(ActionRequest(action, ROS_SERVICE))
