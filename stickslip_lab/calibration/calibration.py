@@ -183,7 +183,7 @@ class Calibration:
         return Belief(self.reference.bearing, self.prior, self.floor)
 
     def hopf_speeds(self, load: float) -> list[float]:
-        """Return the Hopf speed at a load, at :data:`QUANTILES` [m/s]; it may be skew: quiet bounds it."""
+        """Return the Hopf speed [m/s] at a load [N] for each of :data:`QUANTILES`; it may be skew."""
         grid = self.posterior.by_all
         hopf = grid.log_r + self.reference.hopf(math.log(load) + grid.log_q)
         low, middle, high = grid.quantiles(hopf, QUANTILES)
@@ -345,7 +345,7 @@ def calibrate(
 def _drop_repeated(
     evidence: Sequence[Evidence],
 ) -> tuple[list[tuple[TelemetryBins, Sequence[VibrationReport]]], tuple[str, ...]]:
-    """Return each course once with its reports, and the names of recordings that repeat one."""
+    """Return each distinct course with its reports, and the names of recordings that repeat one."""
     courses: dict[bytes, tuple[TelemetryBins, Sequence[VibrationReport]]] = {}
     repeated: dict[str, None] = {}
     for one in evidence:
@@ -468,7 +468,8 @@ class EvidenceSource:
         """Calibrate a bearing by all recordings together; see :func:`.calibrate`.
 
         Raises:
-            CalibrationError: They give nothing; the text says why.
+            CalibrationError: A report lies outside the recordings, the level has no two modes, or there
+                is no evidence.
         """
         spans = [(int(c.time_ns[0]), int(c.time_ns[-1])) for one in evidence for c in one.courses]
         for report in self._reports_of(config):
@@ -482,7 +483,7 @@ class EvidenceSource:
 
 
 def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
-    """Return speed and load of a recording between two jumps of the clock each, as reference points."""
+    """Return speed and load of a recording as reference points: one course between two clock jumps."""
     water = None if scan.config.water_temperature is None else scan.water
     speed, load, _ = reference_point(scan.config.bearing, scan.speed, scan.load, water)
     begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)
@@ -492,7 +493,7 @@ def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
 
 
 def level_of(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
-    """Return the valid values of a bearing's level, over the speed."""
+    """Return the accepted values of a bearing's level in dB, in bins over time with the speed."""
     assert config.level is not None
     rows = (stream.inputs == Input.LEVEL) & (scan.status == Status.ACCEPTED)
     value: FloatArray = stream.value[rows]

@@ -164,7 +164,7 @@ class ReportedCourse:
     over: FloatArray  # speed over the configured fold speed, shape (n,)
 
     def at(self, time: float) -> tuple[float, float]:
-        """Return mean speed [m/s] and load [N] within a second of a time [s]."""
+        """Return mean speed [m/s] and load [N] near a time [s]; interpolated if no bin is near."""
         near = np.abs(self.time - time) <= _NEAR
         if near.any():
             return float(self.speed[near].mean()), float(self.load[near].mean())
@@ -174,7 +174,11 @@ class ReportedCourse:
 def track_of(
     course: TelemetryBins, reports: Sequence[VibrationReport], reference: Reference
 ) -> ReportedCourse | None:
-    """Return a course with the reports about it; ``None`` where nothing was reported of it."""
+    """Return the bins of a course with speed and load, and the reports about them.
+
+    Reports that are shorter than the uncertainty of their two ends are left out. None if there are too
+    few bins or no reports.
+    """
     used = (course.speed > 0.0) & (course.load > 0.0)
     if np.count_nonzero(used) < _FEWEST:
         return None

@@ -253,10 +253,10 @@ class NoTwoModes(CalibrationError):
 
 
 def threshold_of(levels: Sequence[LevelBins]) -> float:
-    """Return the level that parts its two modes over all recordings [dB].
+    """Return the level less ``20 lg V`` that separates quiet from vibration in all recordings [dB].
 
     Raises:
-        NoTwoModes: The text says what it has.
+        NoTwoModes: The level is constant or missing, or its values do not fall into two groups.
     """
     value, by_speed = (
         np.concatenate([np.empty(0), *(getattr(level, name) for level in levels)])

@@ -93,7 +93,7 @@ class Grid:
         return np.array([[float(of_u @ a**2) * scale**2, product], [product, float(of_q @ b**2)]])
 
     def quantiles(self, values: FloatArray, shares: Sequence[float]) -> FloatArray:
-        """Quantiles of a number that each cell has, shape (m, n)."""
+        """Return the weighted quantiles at some shares of values of the cells, shape (m, n)."""
         order = np.argsort(values, axis=None)
         reached = np.cumsum(self.weight.ravel()[order])
         return np.interp(shares, reached, values.ravel()[order])
@@ -115,7 +115,14 @@ class Posterior(NamedTuple):
 
 
 def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spreads) -> Posterior:
-    """Infer the posterior of both factors, from a prior about 0 with a covariance of ``(ln r, ln q)``."""
+    """Compute the posterior of both factors from the edges.
+
+    Args:
+        edges: The edges, of one passage at least.
+        reference: The configured bearing.
+        prior: Covariance of ``(ln r, ln q)`` about 0, shape (2, 2).
+        spreads: Other uncertainties.
+    """
     low, high = edges.loads
     load = 0.5 * (math.log(low) + math.log(high))
     log_q = _REACH * math.sqrt(prior[1, 1]) * np.linspace(-1.0, 1.0, _LOADS)
@@ -177,7 +184,7 @@ def _fold_grid(
 
 
 def _common_prior() -> FloatArray:
-    """Logarithms of what is common to all ends, shape (shares and lags, scatters)."""
+    """Return the log prior of lag, share and scatter, which all ends share, shape (nodes, scatters)."""
     nodes = np.tile(_LAG_PRIOR - logsumexp(_LAG_PRIOR), len(SHARES)) - math.log(len(SHARES))
     return nodes[:, None] + (_SCATTER_PRIOR - logsumexp(_SCATTER_PRIOR))
 
@@ -260,7 +267,11 @@ def _with_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Spread
 
 
 def log_passage(one: Passage, reference: Reference, log_r: FloatArray, log_q: FloatArray) -> FloatArray:
-    """Log likelihood of a passage, shape (cells, e-folds, lags)."""
+    """Compute the log likelihood of a passage for cells with ``log_r`` and ``log_q``, shape (cells,).
+
+    Returns:
+        Shape (cells, e-folds, lags); without an onset it is the same for all lags.
+    """
     speed, load = one.speed * np.exp(-log_r)[:, None], one.load * np.exp(log_q)[:, None]
     rate = growth_rate(reference.bearing, speed, load)
     step = 0.5 * (rate + np.concatenate([rate[:, :1], rate[:, :-1]], axis=1)) * one.step

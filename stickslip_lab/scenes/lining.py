@@ -43,7 +43,7 @@ _LOAD_STEP = 0.1
 
 
 def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
-    """Return what may move: the law's own numbers, and a factor on the whole coefficient."""
+    """Return the names of the parameters that may drift: the law's own, and a factor on the coefficient."""
     # The protocol does not say that a law is a dataclass; those a configuration can name are.
     names = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
     return (*names, FACTOR)
@@ -223,9 +223,10 @@ class Samples:
         self._kept = np.concatenate([self._kept, motion], axis=1)
 
     def due(self, end: float = math.inf) -> tuple[FloatArray, FloatArray]:
-        """Take what is complete before ``end`` [s]: m instants [s], and the motion at each.
+        """Remove and return the complete samples before ``end`` [s].
 
-        The motion is of shape (4, m, samples in a window).
+        Returns:
+            Instants (m,) [s] and the motion at each, shape (4, m, samples in a window).
         """
         size = self._before.size
         time = (self._next + np.arange(self._kept.shape[1] // size)) / self._rate

@@ -267,13 +267,13 @@ class FollowedLining:
         block.truth.append(self._make_column('amplitude', FLOAT64, time, self._vibration_amplitude(motion)))
 
     def record_motion(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-        """Record the motion."""
+        """Append displacement, velocity, acceleration and sticking to the truth of a block."""
         for name, values in zip(_MOTION, motion[:3, :, 0], strict=True):
             block.truth.append(self._make_column(name, FLOAT64, time, values))
         block.truth.append(self._make_column('sticking', BOOL, time, motion[3, :, 0].astype(np.bool_)))
 
     def send_level(self, channel: Channel, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-        """Add to the level that is sent the RMS value of a harmonic motion of the amplitude."""
+        """Add the RMS vibration of the lining to the level sent, as a root of the sum of squares."""
         power, factor = LEVEL_FACTORS[channel.input.unit]
         frequency = self.lining.config.bearing.natural_frequency
         signal = block.signals[channel.topic]

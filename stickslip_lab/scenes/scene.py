@@ -164,7 +164,7 @@ def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
 
 
 def _read_sensors(folder: Path, settings: Settings, seed: int, path: str | Path | None) -> Settings | None:
-    """Return the file of sensors that was asked for, else that which the scene names, if any."""
+    """Read the sensors file at ``path``, else the one that the scene names; None without one."""
     if path is None:
         if 'sensors' not in settings:
             return None
@@ -282,7 +282,11 @@ def simulate(
 
 
 def _measure_channel(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
-    """Return what a channel's sensor makes of the shaft from ``start`` to before ``end``."""
+    """Return the measurements of a channel from ``start`` to before ``end`` [s]; a filter keeps its state.
+
+    Raises:
+        SceneError: A value is larger than the configuration allows.
+    """
     span = telemetry.numbers(channel.rate, start, end, scene.duration)
     numbers = np.array(span, np.int64)
     time = numbers / channel.rate
@@ -295,7 +299,7 @@ def _measure_channel(scene: Scene, run: SceneRun, channel: Channel, start: float
 
 
 def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
-    """Refuse an operating point that the monitor of one of its bearings would refuse."""
+    """Raise SceneError for a value above the configured maximum of one of the channel's bearings."""
     for bearing in channel.bearings:
         size = np.abs(value) * channel.ratio(bearing.name)
         maximum = bearing.inputs[channel.quantity].maximum

@@ -260,7 +260,7 @@ def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float
 
 @channel_effect('recording', CHANNELS, 'delay', 'windows', 'share', section='which messages are late')
 def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Delays some messages."""
+    """Delay the arrival of some messages, so that they are recorded out of order."""
     require_header(channel, 'none of its messages can be out of order')
     # A shorter delay overtakes nothing.
     delay = settings.number('delay', 's', above=1.0 / channel.rate, maximum=60.0)
@@ -276,7 +276,7 @@ def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('recording', CHANNELS, 'windows', 'share', section='which messages come twice')
 def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Record some messages twice."""
+    """Record some messages twice, with equal stamps."""
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def repeat(signal: Signal) -> None:

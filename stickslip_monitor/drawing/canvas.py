@@ -210,7 +210,7 @@ _LEGEND: Look = {
 def legend_below(
     figure: Figure, columns: int, left: float = 0.085, bottom: float = 0.005, **more: Any
 ) -> None:
-    """Name the curves below all panels of a figure."""
+    """Add a legend of several columns below all panels; left and bottom are parts of the figure."""
     look = _LEGEND | {'bbox_to_anchor': (left, bottom), 'columnspacing': 1.4, 'labelspacing': 0.35}
     for patch in figure.legend(ncols=columns, **look, **more).get_patches():
         patch.set(edgecolor=MUTED, linewidth=0.5)

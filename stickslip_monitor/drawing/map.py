@@ -89,7 +89,7 @@ def _speed_scale_factor(bearing: Bearing, load: float | None = None) -> float:
 
 
 def law_speed(bearing: Bearing, load: float | None = None) -> float:
-    """Return a surface speed [m/s] by which friction at a load [N] has done most of its falling."""
+    """Return a surface speed [m/s] at which most of the fall of friction at a load [N] is over."""
     law, scale = bearing.friction, _speed_scale_factor(bearing, load)
     if isinstance(law, Stribeck):
         return scale * 4.0 / law.decay
@@ -120,10 +120,10 @@ def onset_load(bearing: Bearing) -> float:
 def map_ranges(
     bearing: Bearing, speeds: Range | None = None, loads: Range | None = None, track: Track | None = None
 ) -> tuple[Range, Range]:
-    """Return the speeds [m/s] and loads [N] a map shows; what is not given is chosen.
+    """Return the lowest and highest speed [m/s] and load [N] of a map; a range that is None is chosen.
 
-    Loads go from none to a good deal of stick-slip, speeds from rest past the fold at the highest
-    load: the map shows the way out. The whole track is inside.
+    Chosen loads go from 0 past the onset of stick-slip, chosen speeds from 0 past the fold at
+    the highest load, which is the way out. They include the whole track.
     """
     fastest = heaviest = 0.0
     if track is not None:

@@ -152,7 +152,10 @@ class _Lines:
         return np.asarray((since - self.start_ns) * 1e-9, dtype=float)
 
     def amplitudes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return time, and the exact amplitude [mm]: if a cycle ran, and 0 where none is predicted."""
+        """Return times on the axis and two exact amplitudes [mm], thinned; ``nan`` at breaks.
+
+        The first is that of the cycle that can exist, the second is 0 unless the monitor predicts it.
+        """
         scan = self.timeline.scan
         rows = np.insert(np.arange(scan.time_ns.size), self._breaks, -1)
         averaged = np.insert(scan.assessment.amplitude, self._breaks, np.nan)
@@ -175,7 +178,7 @@ def _finite_values(values: FloatArray) -> FloatArray:
 
 
 def _draw_speed(axes: canvas.Axes, lines: _Lines) -> None:
-    """Speed, over the regions that its boundaries at the load of each instant make."""
+    """Draw the speed over the regions between its boundaries, at the load of each instant."""
     margin = 1.0 + lines.config.alarm.caution_margin
     for name, factor, colour in (
         ('fold_speed', margin, canvas.CAUTION_FILL),
@@ -297,7 +300,7 @@ def _draw_alarm(axes: canvas.Axes, lines: _Lines, max_labels: int) -> None:
 
 
 def _draw_episodes(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
-    """Shade where the lining stuck, and draw that over the band of the alarm."""
+    """Shade the true episodes in all panels, and mark them above the band of the alarm."""
     for k, episode in enumerate(() if lines.lining is None else lines.lining.episodes):
         first, last = map(float, lines.at(episode))
         for name, axes in panels.items():
@@ -327,7 +330,7 @@ def _format_time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: floa
 
 
 def _set_clock_ticks(axes: canvas.Axes, max_ticks: int) -> None:
-    """Put ticks at round times of day."""
+    """Put up to ``max_ticks`` ticks at round times of day in UTC."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     # matplotlib.dates has no types.
