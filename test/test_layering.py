@@ -46,7 +46,7 @@ PLANTED = (
     ('stickslip_monitor.offline', 'stickslip_monitor.dashboard.server'),
     ('stickslip_monitor.offline', 'mcap'),
     ('stickslip_monitor.ros', 'stickslip_monitor.offline.check'),
-    ('stickslip_monitor.links', 'stickslip_logs.tables.table'),
+    ('stickslip_monitor.links', 'stickslip_logs.tables.table_file'),
     ('stickslip_monitor.links', 'std_msgs'),
     ('stickslip_monitor.dashboard', 'stickslip_monitor.commands.check'),
     ('stickslip_monitor.drawing', 'stickslip_monitor.links.buses'),

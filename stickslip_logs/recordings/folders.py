@@ -34,7 +34,7 @@ from stickslip_logs.recordings.file_kind import (
 )
 from stickslip_logs.recordings.mcap_file import McapFile, scan_file
 from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, MOST_NAMED, Findings
-from stickslip_logs.tables.table import is_number_table
+from stickslip_logs.tables.table_file import is_number_table
 from stickslip_logs.tables.text_file import ZSTD
 
 # Parts of one recording lap over by less than that, and are not further apart [ns].

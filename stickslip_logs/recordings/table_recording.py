@@ -44,7 +44,7 @@ from stickslip_logs.tables.cell_times import Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality import find_quality, find_quality_columns, is_quality_of
 from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, find_key_column, is_same_key
-from stickslip_logs.tables.table import Numbers, Rows, open_table, some_cells, texts_of
+from stickslip_logs.tables.table_file import Numbers, Rows, open_table, some_cells, texts_of
 from stickslip_logs.tables.time_columns import Clock, counted_from
 from stickslip_logs.time_order import TimeCourse, TimeOrder
 from stickslip_logs.units import conversion

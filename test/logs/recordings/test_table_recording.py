@@ -15,7 +15,7 @@ from stickslip_logs.errors import BagError
 from stickslip_logs.recordings import table_recording
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.table_recording import TableRecording
-from stickslip_logs.tables.table import BLOCK, TextTable
+from stickslip_logs.tables.table_file import BLOCK, TextTable
 
 COUNT = 3 * BLOCK + 5
 SPEED, LOAD = Request('speed', 'data'), Request('load', 'data')
