@@ -148,9 +148,19 @@ def run(args: argparse.Namespace) -> int:
 def _check_bags(
     args: argparse.Namespace, bags: Sequence[Path], meter: output.ProgressBar, shown: str | None = None
 ) -> int:
-    """Check recordings, and print and write what came of them in the order asked for.
+    """Check recordings, print their results in the order of the arguments, and write the outputs.
 
-    ``shown`` is what the only one is called, where its path means nothing to anybody.
+    Args:
+        args: The arguments.
+        bags: The recordings.
+        meter: Shows the progress.
+        shown: Name to print in place of the path, for a recording from standard input.
+
+    Returns:
+        The exit code, the highest of all recordings.
+
+    Raises:
+        BagError: ``--mcap`` is given for several recordings, or its file exists or has a wrong ending.
     """
     task = _task_of(args, bags)
     # A folder's bags are a list, even where it holds one only.
@@ -200,7 +210,7 @@ def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
 def _check_all(
     task: Task, bags: Sequence[Path], args: argparse.Namespace, meter: output.ProgressBar
 ) -> Iterator[CheckResult]:
-    """Yield the result of each recording, in the order of the arguments."""
+    """Yield the result of each recording in the order of the arguments, and show the progress between."""
     if args.scheduler is not None:
         bags = [bag.absolute() for bag in bags]
     # What is left out is said once, with the first.
@@ -273,7 +283,10 @@ def check_one(
 
 
 def _failed_result(task: Task, bag: Path, text: str, *, faulty: bool = False) -> CheckResult:
-    """Return the result of a recording that could not be checked."""
+    """Return the result of a recording that could not be checked, for the reason in ``text``.
+
+    ``faulty`` marks an error of this program: the exit code is 3 and not 2.
+    """
     from stickslip_monitor.offline.check import SCHEMA
 
     text = '; '.join(filter(None, (text, task.left_out)))
@@ -350,12 +363,12 @@ _NARROW = 90
 
 
 def to_text(document: Mapping[str, Any], *, coloured: bool = False, width: int | None = None) -> str:
-    """Write the text on one recording.
+    """Return the text on one recording.
 
     Args:
-        document: What ``check --json`` prints of it.
-        coloured: Whether it goes to a terminal that knows colours.
-        width: Letters on a line; any number if None.
+        document: Its record, as ``check --json`` prints it.
+        coloured: Whether to add terminal colours.
+        width: Maximum letters on a line; None for no limit.
     """
     # Those of events, which are indented, are broken as a table.
     lines = _text_lines(document, width)

@@ -109,7 +109,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _node_names(args: argparse.Namespace) -> list[str]:
-    """Return the full names of the monitors, each in a namespace of its own."""
+    """Return the full names of the monitors, by default the one node.
+
+    Raises:
+        ConfigurationError: Two of them are in the same namespace.
+    """
     nodes: list[str] = args.node or [f'/{NODE_NAME}']
     spaces = [_namespace_of(node) for node in nodes]
     for k, space in enumerate(spaces):
@@ -170,10 +174,10 @@ def need_extra() -> None:
 
 
 def page_access(args: argparse.Namespace) -> Access:
-    """Return who may see the page.
+    """Return the token of the page, read from its file, and the host names that it answers to.
 
     Raises:
-        DashboardError: The page would be open to others without a token.
+        DashboardError: The page would be open to others without a token, or its file cannot be used.
     """
     from stickslip_monitor.dashboard.access import Access, read_token
 

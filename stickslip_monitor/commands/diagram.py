@@ -31,11 +31,12 @@ def run(args: argparse.Namespace) -> int:
     load = options.parse_loaded(args.load)
     speeds = options.speed_range(args.speeds, config) or diagram_speeds(bearing, load)
 
-    def made() -> Any:
+    def make_contents() -> Any:
+        """Return the columns of a table for .csv, else a figure."""
         if args.output.lower().endswith('.csv'):
             diagram = bifurcation_diagram(bearing, load, speeds, args.points)
             return diagram_columns(bearing, diagram)
         return draw_diagram(config, load, speeds, args.points)
 
-    output.write_outputs(args, output=made)
+    output.write_outputs(args, output=make_contents)
     return 0

@@ -66,10 +66,10 @@ class Quantity(NamedTuple):
         return self.text + (f', in {units}' if units else '')
 
     def read(self, text: str) -> Given:
-        """Read the value of a text such as ``20mm`` or ``0.15~30%``.
+        """Read the value [SI] and spread of a text such as ``20mm`` or ``0.15~30%``.
 
         Raises:
-            ConfigurationError: It is none; the text names the units and the bounds.
+            ConfigurationError: The text is malformed or out of bounds; the message has units and bounds.
         """
         spread = _SPREAD.fullmatch(text)
         number, unit = options.read_quantity(self.option, spread.group(1) if spread else text, self.units)
@@ -283,10 +283,10 @@ def _format_number(value: float, places: int = 6) -> str:
 
 
 def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
-    """Write the parameter file, with formula, source and spread of each value as comments.
+    """Return the text of the parameter file, with formula, source and spread of values as comments.
 
     Raises:
-        ConfigurationError: The values are no configuration; the text says which.
+        ConfigurationError: The gear or the table of loads over speed cannot be read.
     """
     by_name = {item.name: item for item in values}
     spreads = ', '.join(f'{name}: {_format_number(by_name[name].spread, 2)}' for name in _TOLERANCES)

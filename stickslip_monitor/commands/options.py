@@ -80,15 +80,17 @@ def add_file(
     is_folder: bool | None = None,
     **more: Any,
 ) -> None:
-    """Add an argument that names what is read, or a file or recording to write.
+    """Add an argument for a path and register it for :func:`.output.check_files`.
+
+    It is an input unless ``marks`` or ``is_folder`` is given.
 
     Args:
         options: The parser.
         names: The option's spellings.
-        marks: Of a file to write, the endings that there are.
-        renews: Whether it may take the place of an input of the same kind.
-        is_folder: Of a recording to write, whether it is a folder for such.
-        more: Argparse's keywords.
+        marks: For a file to write, its allowed endings; see :data:`Marks`.
+        renews: Whether it may replace an input of the same kind.
+        is_folder: For recordings to write: True for a folder of them, False for one file.
+        more: Keywords of ``add_argument``.
     """
     action = options.add_argument(*names, **({'metavar': 'FILE'} if marks else {}) | more)
     spelling = (*action.option_strings, action.dest)[0]
@@ -167,10 +169,18 @@ class _Number(argparse.Action):
 def read_quantity(noun: str, text: str, units: Iterable[str]) -> tuple[float, str]:
     """Read number and unit of a text such as ``'20rpm'``.
 
-    Letters in the wrong case are understood, but for the prefix M (mega); the unit '' is none.
+    Case is ignored, but for the prefix M (mega).
+
+    Args:
+        noun: What the text is for, in the error.
+        text: The text.
+        units: The allowed units; '' allows a plain number.
+
+    Returns:
+        The number as written, not converted, and its unit as spelled in ``units``.
 
     Raises:
-        ConfigurationError: It is none; the text names the units.
+        ConfigurationError: The text is no such quantity; the message lists the units.
     """
     match = _QUANTITY.fullmatch(text)
     written = match.group(2) if match else ''

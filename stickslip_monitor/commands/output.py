@@ -52,8 +52,8 @@ def check_files(args: argparse.Namespace) -> None:
     """Refuse outputs that would destroy something, before any work is done.
 
     Raises:
-        OutputError: An output has an ending that cannot be written, is an input by any name, or
-            another output, or is there already and not ours.
+        OutputError: An output has a wrong ending, is an input by any name or another output, would
+            lie in a folder that is read, or exists and is not ours (allowed by ``--force``).
     """
     inputs, written = _input_paths(args), list[str]()
     for option in getattr(args, 'files', ()):
@@ -75,7 +75,7 @@ def _input_paths(args: argparse.Namespace) -> list[str]:
 
 
 def _check_recording(path: str, option: FileOption, inputs: Sequence[str]) -> None:
-    """Refuse one within what is read."""
+    """Refuse a recording to write inside a folder that is read; raise OutputError."""
     folder = Path(path) if option.is_folder else Path(path).parent
     for read in inputs:
         if Path(read).is_dir() and is_same(folder, read):
@@ -177,7 +177,10 @@ class ProgressBar:
         self.hide()
 
     def show(self, text: str, done: float, total: float | None) -> None:
-        """Show how far the work is."""
+        """Show how far the work is: ``done`` of ``total`` in any unit, None if the total is unknown.
+
+        Does nothing in the first moments, or if standard error is no terminal.
+        """
         if not self._wanted or time.monotonic() - self._begin < _PATIENCE:
             return
         from rich.console import Console

@@ -126,7 +126,11 @@ def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]
 
 
 def _name_inputs(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
-    """Return the configuration with each input named as on its bus."""
+    """Return the configuration with the bus labels of inputs as their topics.
+
+    Raises:
+        ConfigurationError: An input has no bus, or a level is configured.
+    """
     labels, bearings = links.labels, []
     for bearing in config.bearings:
         if bearing.level is not None:
@@ -270,7 +274,10 @@ def _open_page(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dash
 
 
 async def _serve_clients(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
-    """Serve the page, or wait, until a signal comes."""
+    """Serve the page until a signal ends it; without a page (board None) wait for the signal.
+
+    Actions on the page go to ``feed``.
+    """
     if board is not None:
         from stickslip_monitor.dashboard.server import Server
 
@@ -286,6 +293,7 @@ async def _serve_clients(args: argparse.Namespace, board: DashboardState | None,
 
 
 async def _tick_clients(clients: Sequence[Client], feed: Feed) -> None:
+    """Report readiness to the service manager, then feed its watchdog and tick all clients forever."""
     manager = ServiceManager()
     manager.notify('READY=1')
     while True:

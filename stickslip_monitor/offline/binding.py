@@ -16,12 +16,16 @@ from stickslip_monitor.offline.input_columns import Bound, ColumnBinding
 
 
 def bind(bag: Recording, config: MonitorConfig) -> Bound:
-    """Return the configuration as it holds for this recording, and which inputs are not in it.
+    """Bind every input of a configuration to a topic of a bag or a column of a log.
 
-    Inputs are absent whose topic is not there, not of their type, or cannot be decoded.
+    For a log this also requests the columns from it and notes the guesses on it.
+
+    Returns:
+        The configuration with full topic names; and by bearing and quantity, why an input is absent:
+        its topic is missing, of another type, or cannot be decoded.
 
     Raises:
-        BagError: It is not to be told which part of the recording an input is.
+        BagError: In a log no column fits an input, or several do.
     """
     if isinstance(bag, TableRecording):
         return _bind_columns(bag, config)
@@ -40,7 +44,11 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
 
 
 def _bind_columns(log: TableRecording, config: MonitorConfig) -> Bound:
-    """Bind the inputs of a configuration to columns of a log, note guesses, and request the columns."""
+    """Bind inputs to columns of a log, note the guesses on the log, and request the columns from it.
+
+    Raises:
+        BagError: No column fits an input, or several do.
+    """
     binding = ColumnBinding(log)
     bound = binding.bind(config)
     for text in binding.remarks:
@@ -50,7 +58,7 @@ def _bind_columns(log: TableRecording, config: MonitorConfig) -> Bound:
 
 
 def _absence_text(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
-    """Return why a recording lacks an input, in the words of the running monitor, else an empty text."""
+    """Return why a recording lacks an input, in the words of the running monitor; '' if it has it."""
     if not source.topic:
         return f"its topic is missing: '{path}' has topics, and columns are of logs"
     topic = topics.get(source.topic)

@@ -98,10 +98,10 @@ class Stretch:
 
 
 class StretchSink:
-    """Takes what comes of a recording; see :func:`check_recording`."""
+    """Base of what receives the parts of a checked recording with their verdicts; ignores them."""
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """Begin a recording, by the clock of the samples [ns]."""
+        """Begin a recording; ``start_ns`` is its start on the clock of the samples [ns], None if empty."""
 
     def take(self, stretch: Stretch) -> None:
         """Take the next stretch."""
@@ -141,14 +141,14 @@ def check_recording(
     bound = bound_to(bag, config)
     config, times = bound.config, LogTimes()
     long = is_long(bag, config) if long is None else long
-    checks = {lossy.name: _BearingCheck(lossy, bound, outlined, long) for lossy in config.bearings}
+    checks = {bearing.name: _BearingCheck(bearing, bound, outlined, long) for bearing in config.bearings}
     reading = bag.reading(
         {r for bearing_check in checks.values() for r in bearing_check.requests if r}, progress
     )
     # When it begins and ends is known when the order of what is read has been judged.
     span = SampleSpan(bag)
 
-    def hand_on(end_ns: int, samples: Mapping[str, Heard]) -> None:
+    def pass_to_sinks(end_ns: int, samples: Mapping[str, Heard]) -> None:
         for sink in sinks:
             sink.take(Stretch(end_ns, samples))
 
@@ -158,24 +158,22 @@ def check_recording(
         if end_ns is None:
             for sink in sinks:
                 sink.begin(bag, config, span.start_ns)
-        ends = (
-            int(bearing_check.log_time_ns[-1]) for bearing_check in part.values() if bearing_check.value.size
-        )
+        ends = (int(series.log_time_ns[-1]) for series in part.values() if series.value.size)
         end_ns = max(ends, default=bag.start_ns or 0)
-        hand_on(end_ns, {name: lossy.take(part, span.start_ns, end_ns) for name, lossy in checks.items()})
+        pass_to_sinks(end_ns, {name: item.take(part, span.start_ns, end_ns) for name, item in checks.items()})
     end_ns = span.end_ns if times.replaced else bag.end_ns
     silence = {r: _NOTHING for bearing_check in checks.values() for r in bearing_check.requests if r}
-    standing = {name: lossy.take(silence, span.start_ns, end_ns) for name, lossy in checks.items()}
+    standing = {name: item.take(silence, span.start_ns, end_ns) for name, item in checks.items()}
     if any(samples.repeats.any() for samples in standing.values()):
-        hand_on(end_ns or 0, standing)
-    hand_on(end_ns or 0, {name: lossy.finish(span.end_ns) for name, lossy in checks.items()})
+        pass_to_sinks(end_ns or 0, standing)
+    pass_to_sinks(end_ns or 0, {name: item.finish(span.end_ns) for name, item in checks.items()})
     for sink in sinks:
         sink.finish()
     faults = reading.faults()
-    reports = {name: lossy.report(span, faults, times.text) for name, lossy in checks.items()}
+    reports = {name: item.report(span, faults, times.text) for name, item in checks.items()}
     _note_pace(bag, reports)
-    for lossy in (lossy for report in reports.values() for lossy in report.inputs[:2] if lossy.loss):
-        bag.lose(lossy.loss)
+    for loss in (item.loss for report in reports.values() for item in report.inputs[:2] if item.loss):
+        bag.lose(loss)
     complete = not (bag.losses or any(faults.values()))
     return CheckReport(bag, config, reports, span.start_ns, span.end_ns, complete)
 
@@ -198,7 +196,7 @@ def _note_pace(bag: Recording, reports: Mapping[str, BearingReport]) -> None:
 
 
 class _BearingCheck:
-    """Runs the monitor over one bearing's samples and adds up what it says."""
+    """Runs the monitor over one bearing's samples and adds up its verdicts."""
 
     def __init__(self, config: BearingConfig, bound: Bound, outlined: bool, long: bool) -> None:
         self.config, self._long = config, long
@@ -219,7 +217,13 @@ class _BearingCheck:
         self._measured_ns = np.zeros(len(MEASURED), np.int64)
 
     def take(self, part: Mapping[Request, Series], start_ns: int | None, end_ns: int | None) -> Heard:
-        """Take the next part, up to a time, of a recording that begins at a time [ns]."""
+        """Run the rule over the next part, add up its verdicts and return them.
+
+        Args:
+            part: The samples read since the last part.
+            start_ns: Start of the recording on the clock of the samples [ns]; used with the first part.
+            end_ns: Last log time of the part [ns], up to which held values are repeated; None: no repeats.
+        """
         series = [_NOTHING if request is None else part[request] for request in self.requests]
         stream, repeats = self._held.fill(merged(series, self.config.places), end_ns)
         if self._scan is None:
@@ -233,14 +237,14 @@ class _BearingCheck:
         return Heard(stream, repeats, scan)
 
     def finish(self, end_ns: int | None) -> Heard:
-        """Come to the end of the recording [ns]."""
+        """Add up and return the verdicts up to the end of the recording [ns], without samples."""
         assert self._scan is not None
         self._end = self._scan.finish(_SILENCE, end_ns)
         self._add_scan(self._end)
         return Heard(_SILENCE, np.zeros(0, np.bool_), self._end)
 
     def _add_scan(self, scan: Scan) -> None:
-        """Add up the verdicts that are known with a part, a point behind."""
+        """Add up the verdicts that a part settled; the last point waits for the next part."""
         self._events += scan.events
         self._evaluations += scan.time_ns.size
         if not self.config.load.is_assumed:
@@ -255,7 +259,13 @@ class _BearingCheck:
     def report(
         self, span: SampleSpan, faults: Mapping[Request, tuple[Fault, ...]], clock: str
     ) -> BearingReport:
-        """Return the report on the whole recording, with the faults of messages and clock."""
+        """Return the report on the whole recording.
+
+        Args:
+            span: Start and end; time without a verdict counts as undetermined.
+            faults: The faults of messages, by what was read.
+            clock: The fault of the recording's clock for every input; '' if it has none.
+        """
         known_ns = self._extremes.lasting_ns
         seconds = dict(zip(REGIMES, (known_ns * 1e-9).tolist(), strict=True))
         silent_ns = max(0, span.length_ns - int(known_ns.sum()))
@@ -303,7 +313,12 @@ def requests_of(config: BearingConfig) -> tuple[Request, ...]:
 
 
 def merged(series: Sequence[Series], places: Sequence[int]) -> Stream:
-    """Return the samples of a bearing's inputs in the order of the recording."""
+    """Merge the samples of a bearing's inputs into one stream in the order of the recording.
+
+    Args:
+        series: The samples of each input.
+        places: The number of each input (:class:`Input`), in the same order.
+    """
     order = np.argsort(np.concatenate([item.sequence for item in series]), kind='stable')
     inputs = np.repeat(np.array(places, np.int8), [e.sequence.size for e in series])
     stamp_ns, value, arrival_ns = (
@@ -342,7 +357,7 @@ class SampleSpan:
 
 
 class Kept(StretchSink):
-    """Keeps samples and verdicts of a whole recording, for what needs them at once."""
+    """Keeps samples and verdicts of a whole recording in memory, for callers that need them at once."""
 
     def __init__(self) -> None:
         self._parts: list[Stretch] = []
@@ -356,7 +371,7 @@ class Kept(StretchSink):
         self._parts.append(stretch)
 
     def stream(self, name: str) -> Stream:
-        """Return the samples of a bearing."""
+        """Return the samples of a bearing (by name) in the whole recording."""
         parts = [part.bearings[name].stream for part in self._parts]
         time_ns, inputs, value, arrival_ns = (
             np.concatenate([getattr(part, name) for part in parts])
@@ -365,7 +380,7 @@ class Kept(StretchSink):
         return Stream(time_ns, inputs, value, arrival_ns=arrival_ns)
 
     def scan(self, name: str) -> Scan:
-        """Return the verdicts on a bearing."""
+        """Return the verdicts on a bearing (by name) in the whole recording."""
         return joined([part.bearings[name].scan for part in self._parts])
 
 
@@ -380,7 +395,7 @@ def to_json(report: CheckReport) -> dict[str, Any]:
 
 
 def bag_record(bag: Recording) -> dict[str, Any]:
-    """Return what a recording holds, whatever it is checked for."""
+    """Return the facts of a recording that need no check, as a JSON object."""
     start, end = bag.start_ns, bag.end_ns
     return {
         'path': str(bag.path),

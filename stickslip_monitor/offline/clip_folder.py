@@ -74,7 +74,7 @@ class ClipFolder:
                 self.path.rmdir()
 
     def write(self, clip: Clip) -> None:
-        """Write a clip; then drop the oldest that are too many.
+        """Write a clip under a free name, then delete the oldest clips beyond the limit.
 
         Raises:
             BagError: It cannot be written; nothing of it stays.
@@ -84,7 +84,14 @@ class ClipFolder:
         self._drop_oldest()
 
     def _write_clip(self, clip: Clip, path: Path) -> bool:
-        """Write a clip; False where another process has taken its name meanwhile."""
+        """Write a clip to a new file.
+
+        Returns:
+            False if another process has created the file meanwhile: choose another name.
+
+        Raises:
+            BagError: The file cannot be written; nothing of it stays.
+        """
         columns: dict[str, list[ClipMessage]] = {}
         for message in clip.messages:
             columns.setdefault(message.topic, []).append(message)
@@ -115,7 +122,7 @@ class ClipFolder:
         return [path for *_, path in sorted(paths)]
 
     def _free_name(self, clip: Clip) -> Path:
-        """Return a name that is not taken: when, which bearing, what."""
+        """Return a free path for a clip, named by time (UTC), bearing and condition, numbered if taken."""
         when = _EPOCH + timedelta(seconds=clip.time_ns // 10**9)
         stem = f'{when:%Y%m%dT%H%M%SZ}_{clip.bearing}_{clip.condition.value}'
         for number in itertools.count(1):
@@ -156,8 +163,8 @@ class ClipCounts:
 class ClipWriter(StretchSink):
     """Writes a clip of every alarm in a recording, as the node does while it runs.
 
-    A stretch waits until it is known whether an alarm follows it. A clip that cannot be written
-    is named and costs nothing else.
+    A part of the recording waits until no alarm can follow within the length of a clip. A clip that
+    cannot be written is listed in ``counts.failures``; the others are written.
     """
 
     def __init__(self, store: ClipFolder) -> None:
@@ -176,7 +183,7 @@ class ClipWriter(StretchSink):
         self._begun_ns = 0
 
     def take(self, stretch: Stretch) -> None:
-        """Take the next stretch, and tell of those that no further alarm can be about."""
+        """Take the next part; write the clips of parts that no later alarm can need."""
         self._alarms += [e.time_ns for e in events_of(stretch) if begins_clip(e)]
         self._waiting.append((self._begun_ns, stretch))
         self._begun_ns = stretch.end_ns + 1
@@ -184,14 +191,19 @@ class ClipWriter(StretchSink):
             self._pass_messages(*self._waiting.popleft())
 
     def finish(self) -> None:
-        """Tell of the rest."""
+        """Write the clips of the parts that still waited, and of alarms near the end."""
         while self._waiting:
             self._pass_messages(*self._waiting.popleft())
         self._recorder.finish()
         self._write_due()
 
     def _pass_messages(self, begun_ns: int, stretch: Stretch) -> None:
-        """Give the messages around alarms to the recorder, in order of time."""
+        """Pass a part's messages around alarms to the recorder in order of time, and write finished clips.
+
+        Args:
+            begun_ns: The first log time of the part [ns].
+            stretch: The part.
+        """
         around = self._around_ns
         spans = TimeSpans((t - around, t + around) for t in self._alarms)
         raised = [e for e in events_of(stretch) if spans.overlap(e.time_ns, e.time_ns)]

@@ -125,11 +125,11 @@ class Outliner:
         return rows[np.unique(np.concatenate(rows_kept))]
 
     def _stretch_starts(self, rows: NDArray[np.void]) -> IndexArray:
-        """Return where the stretches begin of which some points stay."""
+        """Return the indices at which a new group of rows begins."""
         return np.flatnonzero(np.diff(rows['number'] // self._length, prepend=-1))
 
     def outline(self) -> Outline:
-        """Return the outline of what was taken; of few points all of them."""
+        """Return the outline of all verdicts taken so far; if they are few, all of them."""
         config = self._config
         rows = self._thin_rows(self._rows)
         water = None if config.water_temperature is None else rows['water']
@@ -137,7 +137,7 @@ class Outliner:
         return Outline(rows['time_ns'], self._valid_until(rows), assessed, rows['sticking'], self._events)
 
     def _valid_until(self, rows: NDArray[np.void]) -> IntArray:
-        """Return each counts until the next but where the line is interrupted: once in a stretch."""
+        """Return until when each row counts [ns]: the next row, but not across an interruption."""
         time, until = rows['time_ns'], rows['until_ns'].copy()
         opens = _first_chosen(rows['opens'], self._stretch_starts(rows))
         before = opens[opens > 0] - 1
@@ -148,7 +148,12 @@ class Outliner:
 
 
 def _first_chosen(chosen: BoolArray, starts: NDArray[np.intp]) -> IndexArray:
-    """Return the first that is chosen of each stretch that begins at the starts."""
+    """Return the index of the first chosen row of each group; groups without one have none.
+
+    Args:
+        chosen: Which rows are chosen, shape (n,).
+        starts: Index of the first row of each group, ascending.
+    """
     places = np.flatnonzero(chosen)
     owner = np.searchsorted(starts, places, 'right')
     return places[np.flatnonzero(np.diff(owner, prepend=0))]
@@ -169,7 +174,7 @@ class ConditionInterval:
 
 
 def condition_intervals(events: Iterable[Event], start_ns: int, end_ns: int) -> list[ConditionInterval]:
-    """Return the conditions of a recording one after the other.
+    """Return the spells of a recording, from the changes of its alarm.
 
     Args:
         events: The changes of one bearing's alarm, in order.
@@ -188,11 +193,15 @@ def condition_intervals(events: Iterable[Event], start_ns: int, end_ns: int) -> 
 
 
 def coarsened(parts: Sequence[ConditionInterval], max_count: int) -> list[ConditionInterval]:
-    """Fewer spells that show the same at a glance: of each stretch of time the worst condition.
+    """Merge spells into at most some number, each with the worst condition in its time.
 
     Args:
-        parts: Spells that follow each other.
-        max_count: How many spells to return at most; fewer than that stay as they are.
+        parts: Spells that follow each other; at least one.
+        max_count: The number of equal intervals the time is divided into.
+
+    Returns:
+        The spells as they are if there are no more than ``max_count`` or they have no length; else one
+        for each interval, with equal neighbours joined.
     """
     start, end = parts[0].start_ns, max(spell.end_ns for spell in parts)
     if len(parts) <= max_count or end <= start:
@@ -214,7 +223,7 @@ def coarsened(parts: Sequence[ConditionInterval], max_count: int) -> list[Condit
 def together(
     parts: Iterable[ConditionInterval], conditions: Collection[Condition]
 ) -> list[ConditionInterval]:
-    """Return the spells spent in any of some conditions; those that follow each other are one."""
+    """Return the spells in any of some conditions, adjacent ones joined (with the last condition)."""
     intervals: list[ConditionInterval] = []
     for spell in parts:
         if spell.condition not in conditions:
@@ -226,7 +235,7 @@ def together(
 
 
 def _outermost_points(speed: FloatArray, load: FloatArray) -> IndexArray:
-    """Return the points than which no other is both faster and more loaded, shape (m,).
+    """Return indices of the points than which no other is both faster and more loaded, ascending.
 
     At one speed the amplitude of the exact cycle rises with the load, and at one load, as a rule,
     with the speed: one of these has the greatest, however a recording is cut.
@@ -261,7 +270,7 @@ class Extremes:
         self._top: Assessments | None = None
 
     def take(self, scan: Scan) -> None:
-        """Add verdicts on a bearing to the times in each regime, the least margins and the amplitudes."""
+        """Update the times in each regime, the least margins and the greatest amplitude by more verdicts."""
         if not scan.time_ns.size:
             return
         size, top = np.abs(scan.speed), self._heaviest_point(scan)
@@ -282,9 +291,9 @@ class Extremes:
             self._take_rows(scan, rows[_outermost_points(size[rows], scan.load[rows])], 'amplitude')
 
     def _heaviest_point(self, scan: Scan) -> Assessments:
-        """Return a point at least as heavy as some, that known or one of these, if not much heavier.
+        """Return a point at least as heavy as all of a scan, shape (1,); reuse the saved one if it fits.
 
-        No boundary of these is higher than its boundaries. They rise with the load but for the fold,
+        Its boundaries are upper limits of theirs. Boundaries rise with the load but for the fold,
         which may fall again: here it is the highest of any load up to this.
         """
         max_load = scan.load.max()
@@ -298,9 +307,8 @@ class Extremes:
     def _take_margins(self, scan: Scan, size: FloatArray, top: Assessments) -> None:
         """Update the least margins by the points that turn; ``size`` is the speed without its sign [m/s].
 
-        A point at least as heavy as all of them spares working out the fast ones.
-
-        At rest nothing slides: its margin of -1 would be the worst of every voyage.
+        ``top`` is a point at least as heavy as all of them: points faster than its boundaries need no
+        margin. Points at rest are skipped: their margin of -1 would be the worst of every voyage.
         """
         if scan.config.water_temperature is not None:
             if size.any():
@@ -324,7 +332,7 @@ class Extremes:
         return slow
 
     def _take_rows(self, scan: Scan, rows: IndexArray, *names: str) -> None:
-        """Take some rows; the least margin is the worst, and the greatest amplitude."""
+        """Update ``found`` by rows of a scan, for the named quantities: least margin, greatest amplitude."""
         points = scan.assessed(rows)
         for name in names:
             sign = -1 if name == 'amplitude' else 1
@@ -337,6 +345,6 @@ class Extremes:
 
 
 def lasting_ns(codes: NDArray[np.int8], lasting: IntArray, kinds: int) -> IntArray:
-    """Return the time of each of some kinds, from the kind and the time of each point [ns]."""
+    """Return the total time of each code below ``kinds`` [ns]; ``lasting`` is that of each point [ns]."""
     # Whole numbers below 2^53, as a stretch of months is, are added up without an error.
     return np.bincount(codes, lasting, minlength=kinds).astype(np.int64)

@@ -38,7 +38,15 @@ class HeldValues:
         return bool(self._schedules)
 
     def fill(self, stream: Stream, until_ns: int | None) -> tuple[Stream, BoolArray]:
-        """Return the samples with the repeats that fall due up to a time [ns], and which of them repeat."""
+        """Insert the repeats due up to a time, and remember the latest values for the next part.
+
+        Args:
+            stream: The next samples, in order of arrival.
+            until_ns: Log time of the end of the part [ns]; None inserts no repeats.
+
+        Returns:
+            The samples with repeats, and which of them are repeats, shape (m,).
+        """
         none = np.zeros(stream.time_ns.size, np.bool_)
         if not self._schedules or until_ns is None:
             return stream, none
@@ -59,7 +67,7 @@ class HeldValues:
     def _make_repeats(
         self, place: int, stream: Stream, until_ns: int
     ) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return stamps, arrivals and values of the repeats of one input."""
+        """Return stamps, arrivals [ns] and values of one input's due repeats; remember its last value."""
         rows, schedule = stream.inputs == place, self._schedules[place]
         stamp_ns, arrival_ns, value = stream.time_ns[rows], stream.arrival_ns[rows], stream.value[rows]
         made = np.zeros(value.size, np.int64)
@@ -89,7 +97,7 @@ class HeldValues:
 
 
 def _repeat_schedule(hold_ns: int) -> IntArray:
-    """Return how long after its arrival a value is repeated, up to a time [ns]."""
+    """Return the delays after its arrival at which a value is repeated, up to ``hold_ns`` [ns]."""
     offsets, passed_ns = list[int](), repeat_step(0)
     while passed_ns <= hold_ns:
         offsets.append(passed_ns)

@@ -60,7 +60,7 @@ class Bound:
     Attributes:
         config: The configuration, with the topics and the timeouts that hold for the recording.
         absent: Why an input is not in the recording, by bearing and quantity.
-        questions: What is to be asked about an input, likewise: clauses that follow its name.
+        questions: Questions on an input by bearing and quantity: clauses that follow its name.
     """
 
     config: MonitorConfig
@@ -73,7 +73,7 @@ class ColumnBinding:
 
     Attributes:
         columns: Columns to deliver, by the topic that each stands for.
-        remarks: Guesses, for a person.
+        remarks: Sentences for the user on what was guessed.
         questions: Questions by bearing and quantity.
     """
 
@@ -121,10 +121,10 @@ class ColumnBinding:
         return Bound(replace(config, bearings=bearings), absent, self.questions)
 
     def _find_column(self, bearing: BearingConfig, quantity: str, source: InputConfig) -> LogColumn:
-        """Return the one column that is an input, with the rows that count.
+        """Return the one column that is an input, with only the rows selected by ``where``.
 
         Raises:
-            BagError: No column is, or several may be; or its rows are of several things.
+            BagError: No column fits, or several do; or its rows mix several senders, by another column.
         """
         if source.column:
             columns = self._columns_called(source.column)
@@ -151,7 +151,14 @@ class ColumnBinding:
     def _no_column_text(
         self, bearing: str, quantity: str, heading: str, candidates: Sequence[LogColumn]
     ) -> str:
-        """Write why no column is an input and what to do: there are several candidates, or none."""
+        """Return the error that no single column is the input, and what to write.
+
+        Args:
+            bearing: The name of the bearing.
+            quantity: Which of its inputs.
+            heading: The configured column; '' if it had to be guessed.
+            candidates: The columns that fit: none, or several.
+        """
         parameter = f'{bearing}.{quantity}.column'
         if candidates:
             # Of columns of one heading only the place tells.
@@ -178,7 +185,7 @@ class ColumnBinding:
         )
 
     def _columns_called(self, heading: str) -> Sequence[LogColumn]:
-        """Return the columns of a heading, else of its words, else the one of a number such as ``#3``."""
+        """Return columns with a heading, else with its words, else column N for ``#N``, else none."""
         name = _plain_name(heading)
         same = [column for column in self._all if column.heading == heading]
         similar = [column for column in self._all if name and _plain_name(column.heading) == name]
@@ -193,8 +200,8 @@ class ColumnBinding:
     def _guess_columns(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[LogColumn]:
         """Return the columns that may be an input, by the first of four rules that any column meets.
 
-        Its heading is the topic; or is called as the topic; or has a unit of the quantity and only words of
-        it; or is called as the quantity.
+        The heading is the topic; or has the words of the topic; or has a unit of the quantity and no
+        foreign words; or has the words of the quantity. Empty if no column meets any.
         """
         topic = source.topic.strip('/')
         units = _units_of(quantity, source)
@@ -228,7 +235,7 @@ class ColumnBinding:
     def _bind_column(
         self, bearing: BearingConfig, quantity: str, source: InputConfig, column: LogColumn
     ) -> InputConfig:
-        """Return an input as a column gives it; note the column to deliver, guesses and questions."""
+        """Return an input as read from a column; add to ``columns``, ``remarks`` and ``questions``."""
         unit = _unit_of_column(column, quantity)
         unit = unit if unit in _units_of(quantity, source) else None
         # Over a bus comes what the sensor sent, and a scale beside a named column is meant.
@@ -280,7 +287,7 @@ class ColumnBinding:
         *,
         is_scaled: bool,
     ) -> str:
-        """Write which column an input is, in which unit, and which scale or gear applies."""
+        """Return the remark which column an input is, in which unit, and which scale or gear applies."""
         why = 'by its heading' if unit else f'as {bearing.name}.{quantity}.unit says'
         remark = f"{quantity} of {bearing.name} is column '{column.heading}' in {unit or source.unit}, {why}"
         if (source.scale, source.offset) == (1.0, 0.0):
@@ -301,7 +308,18 @@ class ColumnBinding:
         *,
         is_scaled: bool,
     ) -> Iterator[str]:
-        """Yield questions on the unit, the scale and the shaft of a column: clauses that follow its input."""
+        """Yield questions on the unit and scale of a column, and on whether a speed is the shaft's own.
+
+        Each is a clause that follows the name of the input.
+
+        Args:
+            bearing: The bearing.
+            quantity: Which of its inputs.
+            source: The input as configured.
+            column: The column that it is bound to.
+            unit: Unit that the heading states; None if it states none that converts.
+            is_scaled: Whether the values have the scale of the configuration already.
+        """
         parameter = f'{bearing.name}.{quantity}'
         if unit is None and column.has_unit:
             stated = column.unit or parse_heading(column.heading).unit
@@ -330,7 +348,7 @@ class ColumnBinding:
             )
 
     def _questions_on_values(self, source: InputConfig, column: LogColumn, interval: float) -> Iterator[str]:
-        """Yield questions on ambiguous times (once for each clock), fillers, and slow values."""
+        """Yield questions on ambiguous times (once for each clock), fillers, and a long interval [s]."""
         clock = self._log.table.clock_of(column.place)
         if clock.question and clock.columns not in self._asked_clocks:
             self._asked_clocks.add(clock.columns)
@@ -354,7 +372,12 @@ def _plain_name(heading: str) -> str:
 
 
 def _words_of_side(bearing: str, topic: str) -> tuple[set[str], set[str]]:
-    """Return words by which a heading may name a bearing or its topic, and words of its other side or end."""
+    """Return the words that a heading of this bearing may and must not have.
+
+    Returns:
+        The words of its name and topic, with all synonyms of their side or end (port, aft); and the
+        words of the opposite side or end, empty without a side or with both.
+    """
     own_words = {*parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()}
     foreign_words = set[str]()
     for one, other_side in (*_SIDES, *(pair[::-1] for pair in _SIDES)):
@@ -371,7 +394,7 @@ def _is_named_after(column: LogColumn, bearing: str, topic: str = '') -> bool:
 
 
 def _is_plain(column: LogColumn, quantity: str, other_words: set[str]) -> bool:
-    """Return whether a heading names a speed or load, or only a unit, and has no words but allowed ones."""
+    """Return whether a heading names the quantity, or only a unit, and has no words beyond the allowed."""
     words = {word for word in parse_heading(column.heading).name.split() if not word.isdecimal()}
     unit = {*parse_heading(parse_heading(column.heading).unit or '').name.split()}
     unit |= {word for word in words if unit_of(word, 'force')}

@@ -91,7 +91,10 @@ class Gaps:
         self.usual = math.nan
 
     def take(self, stamp_ns: IntArray, log_time_ns: IntArray) -> None:
-        """Take some stamps and log times in order of arrival, shape (n,) [ns]; steps back are no time."""
+        """Count the intervals of more stamps and log times [ns], shape (n,), in order of arrival.
+
+        A step back counts as no time.
+        """
         if not stamp_ns.size:
             return
         first = int(not self._messages)
@@ -106,7 +109,7 @@ class Gaps:
         self._stamp_ns, self._log_ns = int(stamp_ns[-1]), int(log_time_ns[-1])
 
     def _take_intervals(self, stamp_ns: IntArray, interval: IntArray) -> int:
-        """Add up the intervals before some stamps; return the time that passed in them [ns]."""
+        """Update count, longest and usual by the intervals [ns] before some stamps; return their sum [ns]."""
         if self.usual != self.usual and (interval > 0).any():
             self.usual = float(np.median(interval[interval > 0])) * 1e-9
         long = np.flatnonzero(interval > self._limit_ns)
@@ -133,7 +136,7 @@ class Gaps:
 
     @property
     def share(self) -> float:
-        """Share of the time that the long intervals have."""
+        """Share of the time that the long intervals have, 0 to 1; 0 without any time."""
         passed_ns = self._regular_ns + self._long_ns
         return self._long_ns / passed_ns if passed_ns > 0 else 0.0
 
@@ -146,7 +149,7 @@ class Gaps:
         return count * 1e9 / passed_ns if passed_ns > 0.0 else math.nan
 
     def crowd(self, topic: str) -> str:
-        """Return why messages say nothing for want of time between their log times; '' where they have it."""
+        """Return the fault that too many messages have equal or nearly equal log times, or ''."""
         count, longest = self._messages, self._longest_run
         remedy = 'were they recorded without a clock (use_sim_time), or are their times in another unit?'
         if count > _CROWD and count > _CROWD_RATE * self._log_passed_ns * 1e-9:
@@ -157,7 +160,7 @@ class Gaps:
 
 
 def _time_passed(interval: IntArray) -> int:
-    """Return the time of some intervals, of which those back are none [ns]."""
+    """Return the sum of the positive intervals [ns]."""
     return int(np.maximum(interval, 0).sum())
 
 
@@ -197,7 +200,7 @@ class InputReport:
 
 
 class InputCheck:
-    """Adds up what came of one input of a bearing."""
+    """Adds up counts, gaps and faults of one input of a bearing."""
 
     def __init__(self, config: BearingConfig, place: int, absent: str = '') -> None:
         self.quantity = INPUTS[place]
@@ -215,9 +218,13 @@ class InputCheck:
         self._messages = self._delay_ns = 0
 
     def take(self, series: Series, stream: Stream, scan: Scan, fitness: FitnessWatch) -> None:
-        """Take the next part: as it was recorded, merged with the others', and its verdicts.
+        """Add up the next part of the input; its valid values also go to the bearing's ``fitness``.
 
-        Its values are handed to the bearing's ``fitness``, too.
+        Args:
+            series: The samples of this input as recorded.
+            stream: The samples of all inputs of the bearing.
+            scan: The verdicts on them.
+            fitness: Updated by speed and load, unless assumed or held.
         """
         self._messages += series.value.size
         if series.value.size:
@@ -247,9 +254,9 @@ class InputCheck:
             return si_value(self._numbers, self._load_bin, number)
 
     def _fault_text(self) -> str:
-        """Return why an input brings nothing or mostly refused values, or its stamps' distance from arrival.
+        """Return the sentence on an input that is absent, silent, mostly refused, or stamped off its arrival.
 
-        Empty where nothing is wrong.
+        Empty if nothing is wrong.
         """
         if self._absent:
             return f'{self._absent}.'
@@ -265,7 +272,13 @@ class InputCheck:
         return input_fault(replace(received, share=share, reason=Status.IMPLAUSIBLE))
 
     def report(self, faults: tuple[Fault, ...], questions: tuple[str, ...], clock: str) -> InputReport:
-        """Return the report on the input, with the faults of its messages and clock, and questions."""
+        """Return the report on the input.
+
+        Args:
+            faults: The faults of its messages.
+            questions: Clauses that follow the name of the input.
+            clock: The fault of the recording's clock, which replaces others; '' if it has none.
+        """
         used = int(self._counts[Status.ACCEPTED])
         if self._assumed is not None:
             # It comes with the speed, and what is wrong with that is said there.
@@ -307,7 +320,14 @@ class InputCheck:
         return is_sparse and not self._source.hold_ns and equal <= _CHANGES_EQUAL * self._messages
 
     def _range_of_values(self, first: float, last: float, si_low: float, si_high: float) -> str:
-        """Return the valid values in the unit of the configuration, in SI, and as they were sent."""
+        """Format the range of valid values in the configured unit, in SI, and as sent if scaled.
+
+        Args:
+            first: The least value as sent.
+            last: The greatest value as sent.
+            si_low: The least value [SI].
+            si_high: The greatest value [SI].
+        """
         source = self._source
         low, high = sorted(source.scale * end + source.offset for end in (first, last))
         si_unit = {'speed': 'm/s', 'load': 'N'}.get(self.quantity, source.unit)
@@ -324,12 +344,12 @@ def _range_text(low: float, high: float) -> str:
 
 
 def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
-    """Return the configuration as it holds for a recording, and why an input is not in it.
+    """Bind a configuration to a recording as :func:`bind` does; refuse it if no bearing is left.
 
-    One that is absent costs its bearing and no other.
+    An absent input disables its bearing only.
 
     Raises:
-        BagError: No bearing has both speed and load.
+        BagError: No bearing has both speed and load, or columns of a log are ambiguous.
     """
     bound = bind(bag, config)
     lost = {name for name, quantity in bound.absent if quantity in QUANTITIES}
@@ -357,7 +377,13 @@ class Plausibility:
         self._most = -math.inf
 
     def take(self, speed: FloatArray, load: FloatArray, limit: Callable[[IndexArray], FloatArray]) -> None:
-        """Take some points, shape (n,) [m/s] and [N], and what works out the greater fold of some."""
+        """Count more operating points.
+
+        Args:
+            speed: Surface speeds [m/s], shape (n,).
+            load: Loads [N], shape (n,).
+            limit: Returns the fold speeds [m/s] of the points at some indices; nan without a fold.
+        """
         speed = np.abs(speed)
         turns = speed > 0.0
         self._count += speed.size
@@ -378,7 +404,7 @@ class Plausibility:
                     self._most = max(self._most, float(np.where(np.isnan(ratio), np.inf, ratio).max()))
 
     def questions(self, nearest: float) -> dict[str, list[str]]:
-        """Questions by quantity, each a clause that follows the name of the input.
+        """Return questions by quantity, each a clause that follows the name of the input.
 
         Args:
             nearest: The least speed of the turning shaft relative to the fold; inf for none.
@@ -403,7 +429,7 @@ class Plausibility:
         return texts
 
     def _distance_questions(self, nearest: float) -> list[str]:
-        """Ask about units where the points of a turning shaft are all far from the boundary."""
+        """Return a question on units if all points of the turning shaft are far from the fold; else []."""
         question = 'are units, scales and topics of speed and load right?'
         if FAR_ABOVE < nearest < math.inf:
             return [f'is never below {nearest:.3g} times the fold speed: {question}']
@@ -412,7 +438,7 @@ class Plausibility:
         return []
 
     def _two_levels(self) -> list[str]:
-        """Ask about a sensor in N that seems to have been replaced by one in kN."""
+        """Return a question if the loads have two levels as of N and kN, in a list; [] if they do not."""
         share = np.cumsum(self._loads) / max(int(self._loads.sum()), 1)
         places = np.flatnonzero(self._loads > 0.001 * self._loads.sum())
         for below, above in zip(places[:-1].tolist(), places[1:].tolist(), strict=True):
@@ -426,7 +452,7 @@ class Plausibility:
 
 
 def _by_size(load: FloatArray) -> IntArray:
-    """Return the number of loads in each quarter of a decade."""
+    """Count positive loads [N] by quarter of a decade from 1e-6 N on, shape (_BINS,)."""
     if not load.size:
         return np.zeros(_BINS, np.int64)
     ends = np.array([load.min(), load.max()])

@@ -34,14 +34,14 @@ _MANY = 1000
 
 
 def core_count() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, 'sched_getaffinity'):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def died(outcome: object) -> bool:
-    """Return whether the worker of a call died of it, or of one that ran beside it."""
+    """Return whether an outcome is the exception of a dead worker, killed by this call or another one."""
     dask = sys.modules.get('distributed')
     return isinstance(outcome, BrokenExecutor if dask is None else (BrokenExecutor, dask.KilledWorker))
 
@@ -52,7 +52,7 @@ def spread(
     """Call a function many times, several calls at once.
 
     Args:
-        pool: Opens what runs them.
+        pool: Opens an executor with a number of workers, as a context manager.
         function: It and its arguments can be pickled.
         calls: The arguments of each call, by a key.
         jobs: Calls at a time.
@@ -103,7 +103,7 @@ def _completed_calls(
 
 @contextlib.contextmanager
 def processes(jobs: int) -> Iterator[Executor]:
-    """Yield processes of this machine, which go at once when the work is broken off."""
+    """Yield a pool of spawned processes; an exception terminates them at once."""
     children = multiprocessing.active_children()
     # Forking a process that has threads (numpy's, a progress bar's) may leave it hanging.
     pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context('spawn'))
@@ -120,7 +120,10 @@ def processes(jobs: int) -> Iterator[Executor]:
 
 @contextlib.contextmanager
 def _ignore_interrupts() -> Iterator[None]:
-    """Let processes started here leave Ctrl-C, which reaches a whole terminal, to this one."""
+    """Ignore Ctrl-C in this process, so that workers started meanwhile inherit that and leave it to us.
+
+    Does nothing outside the main thread, which alone may set signal handlers.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -190,7 +193,7 @@ def on_cluster(
 
 
 def versions() -> dict[str, str]:
-    """Return what must be the same here and on every worker, for the same results."""
+    """Return the versions, by name, that must be the same here and on every worker."""
     import distributed
 
     python = '.'.join(platform.python_version_tuple()[:2])

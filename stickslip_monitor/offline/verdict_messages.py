@@ -68,10 +68,10 @@ class MessageColumn(NamedTuple):
 
 
 def check_target(path: str | Path) -> Path:
-    """Return the path of a recording of verdicts, which is one MCAP file that is not there yet.
+    """Return the path for a new recording of verdicts, a single MCAP file.
 
     Raises:
-        BagError: It ends in something else, or exists.
+        BagError: The name does not end in ``.mcap``, or the file exists.
     """
     path = Path(path)
     if path.suffix != '.mcap':
@@ -97,16 +97,16 @@ class VerdictWriter(StretchSink):
         self._writer = BagWriter(check_target(path))
 
     def __enter__(self) -> VerdictWriter:
-        """Begin to write beside the target."""
+        """Start writing to a draft beside the target."""
         self._writer.__enter__()
         return self
 
     def __exit__(self, *error: Any) -> None:
-        """Finish the file, or remove what there is of it."""
+        """Move the draft to the target, or delete it after an error."""
         self._writer.__exit__(*error)
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """Define the topics."""
+        """Define the topics in the file and start reading the inputs."""
         for topic, kind, definition in topics(bag, config):
             self._writer.add_topic(topic, kind, definition)
         self._inputs = bag.messages(input_topics(bag, config))
@@ -126,7 +126,7 @@ class VerdictWriter(StretchSink):
 
 
 def topics(bag: Recording, config: MonitorConfig) -> Iterator[tuple[str, str, str | None]]:
-    """Name, type and, where it is not built in, definition of every topic of the verdicts."""
+    """Yield name, type and definition (None if built in) of every input and verdict topic."""
     for name in input_topics(bag, config):
         yield name, bag.topics[name].type, bag.definition(name)
     for name, kind in output_topics(config.bearings, f'/{NODE}').items():
@@ -140,7 +140,7 @@ def input_topics(bag: Recording, config: MonitorConfig) -> list[str]:
 
 
 def columns_of(messages: Iterator[Message]) -> Iterator[MessageColumn]:
-    """Messages as they were recorded, topic by topic."""
+    """Yield recorded messages grouped by topic and type; reads them all first."""
     columns: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
     for message in messages:
         rows = columns.setdefault((message.topic, message.type), [])
@@ -195,7 +195,7 @@ class VerdictMessages:
     def _diagnostic_columns(
         self, stretch: Stretch, events: Sequence[Event], spans: TimeSpans
     ) -> Iterator[MessageColumn]:
-        """Yield the states at every second and every change."""
+        """Yield /diagnostics at every second, change and loss within the spans; nothing if there are none."""
         arrivals = [samples.stream.arrival_ns for samples in stretch.bearings.values()]
         is_last = not any(arrival.size for arrival in arrivals)
         # More may have arrived at the same time.
@@ -222,7 +222,7 @@ class VerdictMessages:
             yield self._of_topic('/diagnostics', messages)
 
     def _seconds_until(self, arrival_ns: IntArray, until_ns: int) -> Iterator[int]:
-        """Yield every second since the start up to a time, but not of a long silence."""
+        """Yield the whole seconds since the start up to a time [ns], but none in a long silence."""
         times = np.concatenate([[self._heard_ns], arrival_ns, [until_ns + 1]])
         self._heard_ns = int(times[-2])
         silent = np.flatnonzero(np.diff(times) > SILENCE_NS)
@@ -252,7 +252,7 @@ class _Follower:
         self._published_ns: int | None = None
 
     def numbers(self, scan: Scan, spans: TimeSpans) -> tuple[IndexArray, Iterator[tuple[str, Messages]]]:
-        """Return when verdicts were published [ns], and the topics' values by their last part."""
+        """Return times of published verdicts [ns] in spans, and by topic suffix the encoded messages."""
         rows = np.flatnonzero(self._is_published(scan) & spans.holds(scan.time_ns))
         if not rows.size:
             return rows, iter(())
@@ -265,7 +265,7 @@ class _Follower:
     def _encode_points(
         self, points: Assessments, measured: Any, rows: IndexArray
     ) -> Iterator[tuple[str, Messages]]:
-        """Return what the topics of a bearing say of some points, by their last part."""
+        """Yield the suffix of each topic of the bearing and its encoded messages on some points."""
         for name in topic_numbers(self._config):
             yield name, float64_rows(topic_number(name, points))
         for name in topic_words(self._config):
@@ -274,7 +274,10 @@ class _Follower:
             yield name, [encoded[code] for code in codes.tolist()]
 
     def _is_published(self, scan: Scan) -> BoolArray:
-        """At most one in each period, and whatever comes with a change."""
+        """Return which verdicts are published: one in each period, and all with a change.
+
+        Remembers the last published one.
+        """
         is_published = np.ones(scan.time_ns.size, np.bool_)
         if not self._period_ns:
             return is_published
@@ -288,7 +291,10 @@ class _Follower:
         return is_published
 
     def loss(self, samples: Heard) -> list[int]:
-        """Return when an input is lost in a part in which nothing comes [ns]."""
+        """Return when the first input times out, one item [ns].
+
+        Empty if the part has samples, no verdict came before it, or an input is lost already.
+        """
         state = self._scan.state
         if samples.stream.time_ns.size or state.now == NEVER or state.lost:
             return []
@@ -296,7 +302,13 @@ class _Follower:
         return [until - state.shift]
 
     def states(self, samples: Heard, ticks: Sequence[int], seen: Sequence[int]) -> list[StatusFields]:
-        """Return the state after all that had arrived at some times, as it is seen then [ns]."""
+        """Return the diagnostic status at each time, and add the part to the counts.
+
+        Args:
+            samples: The part.
+            ticks: Times [ns]: all samples that had arrived by then count.
+            seen: At which time each state is judged [ns]: the tick, or just after it for a loss.
+        """
         ends = np.searchsorted(samples.stream.arrival_ns, ticks, 'right')
         memories = list(self._scan.memories(samples.stream, ends.tolist()))
         points = self._assess_points([point for _, point in memories if point is not None])
@@ -307,7 +319,7 @@ class _Follower:
         ]
 
     def _assess_points(self, points: Sequence[FloatArray]) -> Iterator[Assessment]:
-        """Yield the assessments of some points, whose numbers are worked out together."""
+        """Yield the assessment of each point (speed, load, water, chances), computed together."""
         if points:
             speed, load, water, *chances = np.array(points).T
             config, table = self._config, self._bearing.settings.boundaries
@@ -332,7 +344,10 @@ class _Follower:
         return totals
 
     def _mixed_reasons(self, samples: Heard, ends: IndexArray, ticks: Sequence[int]) -> Iterator[str]:
-        """Yield why the verdicts after so many samples rest on two sources; empty where they do not."""
+        """Yield for each time the sentence that an input has two sources; '' if none has.
+
+        ``ends`` counts the samples that had arrived at each of ``ticks`` [ns]. Advances the watches.
+        """
         stream, valid = samples.stream, samples.scan.status == Status.ACCEPTED
         standing = [
             self._standing_faults(
@@ -345,7 +360,18 @@ class _Follower:
     def _standing_faults(
         self, place: int, stream: Stream, rows: IndexArray, ends: IndexArray, ticks: Sequence[int]
     ) -> list[SourceFault | None]:
-        """Return the fault of an input's source at some times; rows are those of its valid values."""
+        """Return the fault of an input's source at each time, and advance its watch to the end of the part.
+
+        Args:
+            place: The number of the input.
+            stream: The samples of the part.
+            rows: Indices of the input's valid samples in it.
+            ends: How many samples of the stream had arrived at each time.
+            ticks: The times [ns], ascending.
+
+        Returns:
+            For each time the fault, None without one or for an assumed load.
+        """
         if self._config.inputs[INPUTS[place]].is_assumed:
             return [None] * len(ticks)
         watch, arrival_ns = self._sources[place], stream.arrival_ns[rows]

@@ -129,7 +129,7 @@ class Archive:
         self._urgent: list[tuple[int, int, int]] = []
 
     def add(self, part: RecordingPart) -> None:
-        """Add a part, and drop the outlines that will not be drawn."""
+        """Add a part; drop the outlines of recordings that are no longer among the most urgent."""
         number = len(self.parts)
         self.parts.append(part)
         entries = [(-finding.rank, number, k) for k, finding in enumerate(part.findings)]
@@ -140,7 +140,7 @@ class Archive:
             self.parts[n] = replace(self.parts[n], courses=())
 
     def shown(self) -> Iterator[RecordingPart]:
-        """Yield the parts as a page has them: drawn, or for a row."""
+        """Yield the parts with texts on each kept bearing, and pictures (drawn here) for the most urgent."""
         urgent = {(n, k) for _, n, k in self._urgent}
         for n, part in enumerate(self.parts):
             bearings: dict[str, BearingPart] = {}
@@ -151,7 +151,7 @@ class Archive:
 
 
 def _course_of(checked: CheckReport, item: BearingReport) -> Course:
-    """Collect what a report says of one bearing."""
+    """Collect configuration, spells, doubts and questions of one bearing from a report."""
     bearing = checked.config.bearing(item.name)
     doubts = [
         f'{report.quantity} on {report.topic}: {text}'
@@ -221,7 +221,7 @@ def _timeline_picture(part: BearingPart, course: Course) -> Picture:
 
 
 def _input_facts(item: InputReport, source: InputConfig) -> dict[str, Any]:
-    """Return what a reader wants to know of an input beside its record."""
+    """Return the facts of an input that its record lacks: field, type, limit [s], and texts of faults."""
     return {
         'field': source.field_text,
         'type': source.type,
@@ -250,10 +250,17 @@ def html_page(
     made: datetime,
     node: str | None = None,
 ) -> bytes:
-    """Render the page; ``made`` is the time of its making that it names.
+    """Render the report as UTF-8 HTML.
 
-    Every text is escaped; only the pictures are taken as they are. Of many recordings those
+    Every text is escaped; only the pictures are inserted as they are. If the recordings are many, those
     without bearings to show are rows of a table.
+
+    Args:
+        parts: The recordings.
+        config: The configuration.
+        config_path: Its file, which is read again for parameters and digest.
+        made: The time printed as that of the report; aware.
+        node: The node whose parameters are listed, if the file has several.
 
     Raises:
         ReportError: Jinja2 is not installed.

@@ -84,7 +84,10 @@ class Course:
 
 
 def facts(course: Course) -> tuple[Fact, ...]:
-    """Return the figures that matter most."""
+    """Return the key figures: time in stick-slip, worst margins, amplitude, probability, vibration.
+
+    Those without a value are absent, except the first.
+    """
     sticking = _total_seconds(together(course.spells, STICKING))
     note = f'{share(sticking, course.span)} of the time' if sticking else ''
     facts_found = [Fact('stick-slip predicted', duration(sticking) if sticking else 'never', note)]
@@ -117,7 +120,7 @@ def place(course: Course, extreme: Extreme) -> str:
 def finding_of(course: Course) -> Finding:
     """Return the sentences on one bearing: the verdict first, and what puts it in doubt last."""
     finding = _judge_course(course)
-    # Of two sources at once a quiet verdict is none.
+    # With two mixed sources, "clear" cannot be trusted.
     grade = 'unknown' if course.sources and finding.grade == 'clear' else finding.grade
     doubts = [f'In doubt: {text}.' for text in course.sources]
     questions = (text[:1].upper() + text[1:] for text in course.questions)
@@ -200,6 +203,7 @@ def _amplitude_sentence(course: Course) -> str:
 
 
 def _margin_sentence(course: Course, near: Sequence[ConditionInterval]) -> str:
+    """Return the sentence on the time ``near`` the stick-slip region, without stick-slip."""
     inside = _total_seconds(together(course.spells, (Condition.BISTABLE,)))
     text = f'{course.config.name}: no stick-slip was predicted, but the bearing was'
     if inside:
@@ -209,6 +213,7 @@ def _margin_sentence(course: Course, near: Sequence[ConditionInterval]) -> str:
 
 
 def _least_margin(course: Course) -> str:
+    """Return the sentence on the least fold margin, or that no recorded load has a cycle."""
     extreme = course.item.worst.get('fold_margin')
     if extreme is None:
         return 'At no recorded load does any speed have a stick-slip cycle.'
@@ -229,7 +234,10 @@ def _lost_sentences(course: Course) -> str:
 
 
 def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
-    """Return the verdict over all bearings: name of the recording and finding of each bearing in it."""
+    """Return the verdict over all bearings, naming the first few that are not clear.
+
+    ``parts`` has the recording's name and the finding of each bearing; a single one is returned as is.
+    """
     if len(parts) == 1:
         return parts[0][1]
     grade = max((finding for _, finding in parts), key=lambda finding: finding.rank).grade
@@ -309,7 +317,7 @@ def duration(seconds: float) -> str:
 
 
 def share(part: float, whole: float) -> str:
-    """Format a part of a whole in per cent; a small part is never nothing."""
+    """Format a part of a whole in per cent; 'below 0.1 %' for less, '0 %' only for none."""
     if whole <= 0.0 or part <= 0.0:
         return f'0{_SPACE}%'
     percent = 100.0 * part / whole
@@ -319,7 +327,7 @@ def share(part: float, whole: float) -> str:
 
 
 def margin(value: float) -> str:
-    """Format a margin in per cent, with its sign."""
+    """Format a margin (0.1 is '+10.0 %') with its sign; 'no boundary' if infinite."""
     if math.isinf(value):
         return 'no boundary'
     return f'{100.0 * value:+.1f}{_SPACE}%'.replace('-', '\N{MINUS SIGN}')
