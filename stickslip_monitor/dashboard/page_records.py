@@ -254,7 +254,7 @@ class EventLog:
         return new
 
     def clear(self) -> None:
-        """Forget everything: a recording begins anew."""
+        """Remove all entries, before a recording restarts."""
         self._entries.clear()
 
     def latest(self) -> list[dict[str, Any]]:

@@ -37,7 +37,7 @@ class _Sample(NamedTuple):
 class Replay:
     """Plays a recording to a monitor and its alarms, and shows both on a board.
 
-    It can be held, and go to any place: backwards by playing it anew up to there, as fast as the
+    It can be paused, and go to any place: backwards by playing it again up to there, as fast as the
     monitor can.
 
     Args:

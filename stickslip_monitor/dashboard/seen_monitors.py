@@ -152,7 +152,7 @@ class WatchedMonitor(Sink):
 
     Attributes:
         alarms: The newest list of alarms for the page; ``None`` before it came.
-        act: Hands a request on to it; what comes of it arrives by :meth:`take_alarms`.
+        act: Forwards a request to it; the changes that answer it arrive by :meth:`take_alarms`.
         send: Called with what is new for the page: kind, document and key.
         log: Called with what happened.
     """
@@ -369,15 +369,15 @@ PAGE_SCHEMA = 'stickslip_monitor/dashboard/3'
 
 
 class DashboardState:
-    """The newest of all monitors that are shown.
+    """Latest records of all monitors that are shown.
 
     Args:
         monitors: The monitors; no two of them in one namespace.
         log: What happened; one of its own that keeps nothing if ``None``.
 
     Attributes:
-        links: Of each of the ship's buses whether it works, where buses are watched.
-        playing: Of a replay where it is; ``None`` for none.
+        links: Whether each link to the ship's buses works, by its name; one of unknown state is absent.
+        playing: Place of a replay; ``None`` where none is played.
         finished: Whether the recording is over.
         send: Called with what is new for the page: kind, document and key.
     """
@@ -499,7 +499,7 @@ class DashboardState:
         }
 
     def history(self, bearing: str) -> dict[str, Any] | None:
-        """Return the last ten minutes of a bearing, oldest first; ``None`` where there is none."""
+        """Return columns and rows of the last ten minutes, oldest first; ``None`` for an unknown bearing."""
         watched = self.bearings.get(bearing)
         return None if watched is None else {'columns': COLUMNS, 'rows': list(watched.history)}
 

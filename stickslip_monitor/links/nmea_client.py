@@ -161,7 +161,7 @@ class Port:
         """Open a socket at the first address of the host that takes one; return its descriptor.
 
         Raises:
-            OSError: None does.
+            OSError: No address takes one.
         """
         kind = socket.SOCK_STREAM if self.url.scheme == 'tcp' else socket.SOCK_DGRAM
         host, number = self.url.hostname, self.url.port
@@ -225,7 +225,7 @@ def _join_group(sock: socket.socket, group: str) -> None:
     """Join a multicast group (IEC 61162-450) on every interface that takes it.
 
     Raises:
-        OSError: None does.
+        OSError: No interface takes it.
     """
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     fault: OSError | None = None

@@ -92,7 +92,7 @@ class SignalKInputs(BusInputs):
         self._ratios: dict[str, float] = {}  # to Signal K's own unit; NaN where nothing converts to it
 
     def greet(self, hello: Mapping[str, Any], now: float) -> None:
-        """Begin a connection by the server's greeting: note vessel and clock, and wait for all inputs anew.
+        """Start a connection by the server's greeting: note vessel and clock, and wait for all inputs again.
 
         The first value of each source may be old from then on.
         """

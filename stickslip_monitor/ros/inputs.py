@@ -91,7 +91,8 @@ def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:
         outputs: Full names of the topics that the node itself publishes.
 
     Raises:
-        RosError: One does not, two inputs give one topic different types, or one is an output.
+        RosError: An input has no topic, or that of an output; its type or field cannot be used; or two
+            inputs give one topic different types.
     """
     users: dict[str, tuple[str, str]] = {}
     for bearing in config.bearings:
@@ -120,12 +121,12 @@ class Inputs:
 
     Args:
         config: The configuration as given: names of topics are resolved once.
-        clock: Now.
+        clock: Reads the steady clock and the time by which the node measures.
         simulated: Whether a message came when ROS time says so, not the middleware.
         tap: Called with topic, type, encoded message and time before the numbers of it, if given.
 
     Attributes:
-        piled: Whether more waits than is answered message by message.
+        piled: Whether a topic has more than :data:`MOST_ANSWERED` messages waiting.
     """
 
     def __init__(
@@ -247,7 +248,7 @@ class Lane:
         readings: Bearing, place of the input and reader of each number that a message brings.
         stamp: Reads the time of measurement from a message [ns]; 0 for none.
         lost: Messages that never came, by the numbers of their publishers.
-        left_out: Messages that were left out because too many waited, or the node was held up.
+        left_out: Messages that were skipped because too many waited, or the node had stalled.
         senders: Who sends, by what the middleware calls it.
         undecodable: Whether the latest message could not be decoded.
         names: Elements that messages named which were not for an input.
@@ -427,7 +428,7 @@ def check_field(name: str, config: InputConfig) -> None:
         config: The input.
 
     Raises:
-        RosError: It does not; the text names the step and the fields there are.
+        RosError: It leads elsewhere or nowhere; the text names the step and the fields that exist.
     """
     current, label = config.type, f"{name}.field '{config.field_text}'"
     for step in config.field:
@@ -437,7 +438,11 @@ def check_field(name: str, config: InputConfig) -> None:
 
 
 def _follow_step(label: str, current: str, step: str | int | ByName) -> str:
-    """Return the type to which a step leads from another."""
+    """Return the type to which a step of a field path leads from the type ``current``.
+
+    Raises:
+        RosError: It leads nowhere; the text begins with ``label``.
+    """
     if not isinstance(step, str):
         match = _SEQUENCE.fullmatch(current) or _ARRAY.fullmatch(current)
         if match is None:

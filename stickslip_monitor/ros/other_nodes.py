@@ -142,10 +142,10 @@ class Watcher:
     """Receives from monitors. The callbacks run in the thread that spins the node.
 
     Args:
-        listeners: Who takes what a monitor says, by the full name of its node.
+        listeners: Receivers of the records of each monitor, by the full name of its node.
 
     Raises:
-        RosError: A name is none.
+        RosError: A name is not valid.
     """
 
     def __init__(
@@ -218,7 +218,7 @@ class Bridge:
         inputs: Bearing and input, of each that comes from a bus.
 
     Raises:
-        RosError: An input is configured for other messages, or its topic's name is none.
+        RosError: An input is configured for other messages, or its topic's name is not valid.
     """
 
     def __init__(

@@ -79,7 +79,7 @@ def _spin_node(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> No
 
 
 def _require_security() -> None:
-    """Enforce security where it is asked for: without keys ROS 2 would go on without any.
+    """Set the environment to enforce security where it is asked for; ROS 2 would run on without keys.
 
     Raises:
         RosError: No keystore is named.

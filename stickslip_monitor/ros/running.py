@@ -72,7 +72,7 @@ class Running:
     Args:
         configured: What it has: session, publishers, clips.
         survived: Guards the callback of the timer.
-        clock: Now.
+        clock: Reads the steady clock and the time by which the node measures.
         simulated: Whether ROS time follows /clock.
 
     Raises:
