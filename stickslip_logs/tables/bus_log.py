@@ -44,9 +44,10 @@ def bus_log_of(lines: Sequence[str]) -> str:
 def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """Yield the numbers of the sentences of a log as rows.
 
-    None for a damaged sentence and for a number without a time, an empty row for a line without a sentence.
-    Rows without a name have the first and the last time: other instruments go on where a sender falls silent.
-    As with Signal K, the numbers of a second talker have names of their own.
+    None for a damaged sentence and for a number without a time, an empty row for a line without a sentence,
+    nothing for a blank line. A row with only a time stands for the first and for the last time of the log,
+    if no number has it: other instruments may go on where a sender falls silent. Numbers of a second talker
+    are named 'NAME from TALKER'.
     """
     when, has_clock, first = '', False, dict[str, str]()
     latest = ''  # the time of the latest row
@@ -147,9 +148,9 @@ def _plain_number(text: str) -> str:
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     """Yield the numbers of deltas of Signal K as rows, one delta a line; None for a line that is no delta.
 
-    Other vessels' are skipped: the own one is that of the server's first line, or else the first with
-    more than others send by AIS. Numbers of a second source have names of their own: a server may hand on an
-    engine's gateway and a simulation under one path.
+    Deltas of other vessels are skipped: the own vessel is that of the server's first line, or else the first
+    with more than vessels send by AIS. Numbers of a second source are named 'PATH from SOURCE': a server may
+    forward an engine's gateway and a simulation under one path.
     """
     own_vessel, first, units = '', dict[str, str](), dict[str, str]()
     for line in lines:
@@ -200,7 +201,8 @@ def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> lis
 
     Args:
         delta: The delta.
-        first: The first source of each path, to which new ones are added.
+        first: The first source of each path, to which new ones are added. Numbers of a later source are named
+            'PATH from SOURCE'.
         units: The units of paths by their meta data, to which new ones are added.
 
     Raises:
@@ -236,7 +238,8 @@ def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
 def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """Yield the numbers of messages as canboat's ``analyzer -json`` writes them, as rows.
 
-    None for a damaged line, an empty row for one without a message; other fields are skipped.
+    None for a damaged line, an empty row for a line without a message, nothing for a blank line. Fields that
+    are no numbers are skipped. Numbers of a second source of a name are named 'NAME from SOURCE'.
     """
     first = dict[str, str]()
     for line in lines:

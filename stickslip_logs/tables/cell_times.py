@@ -237,7 +237,10 @@ class StampLayout:
 
 
 def read_time_of_day(columns: Sequence[Cells]) -> Times:
-    """Return times of the day in one column as if on 1970-01-01, or since a start, with hours beyond 24."""
+    """Return times of the day in one column as if on 1970-01-01 in UTC, or since a start.
+
+    Hours since a start have two to four digits and may exceed 24. The time of another cell is 0.
+    """
     layout = StampLayout(['1970-01-01 00:00:00'])
     time_ns, is_timed = layout.read([['1970-01-01'] * len(columns[0]), columns[0]])
     for k in np.flatnonzero(~is_timed).tolist():

@@ -114,7 +114,7 @@ def parse_heading(text: str) -> Heading:
 
 
 def _bare_unit(name: str, words: Sequence[str]) -> str | None:
-    """Return the unit of a heading without brackets; None where nothing in it is surely one.
+    """Return the unit of a heading without brackets, as written; None where nothing in it is surely a unit.
 
     Args:
         name: The heading without brackets.
@@ -498,7 +498,8 @@ def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | No
 def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, width: int) -> int:
     """Return the place of the first row of numbers below headings that stand below other numbers.
 
-    Those of a preamble or of a statistic stand behind a word; where there are none, the place is as it was.
+    Numbers of a preamble or of a statistic stand behind a word. Where no headings follow them, ``first`` is
+    returned.
 
     Args:
         rows: The rows of the head of a file.
@@ -559,8 +560,10 @@ def _fit_headings(
 ) -> tuple[list[str], list[str]]:
     """Return headings and units, filled up to the number of columns of the rows below them.
 
-    Surplus headings are joined to the one before if they are units, else they stay. No headings stay an empty
-    list. The list of units may be longer than the columns.
+    Missing headings are empty texts at the end; where the first column holds names of the rows, the missing
+    one is the first. Surplus headings that are units are joined to the ones before if the number is right
+    then, and all units are empty; else they stay. No headings stay an empty list. The list of units may be
+    longer than the columns.
 
     Args:
         heading: The row of headings; empty where there is none.
@@ -634,7 +637,9 @@ def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
 
 
 def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:
-    """Return whether the first cells of rows are names or numbers of the rows, and no times.
+    """Return whether the first cells of rows are names or numbers of the rows, so that a heading is missing.
+
+    False where they may be times, or most rows have an empty last cell.
 
     Args:
         heading: The headings, one too few.

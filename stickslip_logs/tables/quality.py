@@ -111,7 +111,8 @@ def find_quality(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | 
 def _code_of(mark: str, *, is_hex: bool) -> int | None:
     """Return the code that a mark is or begins with; None for a word.
 
-    A negative one is given as 32 bits without a sign; of more than 32 bits none is known as good.
+    A negative code is returned as an unsigned one of 32 bits. A longer code is not shortened, so that it
+    counts as bad.
 
     Args:
         mark: The mark.

@@ -74,6 +74,9 @@ def find_key_column(
 def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
     """Return whether different things share times often, and rows of one thing seldom.
 
+    At least two rows and a tenth of all must share the time of another thing, and at most a twentieth that
+    of another row of their own.
+
     Args:
         time_ns: The times of the rows [ns], shape (n,).
         key: The number of the thing of each row, shape (n,).
@@ -93,7 +96,10 @@ def _is_number(word: str) -> bool:
 
 
 def _are_values_apart(time_ns: IntArray, key: IntArray, value: FloatArray) -> bool:
-    """Return whether values of one time are further apart than one thing's value is from its next.
+    """Return whether values of one time differ by more than three times what one thing's value changes.
+
+    Medians are compared, of the differences within a time and of those from one value of a thing to its next.
+    False where no two values share a time.
 
     Args:
         time_ns: The times [ns], shape (n,).

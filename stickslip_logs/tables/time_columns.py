@@ -323,6 +323,8 @@ def _read_parts(layout: StampLayout, day_count: int, columns: Sequence[Cells]) -
 def _join_parts(columns: Sequence[Cells], day_count: int) -> list[str]:
     """Return a text for each row: a date with a time where the columns hold its parts, else some other text.
 
+    A row without a year of four digits becomes an empty text.
+
     Args:
         columns: The cells of each part, the largest part first.
         day_count: How many columns are the date: 3 for year, month and day, 2 for year and day of the year, 1
@@ -402,9 +404,9 @@ def _with_colons(cell: str) -> str:
 def _first_clock_of_numbers(
     path: Path, table: TableColumns, rows: Sequence[Cells], named: Sequence[int]
 ) -> Clock | None:
-    """Return the clock of a column of numbers that is headed as a time, else of the first column.
+    """Return the clock of the first column of numbers that is headed as a time, else of column 0.
 
-    None where these do not look like times.
+    None where the numbers of none of them look like times.
 
     Args:
         path: The file, for the error.
@@ -432,11 +434,14 @@ def clock_of_numbers(
 ) -> Clock | None:
     """Return the clock of a column of numbers; None where they do not look like times.
 
+    What its numbers were taken for is in its remarks; if they may be something else, it has a question.
+
     Args:
         table: The columns.
         rows: Rows by which it is judged.
         column: The place of the column.
-        is_named: Whether it is headed as a time; else its numbers have to rise, and to have no unit.
+        is_named: Whether it is headed as a time. Else its numbers must rise or fall throughout, differ in
+            most rows, and have no unit of the configuration.
     """
     numbers = [_leading_number(row[column], table.decimal) for row in rows if column < len(row)]
     values = np.array([value for value in numbers if math.isfinite(value)])
