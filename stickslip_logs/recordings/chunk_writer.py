@@ -172,7 +172,7 @@ class ChunkWriter:
         self._file.write(summary + _encode_records(Footer(*places, checksum)) + MAGIC)
 
     def _assign_sequence(self, channel: IndexArray, order: IndexArray) -> IntArray:
-        """Return the sequence number of each message within its channel, shape (n,); add to ``counts``.
+        """Return the sequence number of each message within its channel, from 0; add to ``counts``.
 
         Args:
             channel: The channel id of each message, shape (n,).
@@ -220,6 +220,7 @@ class ChunkWriter:
         self._write_full_chunk()
 
     def _begin_chunk(self) -> None:
+        """Begin an empty chunk; drop what the unfinished one holds."""
         self._chunk_records = bytearray()
         self._index: dict[int, list[NDArray[np.void]]] = {}
 

@@ -149,6 +149,7 @@ def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list
 
 
 def _is_file_or_link(path: Path) -> bool:
+    """Return whether a path is a regular file, or any link; False behind a folder that is closed."""
     return os.path.isfile(path) or os.path.islink(path)  # noqa: PTH113, PTH114
 
 

@@ -285,6 +285,7 @@ def _find_equal_run(data: bytes, begin: int) -> Piece | None:
     count = min(len(data) - begin, _WINDOW) // length
 
     def column(code: str, place: int) -> NDArray[Any]:
+        """View a field of all records, by its type and its place in a record [bytes], shape (count,)."""
         return np.ndarray((count,), code, data, begin + place, strides=(length,))
 
     if length < PAYLOAD or count * length < _MIN_RUN:

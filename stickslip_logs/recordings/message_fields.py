@@ -334,12 +334,18 @@ def _gather_numbers(
         order: Its byte order, as numpy writes it.
 
     Returns:
-        An array for each number, and for which messages they count: only the decoder knows what
-        a message holds that has anything unusual.
+        An array of shape (n,) for each number; and for which messages they are right, shape (n,).
+        The others have to be decoded one by one, as they are too short or unusual.
     """
     sound = np.ones(len(base), np.bool_)
 
     def fetch(code: str, place: int | IntArray) -> NDArray[Any]:
+        """Return a number of each message, shape (n,); clear ``sound`` where the message ends before it.
+
+        Args:
+            code: The type of the number, as numpy writes it without byte order.
+            place: Where it begins in the message [bytes]: one for all, or shape (n,).
+        """
         numbers = view_numbers(data, order + code)
         np.logical_and(sound, place + numbers.itemsize <= size, out=sound)
         spot = base + place
@@ -459,7 +465,10 @@ class TopicNumbers:
         return self._readers[key]
 
     def faults(self) -> Iterator[tuple[Request, tuple[Fault, ...]]]:
-        """Yield each request with the faults of its messages so far; an empty tuple where there are none."""
+        """Yield each request with the faults of its messages so far; an empty tuple where there are none.
+
+        Messages that are for others count as faults only if all messages are.
+        """
         for row, requests in enumerate(self.requests.values()):
             element = f"the element of field '{requests[0].field}'"
             short = f'lack {element}'

@@ -215,7 +215,8 @@ class SqliteRecording(Recording):
     ) -> Iterator[Rows]:
         """Yield batches of rows of the messages in the order of writing: row id, then some columns.
 
-        Damaged pages are reported as a loss; reading goes on behind them, at ids in growing steps.
+        Damaged pages are reported as a loss; reading goes on behind them, at ids in growing steps, and ends
+        after 41 of them.
 
         Args:
             file: The file, for the reports.
@@ -262,6 +263,8 @@ class SqliteRecording(Recording):
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
         """Yield messages in the order of time, then of place in the recording.
+
+        Adds warnings on damage, and at the end on odd times.
 
         Args:
             topics: Which topics; all when None.

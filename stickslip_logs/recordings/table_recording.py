@@ -488,6 +488,7 @@ def listed(texts: Sequence[str]) -> str:
 
 
 def _ignore_progress(text: str) -> None:
+    """Drop a sentence of a reading, in place of reporting it."""
     del text
 
 
@@ -595,6 +596,10 @@ class TableReading:
         every = _filled_columns(Part(first, dict.fromkeys(self._columns, (first, np.zeros(1)))))
 
         def add(time_ns: IntArray, source: IntArray, place: IntArray) -> None:
+            """Add lines to the order of all, and until any line fills all columns to that by source.
+
+            Nothing is added where the arrays, of shape (n,) each, are empty.
+            """
             if place.size:
                 whole.add(time_ns, np.full(place.size, _ALL_LINES), place)
             if place.size and not has_whole_lines:
@@ -771,7 +776,8 @@ class TableReading:
         Args:
             rows: A block of rows.
             topic: The topic.
-            coded: Numbers of texts and their rows, by column: a cache for one block, which is filled.
+            coded: A cache for one block, which is filled: by place of a column, the code of each text and the
+                code of each row, shape (n,).
         """
         chosen = np.ones(rows.time_ns.size, np.bool_)
         for place, text in self._keys[topic]:

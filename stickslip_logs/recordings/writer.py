@@ -215,6 +215,7 @@ class BagWriter:
         self._is_broken = True
 
     def _refuse_existing(self) -> None:
+        """Raise a BagError where the path of the bag exists, be it a link that leads nowhere."""
         if os.path.lexists(self.path):
             raise BagError(f"bag '{self.path}' exists already and is not overwritten")
 
@@ -399,6 +400,7 @@ def encode_stamped(type_name: str, field: str, stamp_ns: ArrayLike, values: Arra
 
 
 def _split_rows(rows: NDArray[np.void]) -> list[bytes]:
+    """Return the bytes of each row of a structured array."""
     items: list[bytes] = rows.view(f'V{rows.itemsize}').tolist()
     return items
 
