@@ -379,3 +379,15 @@ def test_the_fold_of_a_lining_with_hardly_any_damping_is_averagings(kappa, force
     assert exact_fold_speed(bearing, damping / (2.0 * kappa)) == pytest.approx(
         v / 10.0, rel=1e-9 + 0.1 * force**2
     )
+
+
+@pytest.mark.parametrize(('seed', 'load'), [(1, 882.4), (3, 1230.5), (9, 1753.1)])
+def test_orbits_that_take_too_many_steps_are_decided_by_their_contact(seed, load):
+    """The lining sticks below its fold and not above it, by orbits of :func:`exact_cycle`."""
+    speed = np.linspace(0.0, 8.0, 60)
+    scatter = np.random.default_rng(seed).normal(0.0, 0.0006, 60)
+    bearing = Bearing(1.0, 1.4, 1.0, Tabulated(speed, 0.2 + 0.1 * np.exp(-speed) + scatter), 0.1)
+    below, above = exact_cycle(
+        bearing, exact_fold_speed(bearing, load) * np.array([0.9999, 1.0001]), load
+    ).kind
+    assert below == CycleKind.STICK_SLIP != above
