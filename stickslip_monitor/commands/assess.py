@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command and return its exit code."""
     load = options.parse_load(args.load)
     points, warned = [], False
     for item in options.chosen(args).bearings:
@@ -67,6 +67,7 @@ def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
 
 
 def _build_table(item: BearingConfig, point: Assessment) -> Table:
+    """Return the table of an assessment; values without a number are shown as 'none'."""
     title = f'{item.name}: {point.regime.value}'
     table = output.table_of(title, 'quantity; value', caption=point.outcome.sentence)
     units = {'rpm': 1.0 / item.bearing.speed.factor('rpm'), '%': 100.0, 'mm': 1e3}

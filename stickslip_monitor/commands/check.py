@@ -123,7 +123,7 @@ def _report_path(path: str) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command and return its exit code."""
     if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler):
         raise ConfigurationError(
             "'-', a recording on standard input, goes alone: neither with other bags nor with --scheduler"
@@ -194,6 +194,11 @@ def _advice_text(config: MonitorConfig) -> str:
 
 
 def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
+    """Return the task of each recording, and refuse a bad ``--mcap``.
+
+    Raises:
+        BagError: ``--mcap`` is for several recordings, exists or has a wrong ending.
+    """
     from stickslip_logs.recordings.folders import left_out
 
     config = options.chosen(args)
@@ -307,6 +312,7 @@ def _report_part(
 
 
 def _as_result(task: Task, bag: Path, outcome: Any) -> CheckResult:
+    """Return the result of a call, also where its outcome is an exception or a dead process."""
     if isinstance(outcome, CheckResult):
         return outcome
     from stickslip_monitor.offline.processes import died
@@ -400,6 +406,7 @@ def _wrap_line(line: str, width: int | None, indent: int = 2) -> str:
 
 
 def _text_lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]:
+    """Yield the lines on a recording; those of events are indented and wrapped to a width."""
     seconds = document['duration'] or 0.0
     yield f'{printable(document["path"])}: {plural(document["messages"], "message")} in {seconds:.1f} s'
     topics = [(name, topic['problem']) for name, topic in document['topics'].items()]
@@ -411,6 +418,7 @@ def _text_lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]
 
 
 def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | None) -> Iterator[str]:
+    """Yield the lines on a bearing; ``start`` is that of the recording [ns]."""
     for text in item['data']:
         yield f'data: {printable(text)}'
     for quantity, facts in item['inputs'].items():
@@ -437,6 +445,7 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | 
 
 
 def _event_lines(event: Mapping[str, Any], text: str, start: int, width: int | None) -> Iterator[str]:
+    """Yield the lines of an event: a table row, or two lines if the width is narrow."""
     seconds = (event['time'] - start) * 1e-9
     if width is not None and width < _NARROW:
         yield _wrap_line(f'  {seconds:.2f} s: {event["from"]} to {event["to"]}', width, 4)

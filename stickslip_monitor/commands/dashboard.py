@@ -77,7 +77,7 @@ def add_page(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command and return its exit code."""
     need_extra()
     from stickslip_monitor.dashboard.seen_monitors import DashboardState
 
@@ -193,6 +193,7 @@ def page_access(args: argparse.Namespace) -> Access:
 async def _serve_page(
     args: argparse.Namespace, config: MonitorConfig, board: DashboardState, access: Access
 ) -> None:
+    """Serve the page of live monitors or of a replay until a signal ends it."""
     from stickslip_monitor.dashboard.server import Server
 
     async def show(player: Replay | None) -> None:

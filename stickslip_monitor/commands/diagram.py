@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command and return its exit code."""
     config = options.require_single_bearing(options.chosen(args))
     bearing = config.bearing
     load = options.parse_loaded(args.load)

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command and return its exit code."""
     bag = open_bag(args.bag)
     record = bag_record(bag)
     # Lines without a time are no recording, nor is one of which nothing could be read.

@@ -149,7 +149,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command and return its exit code."""
     given = {
         name: item.read(getattr(args, name))
         for name, item in _QUANTITIES.items()
@@ -268,6 +268,7 @@ def require_all(given: Mapping[str, Given]) -> None:
 
 
 def _require_fall(given: Mapping[str, Given]) -> None:
+    """Raise ConfigurationError if the static friction is not above the kinetic one."""
     static, kinetic = given.get('static'), given.get('kinetic')
     if static and kinetic and static.value <= kinetic.value:
         raise ConfigurationError(
@@ -348,6 +349,7 @@ def report(values: Sequence[Estimate]) -> str:
 
 
 def _next_lines(ranked: Sequence[FoldShift]) -> Iterator[str]:
+    """Yield for each parameter a line on its effect on the fold speed and how to measure it."""
     for effect in ranked:
         low, high = sorted((effect.below, effect.above))
         spread_text = f'known to {effect.spread:.0%}'

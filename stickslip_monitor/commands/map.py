@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command and return its exit code."""
     is_table = args.output.lower().endswith('.csv')
     if is_table and args.track:
         raise ConfigurationError(
@@ -36,18 +36,20 @@ def run(args: argparse.Namespace) -> int:
     speeds = options.speed_range(args.speeds, bearing)
     loads = options.parse_range(args.loads, 'loads', lambda part: options.parse_load(part, 'loads'))
 
-    def made() -> Any:
+    def make_contents() -> Any:
+        """Return the columns of a table, or a figure with the track if there is one."""
         if is_table:
             drawn, _ = map_ranges(bearing.bearing, speeds, loads)
             curves = boundaries(bearing.bearing, drawn, bearing.alarm.caution_margin)
             return map_columns(bearing.bearing, curves)
         return draw_map(bearing, speeds, loads, _read_track(args.track, bearing) if args.track else None)
 
-    output.write_outputs(args, output=made)
+    output.write_outputs(args, output=make_contents)
     return 0
 
 
 def _read_track(path: str, bearing: BearingConfig) -> Track:
+    """Run the monitor over a recording and return its operating points and events."""
     # Imported only for a track: reading bags takes time to import.
     from stickslip_monitor.offline.check import Kept, check_recording
 

@@ -86,6 +86,7 @@ def _check_recording(path: str, option: FileOption, inputs: Sequence[str]) -> No
 
 
 def _check_output(path: str, option: FileOption, inputs: Sequence[str], *, force: bool) -> None:
+    """Raise OutputError if an output is an input, has a wrong ending, or would replace a foreign file."""
     marks = option.marks or {}
     mark = marks[ending(path, marks)]
     if Path(path).exists() and not (option.renews and mark and holds_mark(path, mark)):
@@ -142,6 +143,7 @@ def write_outputs(args: argparse.Namespace, **makers: Callable[[], Any]) -> None
 
 
 def _write_file(path: str, contents: Any, marks: Marks, *, force: bool) -> None:
+    """Write a text, bytes, columns (CSV) or a figure; raise OutputError or DrawingError."""
     data = contents.encode() if isinstance(contents, str) else contents
     if isinstance(data, bytes):
         try:

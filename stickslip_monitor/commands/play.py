@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command and return its exit code."""
     bag = open_bag(args.bag)
     if bag.start_ns is None or bag.end_ns is None:
         raise BagError(f"bag '{args.bag}' has no messages to play")
@@ -51,6 +51,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _play_recording(player: Player, bag: Recording, args: argparse.Namespace) -> None:
+    """Publish a recording as often as asked, and print what is skipped, played or damaged.
+
+    Raises:
+        RosError: It has no topic that can be played.
+    """
     skipped = player.skipped | {
         t.name: f"its messages are '{t.encoding}', not CDR"
         for t in bag.topics.values()

@@ -84,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command and return its exit code."""
     if find_spec('aiohttp') is None:
         raise LinkError("watch needs the extra 'links': pip install 'stickslip_monitor[links]'")
     with unblocked(), jit.interpreted():
@@ -231,6 +231,7 @@ class LinkStates:
 async def _watch_ship(
     args: argparse.Namespace, config: MonitorConfig, links: LinksConfig, board: DashboardState | None
 ) -> None:
+    """Run monitor, clients and page until one of them ends, then close the clients and cancel the rest."""
     feed = Feed(() if board is None else board.monitors)
     report = LinkStates({} if board is None else board.links).report
     with _make_monitor(args, config, links, feed) as (take, run_monitor):
@@ -262,6 +263,7 @@ async def _watch_ship(
 
 @contextmanager
 def _open_page(args: argparse.Namespace, config: MonitorConfig) -> Iterator[DashboardState | None]:
+    """Yield the state of the page with its event log; None without ``--port``."""
     if args.port is None:
         yield None
         return

@@ -21,11 +21,9 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
     For a log this also requests the columns from it and notes the guesses on it.
 
     Returns:
-        The configuration with full topic names; and by bearing and quantity, why an input is absent:
-        its topic is missing, of another type, or cannot be decoded.
-
-    Raises:
-        BagError: In a log no column fits an input, or several do.
+        The configuration with full topic names (for a log also timeouts); and by bearing and quantity,
+        why an input is absent: its topic is missing, of another type, or cannot be decoded, or in a log
+        no column fits it or several do.
     """
     if isinstance(bag, TableRecording):
         return _bind_columns(bag, config)
@@ -44,11 +42,7 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
 
 
 def _bind_columns(log: TableRecording, config: MonitorConfig) -> Bound:
-    """Bind inputs to columns of a log, note the guesses on the log, and request the columns from it.
-
-    Raises:
-        BagError: No column fits an input, or several do.
-    """
+    """Bind inputs to columns of a log, note the guesses on the log, and request the columns from it."""
     binding = ColumnBinding(log)
     bound = binding.bind(config)
     for text in binding.remarks:

@@ -420,6 +420,7 @@ def bag_record(bag: Recording) -> dict[str, Any]:
 
 
 def _bearing_record(item: BearingReport) -> dict[str, Any]:
+    """Return the report on a bearing as a JSON object: SI units, times [ns], None for no number."""
     return {
         'events': [event_record(event) for event in item.events],
         'seconds': {regime.value: seconds for regime, seconds in item.seconds.items()},
@@ -440,6 +441,7 @@ def _bearing_record(item: BearingReport) -> dict[str, Any]:
 
 
 def _input_record(item: InputReport) -> dict[str, Any]:
+    """Return the report on an input as a JSON object: SI units, times [ns], None for no number."""
     return {
         'topic': item.topic,
         **({'assumed': True} if item.is_assumed else {}),

@@ -145,6 +145,7 @@ class ClipFolder:
                 path.unlink(missing_ok=True)
 
     def _drop_oldest(self) -> None:
+        """Delete the oldest clips beyond the limit, and count them."""
         for path in self.clips()[: -self._most]:
             with contextlib.suppress(FileNotFoundError):
                 path.unlink()
@@ -172,7 +173,7 @@ class ClipWriter(StretchSink):
         self.counts = ClipCounts()
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """Begin a recording."""
+        """Reset for a recording: it has no alarms and no waiting parts yet. ``counts`` go on."""
         self._bag, self._topics = bag, input_topics(bag, config)
         definitions = {kind: text for _, kind, text in topics(bag, config) if text is not None}
         self._recorder = ClipRecorder(config.clips, definitions)
@@ -222,6 +223,7 @@ class ClipWriter(StretchSink):
             self._write_due()
 
     def _write_due(self) -> None:
+        """Write the clips that are complete, and count them or list why they could not be written."""
         for clip in self._recorder.clips():
             try:
                 self._store.write(clip)
@@ -232,6 +234,7 @@ class ClipWriter(StretchSink):
 
 
 def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
+    """Return the messages of all topics in order of time."""
     ordered = []
     for topic, kind, time_ns, payload in columns:
         messages = (

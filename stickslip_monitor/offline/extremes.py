@@ -91,6 +91,7 @@ class Outliner:
         self._rows = self._thin_rows(rows) if rows.size > 24 * _MOST else rows
 
     def _new_rows(self, scan: Scan) -> NDArray[np.void]:
+        """Return the verdicts of a scan as rows (:data:`_ROW`), and remember the end of its last one."""
         points, time = scan.assessment, scan.time_ns
         amplitude = np.full(time.size, np.nan)
         sticking = np.flatnonzero(scan.sticking)
@@ -113,6 +114,7 @@ class Outliner:
         return rows
 
     def _thin_rows(self, rows: NDArray[np.void]) -> NDArray[np.void]:
+        """Return the extreme rows of each group, in order, with the first and last row of all."""
         if self._length == 1 or not rows.size:
             return rows
         starts = self._stretch_starts(rows)

@@ -90,6 +90,7 @@ class HeldValues:
         return stamp_ns[of], arrival_ns[of] + schedule[steps], value[of]
 
     def _is_valid(self, place: int, number: float) -> bool:
+        """Return whether the rule accepts a value, given as sent, of the input with this number."""
         return (
             judge_value(self._numbers, place, number, si_value(self._numbers, place, number))
             == Status.ACCEPTED

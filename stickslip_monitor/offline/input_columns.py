@@ -85,9 +85,13 @@ class ColumnBinding:
         self._asked_clocks: set[tuple[int, ...]] = set()
 
     def bind(self, config: MonitorConfig) -> Bound:
-        """Return the configuration with the topics and timeouts that hold for the log.
+        """Bind every input that is not assumed to one column of the log.
 
-        Fills ``columns``, ``remarks`` and ``questions``.
+        Fills ``columns``, ``remarks`` and ``questions``. An assumed load gets the column of the speed.
+
+        Returns:
+            The configuration with topics and timeouts for the log; and why other inputs are absent: no
+            single column fits, or bearings with different topics share one.
         """
         absent: dict[tuple[str, str], str] = {}
         columns: list[tuple[BearingConfig, str, InputConfig, LogColumn]] = []
@@ -348,7 +352,10 @@ class ColumnBinding:
             )
 
     def _questions_on_values(self, source: InputConfig, column: LogColumn, interval: float) -> Iterator[str]:
-        """Yield questions on ambiguous times (once for each clock), fillers, and a long interval [s]."""
+        """Yield questions on ambiguous times (once for each clock), fillers, and slow values.
+
+        Each is a clause that follows the name of the input; ``interval`` is that of the values [s].
+        """
         clock = self._log.table.clock_of(column.place)
         if clock.question and clock.columns not in self._asked_clocks:
             self._asked_clocks.add(clock.columns)
@@ -412,7 +419,10 @@ def _unit_of_column(column: LogColumn, quantity: str) -> str | None:
 
 
 def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:
-    """Return the units in which a column may have a quantity: those that convert to the configured one."""
+    """Return the units a column may have: those that convert to the configured one, the configured first.
+
+    For a speed those of turning, and m/s only if it is configured.
+    """
     if quantity == 'speed':
         # A column in m/s may be the ship's own speed.
         return (*TURNING_UNITS, *(['m/s'] if source.unit == 'm/s' else []))

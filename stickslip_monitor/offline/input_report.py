@@ -128,6 +128,7 @@ class Gaps:
         return passed_ns
 
     def _take_log(self, step: IntArray) -> None:
+        """Count log times that differ, and update the longest run of equal ones, by more steps [ns]."""
         self._times += int(np.count_nonzero(step))
         runs = np.array([self._run, 1])
         if not step.all():
@@ -193,7 +194,7 @@ class InputReport:
 
     @property
     def complaints(self) -> list[str]:
-        """Return what was wrong, one clause for each kind."""
+        """Return the faults of the input, one clause for each kind; [] without any."""
         place = f'{self.quantity} on {self.topic}'
         texts = [f'{place}: {fault.count} x {fault.text}' for fault in self.faults]
         return [*texts, f'{place}: {self.fault}'] if self.fault else texts
@@ -349,7 +350,7 @@ def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
     An absent input disables its bearing only.
 
     Raises:
-        BagError: No bearing has both speed and load, or columns of a log are ambiguous.
+        BagError: No bearing has both speed and load.
     """
     bound = bind(bag, config)
     lost = {name for name, quantity in bound.absent if quantity in QUANTITIES}

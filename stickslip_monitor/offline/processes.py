@@ -81,6 +81,11 @@ def spread(
 def _completed_calls(
     workers: Executor, function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]]
 ) -> Iterator[tuple[_Key, Any]]:
+    """Submit all calls; yield the key and the result or exception of each as it completes.
+
+    Raises:
+        FleetError: The scheduler is lost, or has no worker any more.
+    """
     with _ignore_interrupts():
         futures = {workers.submit(function, *call): key for key, call in calls.items()}
     while futures:

@@ -119,7 +119,7 @@ class VerdictWriter(StretchSink):
         self._writer.write_columns((column.topic, column.time_ns, column.payload) for column in columns)
 
     def _messages_until(self, end_ns: int) -> Iterator[Message]:
-        """Yield the messages of the inputs up to a log time [ns]."""
+        """Yield the recorded inputs not yet yielded, up to a log time [ns]; the next call continues."""
         while self._next is not None and self._next.log_time_ns <= end_ns:
             yield self._next
             self._next = next(self._inputs, None)
@@ -389,6 +389,10 @@ class _Follower:
     def _status_fields(
         self, state: State, point: Assessment | None, counts: IntArray, mixed: str, time_ns: int
     ) -> StatusFields:
+        """Return the diagnostic status of the bearing in a saved state, as judged at a time [ns].
+
+        ``point`` is its last assessment, None before the first; ``mixed`` the sentence on two sources.
+        """
         bearing = copy.copy(self._bearing)
         bearing.state, bearing.counts = state, counts
         if point is not None:

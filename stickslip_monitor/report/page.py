@@ -332,6 +332,7 @@ def _parameter_rows(table: Iterable[Parameter], values: Mapping[str, Any], prefi
 
 
 def _value_text(value: Any) -> str:
+    """Format a parameter's value: 'none' if not finite, a dash for an empty text."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float | int):

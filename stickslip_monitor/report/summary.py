@@ -226,6 +226,7 @@ def _lost_seconds(course: Course) -> float:
 
 
 def _lost_sentences(course: Course) -> str:
+    """Return the sentence on the time with a missing input; '' without any."""
     seconds = _lost_seconds(course)
     if not seconds:
         return ''
