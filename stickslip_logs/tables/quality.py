@@ -100,6 +100,7 @@ def find_quality(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | 
     has_good = any(map(_GOOD.match, seen))
 
     def is_bad(mark: str) -> bool:
+        """Return whether a number with a mark does not count; an empty mark is not bad."""
         code = _code_of(mark, is_hex=is_hex)
         if code is not None:
             return _IS_BAD[kind](code)

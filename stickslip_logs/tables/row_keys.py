@@ -113,7 +113,7 @@ def _are_values_apart(time_ns: IntArray, key: IntArray, value: FloatArray) -> bo
 
 
 def find_end_columns(head: Sequence[Cells], tail: Sequence[Cells], width: int) -> list[int]:
-    """Return the places of the columns with one text in the head of a table and another one in its tail.
+    """Return the places of the columns with one text in all of the head and another one in all of the tail.
 
     Args:
         head: The rows of the head.

@@ -37,9 +37,11 @@ def find_clocks(path: Path, table: TableColumns) -> tuple[Clock, ...]:
 
 
 def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
-    """Yield clocks of further columns that hold times as those of the main clock do.
+    """Yield clocks of further columns that hold times in the way of the main clock.
 
-    An empty column is among them where it is headed as a time: its signal begins later.
+    Most of their cells must be times, which hardly ever step back. A column that is empty in head and tail
+    is among them if it is headed as a time: its signal begins later. Nothing is yielded where the columns of
+    the main clock are not adjacent.
     """
     first, rows = main.columns[0], [*table.rows[:_MAX_ROWS], *table.tail]
     if main.columns != tuple(range(first, first + len(main.columns))):

@@ -234,8 +234,9 @@ def _lack_of_times(
 def rank_stamps(table: TableColumns, columns: Sequence[int]) -> list[int]:
     """Return columns of dates with times, the one that is most likely the time of the rows first.
 
-    An arrival, or the name of a file, is the same in all rows or many. InfluxDB writes the limits of the
-    query beside the time, and ships the time of the zone they are in.
+    A column of few different dates, as of an arrival or in the name of a file, comes last. Before others
+    come '_time' of InfluxDB, which also writes the limits of the query, then a column headed as UTC, which
+    ships write beside their zone time, then one headed as a time.
     """
     counts = {k: len({row[k] for row in table.rows[:_MAX_ROWS] if k < len(row)}) for k in columns}
     return sorted(
@@ -280,10 +281,10 @@ def _clock_of_layout(columns: tuple[int, ...], layout: StampLayout) -> Clock:
 
 
 def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
-    """Return the clock of columns side by side that hold year, month, day, hour, ...; None where none do.
+    """Return the clock of adjacent columns that hold year, month, day, hour, ...; None where none do.
 
-    Their numbers make them certain: joined, they are dates with a year of four digits that do not go back.
-    A last column of seconds belongs to them if it is headed so, or minutes alone do not tell the rows apart.
+    Joined, nearly all of their cells must be dates with a year of four digits, which hardly ever step back. A
+    last column of seconds belongs to them if it is headed so, or if the rows differ by it alone.
     """
     rows = [row for row in (*rows, *table.tail) if len(row) >= len(table.names)]
     for first, count, day_count in itertools.product(range(len(table.names)), (6, 5, 4, 3), (3, 2, 1)):
@@ -515,7 +516,7 @@ def _unit_of_times(words: str, written: str | None) -> str:
 
 
 def _days_or_seconds(values: FloatArray, step: float) -> tuple[bool, bool]:
-    """Return whether numbers without a unit may be days, and whether they may be seconds.
+    """Return whether numbers without a unit may be days, and whether they may be seconds; or both.
 
     Args:
         values: The numbers, shape (n,).
