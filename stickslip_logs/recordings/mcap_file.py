@@ -375,9 +375,15 @@ class FilePass:
     def read_groups(self, block: Block) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:
         """Read a block: add its definitions to the file, count its messages, and report what is wrong.
 
+        Charges its size to the pass first, which can end the pass.
+
         Yields:
-            Each piece of its records, and for each channel id which messages of the piece it has. Nothing
-            for a damaged block, or where the pass is over.
+            Each piece of its records, and for each channel id the indexes of its messages in the piece,
+            without those behind a contradicting definition. Nothing for a damaged block, or where the pass is
+            over.
+
+        Raises:
+            BagError: The file cannot be read.
         """
         self.charge(block, block.size if block.size <= MAX_CHUNK else 0)
         if self.is_over:

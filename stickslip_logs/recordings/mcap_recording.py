@@ -187,7 +187,7 @@ class Pass:
             )
 
     def compare_counts(self) -> None:
-        """Report where summaries state other counts than were read; to be called when all was read."""
+        """Report as losses where summaries state other counts than were read; call it when all was read."""
         for file_pass in self._file_passes:
             if file_pass.file.is_stated:
                 file_pass.file.compare_counts(
@@ -257,7 +257,7 @@ class McapReading(MessageReading):
         self._pass.compare_counts()
 
     def _make_reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
-        """Return the reader of messages of a channel, or the error where they cannot be read."""
+        """Return the reader of messages of a channel; the error, not raised, where they cannot be read."""
         schema, problem = file.schemas.get(channel.schema_id), file.find_problem(channel)
         if schema is None or problem:
             return BagError(f"topic '{channel.topic}' cannot be read: {problem}")

@@ -101,7 +101,13 @@ class BlockTimes:
         self._files, self._least_ns, self._sparse_bytes = files, least_ns, 0
 
     def judge_order(self, topics: Sequence[str]) -> CourseOfBlocks:
-        """Read the times of some topics, by indexes where there are any, and judge their order."""
+        """Read the times of some topics, and return their course; decompress only blocks without indexes.
+
+        The files are read once more where times have to be corrected.
+
+        Raises:
+            BagError: A file cannot be read; also OSError, where it cannot be opened.
+        """
         numbers = {topic: number for number, topic in enumerate(topics)}
         order, spans = TimeOrder(is_in_blocks=True), dict[int, tuple[int, int]]()
         for number, rows_of_topics in self._iterate_blocks(numbers):
@@ -187,7 +193,7 @@ def _are_times(time_ns: IntArray, least_ns: int) -> BoolArray:
 def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_TopicRows] | None:
     """Return the messages of a block by its indexes, without decompressing it.
 
-    None where there are no indexes, or they cannot be right.
+    Those of a topic are by place in the block. None where there are no indexes, or they cannot be right.
 
     Args:
         file: An open file descriptor.

@@ -295,7 +295,7 @@ def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPat
 def _list_tokens(
     definitions: Definitions, root: str, prefix: FieldPath
 ) -> Iterator[tuple[FieldPath, Token | None]]:
-    """Yield each token of a type with its path; None for what has no layout.
+    """Yield each token of a type with its path, in the order of the data; None for what has no layout.
 
     An array of numbers is one token, a text one without a length. A wstring, an array without a fixed size
     and too deep nesting have no layout.

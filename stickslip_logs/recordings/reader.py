@@ -45,11 +45,10 @@ def open_bag(path: str | Path) -> Recording:
             a log: CSV and its kin, Parquet, NMEA 0183 or Signal K.
 
     Returns:
-        The recording.  Files that are cut and topics that cannot be decoded are part of it, not
-        errors.
+        The recording. Truncated files and topics that cannot be decoded are part of it, not errors.
 
     Raises:
-        BagError: There is no recording, or it is of no kind that is read.
+        BagError: There is no recording, it cannot be read, or it is of a kind that is not supported.
     """
     path = find_stored_path(Path(path))
     if not path.exists():
@@ -171,7 +170,12 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
 
 
 def _is_table_so_far(file: IO[bytes], path: Path) -> bool:
-    """Return whether what was written of a file so far can be opened as a table."""
+    """Flush a file; return whether what was written of it so far can be opened as a table.
+
+    Args:
+        file: The file, open for writing.
+        path: Its path.
+    """
     file.flush()
     try:
         return isinstance(open_bag(path), TableRecording)

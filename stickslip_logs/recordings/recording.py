@@ -179,7 +179,7 @@ class TimeSpans:
 
 
 Progress = Callable[[int, int], None]
-"""Given how much is done, and how much there is to do [bytes]."""
+"""Given how much is done, and how much there is to do: bytes of MCAP, messages of SQLite, or lines."""
 MOST_NAMED = 10
 
 
@@ -248,6 +248,10 @@ class Recording(ABC):
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> Reading:
         """Return a pass that reads numbers of some topics, one stretch of time after the other.
 
+        Args:
+            requests: The numbers to read.
+            progress: Called during the pass with how much is done and to do.
+
         Raises:
             BagError: A topic is not there or cannot be decoded, a field is not in its type or no
                 number, or a file cannot be read.
@@ -261,7 +265,7 @@ class Recording(ABC):
 
         Args:
             requests: The numbers to read.
-            progress: Given the bytes, or messages, done and to do.
+            progress: Called during the pass with how much is done and to do.
 
         Raises:
             BagError: As for :meth:`reading`; also FieldError.

@@ -105,10 +105,10 @@ class SqliteRecording(Recording):
 
     @contextlib.contextmanager
     def _open_read_only(self, file: Path) -> Iterator[sqlite3.Connection]:
-        """Open a connection that changes nothing.
+        """Open a connection that changes nothing; with a journal beside the file, to a copy.
 
         Raises:
-            BagError: The file cannot be read.
+            BagError: The file cannot be read; also for an error of the database inside the context.
         """
         try:
             uri = f'{self._apply_journal(file).absolute().as_uri()}?mode=ro&immutable=1'
@@ -346,6 +346,7 @@ class SqliteRecording(Recording):
         decompress = zstandard.ZstdDecompressor().decompress
 
         def unpack(data: bytes) -> bytes | None:
+            """Return the unpacked data; None where they are damaged or too large."""
             try:
                 return decompress(data, max_output_size=_MAX_MESSAGE_BYTES)
             except zstandard.ZstdError:

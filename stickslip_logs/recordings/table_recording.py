@@ -137,7 +137,13 @@ class TableRecording(Recording):
         self.table.clocks = tuple(counted_from(clock, zero_ns) for clock in self.table.clocks)
 
     def _may_miss_names(self, rows: Sequence[Cells]) -> bool:
-        """Return whether head and tail of a long table may lack names, as they come one after the other."""
+        """Return whether head and tail of a long table may lack names; False for another table.
+
+        They may where each name has its lines one after the other: the head has one name, or the tail others.
+
+        Args:
+            rows: Rows of head and tail.
+        """
         if self.names is None:
             return False
         name = self.names[0]
@@ -583,6 +589,8 @@ class TableReading:
     def _judge_order(self) -> tuple[TimeCourse, bool]:
         """Read the file, buffer its numbers, and judge the order of time of lines with numbers.
 
+        Reports losses and progress.
+
         Returns:
             The course, and whether any line fills all columns: then all lines are one source, else those
             that fill the same columns are.
@@ -746,13 +754,14 @@ class TableReading:
     def _are_admitted(self, topic: str, cells: Any, rows: Rows, where: IntArray) -> BoolArray:
         """Return which numbers of a topic are of the sender that is used at that time, shape (n,).
 
-        Lines in a unit of something else are of no source, as live.
+        The admissions of the topic advance with each number. As in live operation, a number in a unit of
+        another quantity counts for no sender.
 
         Args:
             topic: The topic.
             cells: The cells of its numbers and of those of other sources.
             rows: The rows of a block.
-            where: Which of these the cells are of, shape (n,).
+            where: The indexes of the rows of these cells, shape (n,).
         """
         sources = rows.columns[self._wanted.index(SOURCE)]
         numbers = self._recording.table.numbers(cells)
@@ -887,7 +896,12 @@ def _sort_parts(parts: Iterable[Part], topics: Sequence[str], wait_ns: int | Non
 
 
 def _merge_parts(parts: Sequence[Part], topics: Sequence[str]) -> Part:
-    """Join parts to one that is sorted by time; one without rows or topics where there are none."""
+    """Join parts to one that is sorted by time, then in their order; without parts an empty part.
+
+    Args:
+        parts: The parts.
+        topics: The topics that are joined, which all parts have.
+    """
     if not parts:
         return Part(np.empty(0, np.int64), {})
     begins = np.cumsum([0, *(part.time_ns.size for part in parts)])

@@ -279,6 +279,7 @@ class BagWriter:
         (start_ns, end_ns), counts = self._writer.span, self.message_counts
 
         def span() -> dict[str, Any]:
+            """Return start, duration and number of messages, in a new object each time."""
             # The same object twice would become a YAML alias, which rosbag2's reader need not
             # know.
             return {
@@ -433,7 +434,7 @@ class StatusFields:
 
 
 def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes:
-    """Encode a ``diagnostic_msgs/DiagnosticArray`` with a stamp [ns] and an empty frame."""
+    """Encode a ``diagnostic_msgs/DiagnosticArray`` with a stamp [ns] and an empty frame, in CDR."""
     body = bytearray(struct.pack('<iI', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000))
 
     def put(item: bytes) -> None:
