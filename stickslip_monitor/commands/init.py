@@ -221,7 +221,7 @@ def ask_more(answer: Callable[[str], str], args: argparse.Namespace) -> None:
 
 
 def _read_gear(text: str | None) -> float:
-    """Return the ratio of a gear; 1 for none."""
+    """Return the ratio of a gear; 1 for None. Raise ConfigurationError if the text is no valid ratio."""
     if text is None:
         return 1.0
     (row,) = (parameter for parameter in INPUT_PARAMETERS['speed'] if parameter.name == 'speed.gear')
@@ -233,7 +233,11 @@ def _read_gear(text: str | None) -> float:
 
 
 def _read_table(text: str | None) -> list[float]:
-    """Return a table of the load as one list of pairs; empty for none."""
+    """Return a table as speed [rpm], load, speed, load, ... in the unit of the load; [] for None.
+
+    Raises:
+        ConfigurationError: The text is no list of pairs, or a load is not above 0.
+    """
     if text is None:
         return []
     pairs = [_PAIR.fullmatch(pair) for pair in text.split(',')]

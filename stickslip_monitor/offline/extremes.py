@@ -114,7 +114,10 @@ class Outliner:
         return rows
 
     def _thin_rows(self, rows: NDArray[np.void]) -> NDArray[np.void]:
-        """Return the extreme rows of each group, in order, with the first and last row of all."""
+        """Return the extreme rows of each group and its first after an interruption, in order.
+
+        The first and the last row of all stay. Groups of one row are returned as they are.
+        """
         if self._length == 1 or not rows.size:
             return rows
         starts = self._stretch_starts(rows)

@@ -293,7 +293,7 @@ class _Follower:
     def loss(self, samples: Heard) -> list[int]:
         """Return when the first input times out, one item [ns].
 
-        Empty if the part has samples, no verdict came before it, or an input is lost already.
+        Empty if the part has samples, nothing was received before it, or an input is lost already.
         """
         state = self._scan.state
         if samples.stream.time_ns.size or state.now == NEVER or state.lost:
