@@ -172,7 +172,17 @@ def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -
 
 
 def stable_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:
-    """Amplitude of the largest stable cycle [m] where there is one, each shape (n,)."""
+    """Return the displacement amplitude of the largest stable cycle [m].
+
+    Args:
+        bearing: Bearing without lubrication effects.
+        speed: ``V`` > 0, shape (n,) [m/s].
+        load: Load, shape (n,) [N].
+
+    Returns:
+        Shape (n,). Without a stable cycle it is ``nan`` for a scanned law and unspecified for
+        one with closed forms.
+    """
     q = damping_per_load(bearing.damping, load)
     law = bearing.friction
     velocity: FloatArray = averaged(law).stable_amplitude(law, speed, q)

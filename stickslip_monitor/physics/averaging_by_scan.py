@@ -383,7 +383,15 @@ def hopf_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
 
 
 def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
-    """Highest speed with a stick-slip cycle [m/s]; ``nan`` where no speed has one."""
+    """Return the highest speed with a stick-slip cycle, by averaging [m/s].
+
+    Args:
+        law: The friction law.
+        q: Damping for each unit of load ``c/N``, shape (n,) [s/m].
+
+    Returns:
+        Shape (n,); ``nan`` where no speed has a cycle, ``inf`` where the fastest scanned one still has.
+    """
     if not speed_scales(law):
         return np.full_like(q, np.nan)
     curve = peak_curve(law)
@@ -622,7 +630,12 @@ def _read_table(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatA
 def _may_turn(above: FloatArray, doubt: FloatArray) -> BoolArray:
     """Return where three neighbours lie on one side of ``q`` and a parabola through them may reach it.
 
-    Shape (n, len(GRID) - 2), by the first of the three.
+    Args:
+        above: ``rho - q`` on the amplitude grid, shape (n, len(GRID)) [s/m].
+        doubt: Error of these values, same shape [s/m].
+
+    Returns:
+        Shape (n, len(GRID) - 2); an element belongs to the triple that begins at its column.
     """
     left, middle, right = above[:, :-2], above[:, 1:-1], above[:, 2:]
     side = (left > 0.0) == (right > 0.0)

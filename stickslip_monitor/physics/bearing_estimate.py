@@ -171,7 +171,15 @@ def _multiply_estimates(
 
 
 def bearing_of(values: Sequence[Estimate]) -> Bearing:
-    """Return the bearing of the estimated values."""
+    """Build the bearing, with a Stribeck law, from its estimated values.
+
+    Args:
+        values: Estimates [SI] that include ``mass``, ``damping``, ``stiffness``, ``static``, ``kinetic``,
+            ``decay`` and ``journal_diameter``; others are ignored.
+
+    Raises:
+        KeyError: One of these is missing.
+    """
     by_name = {item.name: item.value for item in values}
     return Bearing(
         by_name['mass'],

@@ -167,7 +167,10 @@ def amplitude_of_cycle(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray
 
 
 def harmonic(law: Stribeck, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
-    """``S(a; V)`` [-] at velocity amplitudes ``a`` > 0 [m/s], shape of ``speed``."""
+    """Return the averaged friction ``S(a; V)`` [-] at velocity amplitudes ``a`` > 0 [m/s].
+
+    Shape (n,), as ``speed`` and ``amplitude``.
+    """
     result, near = np.empty_like(speed), amplitude <= speed
     v, a = speed[near], amplitude[near]
     falls = i1e(law.decay * a) * np.exp(law.decay * a - law.decay * v)
@@ -261,7 +264,10 @@ def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatAr
 
 
 def threshold_amplitude(law: Stribeck, speed: FloatArray, damping: float, load: FloatArray) -> FloatArray:
-    """Return the velocity amplitude of the unstable cycle [m/s]; only for speeds between Hopf and fold."""
+    """Return the velocity amplitude of the unstable cycle [m/s]; only for speeds between Hopf and fold.
+
+    Shape (n,). It is never above the speed; outside that range it is unspecified, not ``nan``.
+    """
     # How far the speed is past the Hopf speed, beta V + ln kappa, is near kappa = 1 so small a
     # difference that the amplitude would be off by 1e-10 with the digits of a double: it is taken
     # in extended precision, where the machine has it.

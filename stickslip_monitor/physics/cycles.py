@@ -131,7 +131,7 @@ class FoundCycles(NamedTuple):
         return cls(kind.astype(float), *np.full((6, kind.size), np.nan))
 
     def put(self, rows: IndexArray, part: FoundCycles) -> None:
-        """Write what is found of some points to their places."""
+        """Overwrite the rows of these arrays, in place, with the cycles of ``part``."""
         for column, values in zip(self, part, strict=True):
             column[rows] = values
 
@@ -475,7 +475,16 @@ def _follow_rounds(field: SlipField, start: FloatArray, weigh: bool) -> tuple[Or
 
 
 def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
-    """Find the stable cycles that reach the belt's speed."""
+    """Find the stable cycles that reach the belt's speed: stick-slip and overtaking ones.
+
+    Args:
+        field: What the linings slip in, n of them.
+        weigh: Whether the Floquet multiplier of an overtaking cycle is wanted.
+
+    Returns:
+        Cycles of shape (n,): the kind is ``NONE`` where the slip phase does not return to the belt's
+        speed, ``UNRESOLVED`` where its steps ran out. A stick-slip cycle has the exponent ``-inf``.
+    """
     one, over = _follow_rounds(field, np.zeros(field.speed.size), False)
     cycles = FoundCycles.none(np.where(one.end == EXHAUSTED, CycleKind.UNRESOLVED, CycleKind.NONE))
     landed = one.end == LANDED
@@ -492,7 +501,7 @@ def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
 
 
 def _reach_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
-    """Return where the slip phase from breakaway meets the belt, whatever comes then."""
+    """Return where the slip phase from breakaway meets the belt, whether it then sticks or overtakes."""
     nothing, route = np.zeros(speed.size), Route(3, _ERROR, contact=True)
     with np.errstate(all='ignore'):
         field = slip_field(bearing, np.abs(speed), load)
@@ -500,10 +509,14 @@ def _reach_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolAr
 
 
 def _find_overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles:
-    """Cycles that pass the belt's speed twice and are never held: fixed points of a round.
+    """Find the cycles that pass the belt's speed twice and never stick: fixed points of a round.
 
-    The round that started at breakaway ended beyond it, at ``first`` > 0; orbits do not cross, so
-    the fixed point lies beyond that.
+    Orbits do not cross, so the fixed point lies beyond ``first``.
+
+    Args:
+        field: What the linings slip in, n of them.
+        first: Displacements > 0 at which the round that started at breakaway ended, shape (n,).
+        weigh: Whether the Floquet multiplier is wanted.
     """
 
     def gain(start: FloatArray, rows: IndexArray) -> FloatArray:

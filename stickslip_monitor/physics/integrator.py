@@ -327,7 +327,11 @@ def is_compiled(compiled: bool | None) -> bool:
 
 
 def _check_times(times: FloatArray, drive: Drive) -> None:
-    """Raise ``PhysicsError`` where sample times fall or lie outside the drive."""
+    """Check the sample times [s] of a simulation.
+
+    Raises:
+        PhysicsError: The times are not one-dimensional, not finite, decrease, or lie outside the drive.
+    """
     if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) < 0.0):
         raise PhysicsError('times must be one row of finite numbers that do not fall')
     if times.size and (times[0] < drive.start or times[-1] > drive.end):

@@ -196,9 +196,10 @@ def speed_over_load(bearing: Lubricated, boundary: Callable[[Any], Any], load: A
 
 
 def at_points(rescale: Callable[[Any, Any], Any]) -> Callable[[_Function], _Function]:
-    """Return a decorator that lets ``function(bearing, speed, load)`` follow the lubrication.
+    """Return a decorator that lets ``function(bearing, speed, load, ...)`` follow the lubrication.
 
-    The function is asked at the reference point ``(V/s, N/s)``.
+    The decorated function calls ``function`` at the reference point ``(V/s, N/s)`` with the bearing as
+    measured and rescales its result; without :class:`Lubrication` it calls ``function`` unchanged.
 
     Args:
         rescale: ``(result, s)`` to the result at the point itself.
@@ -207,6 +208,7 @@ def at_points(rescale: Callable[[Any, Any], Any]) -> Callable[[_Function], _Func
     def decorate(function: _Function) -> _Function:
         @wraps(function)
         def scaled(bearing: Lubricated, speed: ArrayLike, load: ArrayLike, *args: Any, **kwargs: Any) -> Any:
+            # A bearing without lubrication effects is its own reference point.
             if bearing.lubrication is None:
                 return function(bearing, speed, load, *args, **kwargs)
             v, n, s = reference_point(bearing, speed, load)

@@ -177,7 +177,18 @@ def may_meet_belt(begin: SlipState, end: SlipState, h: float) -> bool:
 
 
 def speed_scale(law_numbers: Any, medium: Medium, begin: SlipState, length: float) -> float:
-    """Return the size of the speeds in a step, by which its error is judged."""
+    """Return the scale of the relative speeds in a step, to which its error limit is relative.
+
+    Args:
+        law_numbers: :attr:`LawInUse.numbers` of the friction law.
+        medium: What the lining is in as the step begins.
+        begin: Slip state as the step begins.
+        length: Length of the step, in units of ``1/omega``.
+
+    Returns:
+        An upper estimate in the units of ``begin.z``; for a lining released from a belt at rest, the
+        speed that the change of the load gives it.
+    """
     size: float = abs(begin.z) + length * (abs(medium.drift) + abs(begin.rate))
     if size == 0.0:
         # Released at the limit from a belt at rest: only the change of the load moves it.
@@ -255,8 +266,13 @@ def stick_advance(law: LawInUse, medium: Medium, e: float, stalled: int, left: f
         law: The law.
         medium: What the lining is in as the step begins.
         e: Displacement as the step begins.
-        stalled: How many steps in a row have had no length.
+        stalled: How many steps in a row have had no length. After more than ``_STALLED`` of them a short
+            step is taken without a check for release, so that time goes on.
         left: The longest that the step may be, in units of ``1/omega``.
+
+    Returns:
+        The step, with the release that ends it (``RELEASE_FORWARD`` or ``RELEASE_BACKWARD``), or
+        ``NOTHING`` where the lining still sticks.
     """
     length, event = left, NOTHING
     if stalled > _STALLED:

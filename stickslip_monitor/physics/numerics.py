@@ -44,7 +44,13 @@ def hermite_cubics(x: FloatArray, y: FloatArray, slope: FloatArray) -> FloatArra
 
 
 def hermite(x: FloatArray, y: FloatArray, slope: FloatArray, at: FloatArray) -> FloatArray:
-    """Evaluate cubics at places; beyond the first and the last point they stay where they are.
+    """Evaluate the piecewise cubic Hermite interpolant at places, constant outside the points.
+
+    Args:
+        x: Rising places of the points, shape (n,), n >= 2.
+        y: Values there, shape (n,).
+        slope: Derivatives there, shape (n,).
+        at: Places to evaluate at, of any shape.
 
     >>> x, y, slope = np.array([0.0, 2.0]), np.array([1.0, 5.0]), np.array([0.0, 4.0])
     >>> hermite(x, y, slope, np.array([1.0, 9.0])).tolist()

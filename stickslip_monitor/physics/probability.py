@@ -108,7 +108,10 @@ class Tolerance:
         return math.hypot(self.speed, self.model_error, self.scatter)
 
     def of_fall(self, law: FrictionLaw) -> float:
-        """Relative standard deviation of ``mu_s - mu_k``, the fall of friction with speed."""
+        """Return the relative standard deviation of ``mu_s - mu_k``, the fall of friction with speed.
+
+        A law without a fall has :data:`UNKNOWN_FALL`, or 0 where both coefficients are exact.
+        """
         kinetic = _least_coefficient(law)
         fall = abs(law.static - kinetic)
         deviation = math.hypot(self.static * law.static, self.kinetic * kinetic)

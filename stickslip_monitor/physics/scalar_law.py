@@ -28,7 +28,12 @@ _ROUNDING = 1e-12
 
 
 def friction_drop(law: Any, origin: float, step: float) -> float:
-    """``mu(v) - mu(v + step)`` of sliding ahead [-] of the law of :attr:`LawInUse.numbers`.
+    """Return the fall of friction ``mu(origin) - mu(origin + step)`` while sliding ahead [-].
+
+    Args:
+        law: :attr:`LawInUse.numbers` of the friction law.
+        origin: Sliding speed at which the step begins [m/s].
+        step: Change of the sliding speed [m/s].
 
     >>> friction_drop(scalar_law(Tabulated([0.0, 1.0], [0.75, 0.25])).plain.numbers, 0.0, 1.0)
     0.5
@@ -37,7 +42,11 @@ def friction_drop(law: Any, origin: float, step: float) -> float:
 
 
 def friction_slope(law: Any, speed: float) -> float:
-    """``d mu / d|v|`` at a relative speed [s/m] of the law of :attr:`LawInUse.numbers`.
+    """Return the slope ``d mu / d|v|`` at a relative speed [s/m].
+
+    Args:
+        law: :attr:`LawInUse.numbers` of the friction law.
+        speed: Relative speed [m/s].
 
     >>> friction_slope(scalar_law(Stribeck(0.5, 0.25, 10.0)).plain.numbers, 0.0)
     -2.5
