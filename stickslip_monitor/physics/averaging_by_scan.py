@@ -676,7 +676,18 @@ def _turning_triples(
 def _group_by_point(
     points: int, point: IndexArray, amplitude: FloatArray, stable: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Group roots by their point, ascending: shape (points, most roots of any point)."""
+    """Group the roots of each point in a row, by ascending amplitude.
+
+    Args:
+        points: Number of points.
+        point: Point of each root, shape (m,).
+        amplitude: Amplitude of each root, shape (m,).
+        stable: 1 where the root is a stable cycle, else 0, shape (m,).
+
+    Returns:
+        Amplitudes, padded with ``nan``, and stabilities, padded with 0, each of shape (points, k) with
+        the largest number ``k`` of roots of a point.
+    """
     order = np.lexsort([amplitude, point])
     point, amplitude, stable = point[order], amplitude[order], stable[order]
     counts = np.bincount(point, minlength=points)

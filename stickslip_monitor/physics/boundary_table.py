@@ -129,7 +129,8 @@ def _averaged_growth(last: FloatArray, step: float) -> float:
 def boundary_table(bearing: Bearing) -> BoundaryTable:
     """Tabulate the fold that decides, the averaged one and the lower end of stick-slip over the load.
 
-    They are those of friction as measured, at reference points (:mod:`.lubrication`).
+    They are those of friction as measured, at reference points (:mod:`.lubrication`). The table is
+    ``_NONE`` where friction does not fall or no load has a cycle; without damping both folds are ``inf``.
     """
     bearing = as_measured(bearing)
     law = bearing.friction

@@ -283,7 +283,7 @@ class Grazing:
 
     @cached_property
     def _max_swing(self) -> float:
-        """The speed that a vibration reaches at most for each newton of load and unit of gain [m/(s N)].
+        """Upper bound of a vibration's speed for each newton of load and unit of friction gain [m/(s N)].
 
         Friction feeds a vibration most if it is highest wherever the lining moves with the belt and
         lowest wherever it moves against it. The lining then swings by ``N gain/(2 k) coth(pi zeta'/2)``

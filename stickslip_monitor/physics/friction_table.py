@@ -128,7 +128,11 @@ class Tabulated:
 
 
 def _monotone_cubics(v: tuple[float, ...], mu: tuple[float, ...]) -> FloatArray:
-    """Return the monotone cubics between points as ``scipy.interpolate.PPoly.c``, shape (4, n - 1)."""
+    """Return the monotone cubics between points as ``scipy.interpolate.PPoly.c``, shape (4, n - 1).
+
+    Raises:
+        PhysicsError: A slope is too steep to be a finite number.
+    """
     speed, values = np.array(v), np.array(mu)
     with np.errstate(all='ignore'):
         cubics = hermite_cubics(speed, values, monotone_slopes(speed, values))

@@ -262,12 +262,14 @@ def load_over_speed(
 
     Args:
         lubrication: The lubrication.
-        boundary: The load [N] from which on a speed [m/s] is within it, for friction as measured.
+        boundary: Function of speeds [m/s] to the least load [N] within it, for friction as measured;
+            ``nan`` or ``inf`` where no load is.
         speed: Surface speeds [m/s].
         viscosity_ratio: ``eta(T)/eta(T0)`` at each.
 
     Returns:
-        Shape of the broadcast inputs; ``nan`` where no load is.
+        Shape of the broadcast inputs; ``nan`` where no load is within it, 0 where every load is. With a
+        load exponent of 0 the values of ``boundary`` pass through, scaled.
     """
     g = lubrication.load_exponent
     if g == 0.0:

@@ -380,7 +380,8 @@ def march(
 ) -> tuple[int, int, float, float, float, float, int, float, int, int, int, int, int]:
     """Follow the motion to the end of the inputs, or until ``log`` is full; then it may be called again.
 
-    Writes ``samples`` and ``log``.
+    Writes ``samples`` and ``log``. The status is ``DONE``, ``EVENTS_FULL`` where the log is full,
+    ``EXHAUSTED`` where the limit of steps is reached, or ``NOT_FINITE`` where the state overflows.
 
     Returns:
         The fields of :class:`Now` as a plain tuple. Compiled code makes a named one by a call of Python,
