@@ -180,7 +180,7 @@ class Annunciator:
                     self.alarms[bearing.name].setdefault(kind, LiveAlarm(bearing.name, kind))
 
     def restart(self) -> None:
-        """Forget the causes of every alarm, but hold those that are active until the inputs show again."""
+        """Reset all causes; hold active alarms until the bearing has been watched for long enough."""
         for name, old in self.causes.items():
             active = {alarm.kind for alarm in self.alarms[name].values() if alarm.active}
             self.causes[name] = Causes(old.config, active)
@@ -221,6 +221,9 @@ class Annunciator:
 
         Nothing happens where ``changes``, those of the same event, raise that alarm already. One that is
         shelved, or out of service, makes no sound; the other alarm of stick-slip speaks for it.
+
+        Returns:
+            The changes that make the alarm sound again; empty where it does not.
         """
         active = [alarm for alarm in self._sticking_alarms(name) if alarm.active]
         active.sort(key=lambda alarm: alarm.state not in ON_SHOW)

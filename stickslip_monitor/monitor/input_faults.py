@@ -169,7 +169,7 @@ class SourceWatch:
         return True
 
     def standing(self, now_ns: int) -> SourceFault | None:
-        """Return the fault that stands at a time [ns], else ``None``; a minute without evidence ends it."""
+        """Return the fault at a time [ns], else ``None``; clear it after a minute without evidence."""
         if now_ns - self._last_ns > HOLD_NS:
             self._weaken_evidence(self._count)
         return self._fault
@@ -404,10 +404,11 @@ class _Track:
     reported: str = ''
 
     def take_fault(self, fault: str) -> tuple[str, bool]:
-        """Take the sentence that a look has found, '' for none; it is reported when three agree.
+        """Store the fault found by a check, '' for none; report it once when three in a row agree.
 
         Returns:
-            The sentence to log, '' for none, and whether it is about a fault that has ended.
+            The sentence to log, '' for none, and whether the input has no fault now: the sentence is then
+            that of the fault that ended.
         """
         cause = _NUMBERS.sub('', fault)
         self.looks = self.looks + 1 if fault and cause == self.cause else int(bool(fault))

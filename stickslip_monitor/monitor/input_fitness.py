@@ -71,7 +71,7 @@ class _Changes:
             self.messages = self.messages[done:]
 
     def _judge_blocks(self, blocks: int) -> None:
-        """Set the clause by the latest slow block of a dozen intervals; three others drop it."""
+        """Set the clause by the latest slow, regular one of these dozens; clear it after three others."""
         end = blocks * _CHANGES + 1
 
         def rows(column: FloatArray) -> FloatArray:

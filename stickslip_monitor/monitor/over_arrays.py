@@ -128,7 +128,7 @@ def keep(
     count: int,
     note: tuple[int, int, int, int, int, int],
 ) -> int:
-    """Store a change of the alarm in the next row, with a copy of the memory; return the new count."""
+    """Store ``note``, an alarm change, and a copy of the memory in row ``count``; return the next row."""
     for column in range(len(note)):
         changes[count][column] = note[column]
     memories[count] = states[0]
@@ -325,7 +325,7 @@ class BearingScan:
         self._held = held
 
     def _make_columns(self, size: int) -> tuple[tuple[Any, ...], Any]:
-        """Return columns with room for some points and the one held back; the room is reused.
+        """Return columns for ``size`` points after row 0, the point held back; grow the stored ones if short.
 
         Returns:
             The columns of :data:`_POINT`, and that of the probabilities.
