@@ -439,10 +439,17 @@ def assess(
 def _judge_points(
     bearing: Bearing, table: BoundaryTable | None, speed: FloatArray, load: FloatArray
 ) -> tuple[NDArray[Any], ...]:
-    """Judge flat arrays of points.
+    """Judge flat arrays of points, each of shape (n,).
+
+    Args:
+        bearing: The bearing, with friction as measured.
+        table: Its boundaries over the load; ``None`` to compute them at each load.
+        speed: Surface speed, negative astern [m/s].
+        load: Load [N].
 
     Returns:
-        Outcome as index, Hopf speed, the fold that decides, and the averaged fold [m/s].
+        Outcome as index, Hopf speed, the fold that decides and the averaged fold [m/s], shape (n,) each;
+        the speeds are ``nan`` where there is no boundary or an input is not finite.
     """
     law = bearing.friction
     solver = averaging.averaged(law)

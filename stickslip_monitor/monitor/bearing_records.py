@@ -89,7 +89,10 @@ def number(value: float) -> float | None:
 
 
 def point_record(point: Assessment | None) -> dict[str, Any]:
-    """Return regime, outcome and numbers of one operating point; all ``None`` without one."""
+    """Return regime, outcome and numbers of one operating point, by the names of ``record_fields.POINT``.
+
+    All are ``None`` without a point; a number that is not finite is ``None``.
+    """
     if point is None:
         return dict.fromkeys(item.name for item in record_fields.POINT)
     return {

@@ -294,7 +294,10 @@ def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _in_any_water(bearing: Bearing) -> Bearing:
-    """Return the bearing without a temperature, so that one belief serves water of any temperature."""
+    """Return the bearing with the temperature unknown (``nan``) and a viscosity ratio of 1.
+
+    One belief then serves water of any temperature. A bearing without lubrication comes back as it is.
+    """
     lubrication = bearing.lubrication
     if lubrication is None:
         return bearing

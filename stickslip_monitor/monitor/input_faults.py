@@ -469,10 +469,13 @@ class InputWatch:
     ) -> SourceFault | None:
         """Take a sample that came at a time of the steady clock, valid or not.
 
+        Remembers its times and, of a valid speed or load of a sensor, the value for
+        the checks of :mod:`.input_fitness`.
+
         Args:
             bearing: Name of the bearing.
             place: Index of the input.
-            value: The number in the message.
+            value: The number in the message, in the unit of the input.
             now_ns: Steady clock [ns].
             behind_ns: How far its stamp was behind its arrival [ns].
             valid: Whether the rule accepts it.

@@ -117,7 +117,10 @@ def _flat_pairs(items: list[Any]) -> list[Any]:
 
 
 def _remedy_for_text(value: Any) -> str:
-    """Return how to write a number that was read as a text, as the end of a sentence."""
+    """Return how to write a number that was read as a text, as the end of a sentence beginning with ': '.
+
+    '' if the value is no text, or a text that is not a number.
+    """
     if not isinstance(value, str):
         return ''
     plain = value.replace('_', '').replace(',', '.').strip()

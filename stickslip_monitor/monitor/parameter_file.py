@@ -216,6 +216,11 @@ def _candidate_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> It
 def _choose_node(path: str | Path, sections: Iterable[str], node: str | None) -> str:
     """Return the full name of the node to read for; '' where no section names a namespace.
 
+    Args:
+        path: The file, for the message.
+        sections: Names of its sections.
+        node: The node asked for: it is returned with one leading slash, and need not be in the file.
+
     Raises:
         ConfigurationError: Sections name several nodes, and ``node`` does not choose.
     """
@@ -237,7 +242,12 @@ def _node_named_by(section: str) -> str:
 
 
 def _is_for_node(pattern: str, name: str) -> bool:
-    """Return whether a section is for the node of that full name, as rcl decides it."""
+    """Return whether a section of a file is for a node, by the wildcards of rcl (``*`` one step, ``**`` any).
+
+    Args:
+        pattern: Name of the section.
+        name: Full name of the node; '' for the monitor in whatever namespace, by the last step alone.
+    """
     if not name:
         return pattern.rsplit('/', 1)[-1] in (NODE_NAME, '*', '**')
     parts = {'**': '(/[^/]+)*', '*': '/[^/]+'}

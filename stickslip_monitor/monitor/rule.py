@@ -482,13 +482,16 @@ def growth_rate(s: State, c: RuleNumbers, law: Numbers, speed: float, load: floa
 
 
 def comes(s: State, c: RuleNumbers, speed: float, ends: tuple[float, float]) -> bool:
-    """Return whether the speed, on its present slope, will be within the range in the look-ahead time.
+    """Return whether the speed, on its slope, comes into the range with a cycle within the look-ahead.
+
+    From above, a speed that leads through the range to its other side counts too; from below it must
+    end within the range.
 
     Args:
         s: The memory, with the means of the speed.
         c: The numbers of the configuration.
-        speed: The present speed [m/s].
-        ends: Lower and upper end of the range in which a cycle exists [m/s].
+        speed: The present speed, negative astern [m/s].
+        ends: Lower and upper end of the range in which a cycle exists [m/s]; an upper one of 0: none.
     """
     slope = (s.fast - s.slow) / (SLOW_LAG - FAST_LAG)
     future = speed + slope * c.look_ahead
@@ -513,8 +516,11 @@ def integrate_growth(s: State, passed: int) -> None:
 def update_stick_slip(s: State, c: RuleNumbers, verdict: int, may_begin: bool, fresh: bool) -> None:
     """Begin or end stick-slip at this point.
 
+    Changes in the memory whether it stands, its course, the number of onsets, the times towards its end,
+    and whether the level was heard while it stood.
+
     Args:
-        s: The memory.
+        s: The memory, changed.
         c: The numbers of the configuration.
         verdict: State of the level; ``UNKNOWN`` where it does not count at this point.
         may_begin: Whether stick-slip may begin here.
@@ -548,9 +554,14 @@ def update_stick_slip(s: State, c: RuleNumbers, verdict: int, may_begin: bool, f
 
 
 def end_stick_slip(s: State, verdict: int) -> None:
-    """End stick-slip, and doubt a level that ended it alone, by quiet in the bistable range.
+    """End stick-slip and set its growth back to 0.
 
-    What had vibrated there was then no stick-slip.
+    Where the level alone ended it, by quiet at a speed in the bistable range, the level is doubted from
+    now on: what had vibrated there was no stick-slip.
+
+    Args:
+        s: The memory, changed.
+        verdict: State of the level at this point.
     """
     s.sticking, s.growth, s.borne = 0, 0.0, 0.0
     if verdict == QUIET and s.course == IDLE:

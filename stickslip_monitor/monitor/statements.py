@@ -378,7 +378,11 @@ def _doubt_text(b: Standing) -> str:
 
 
 def _belief_text(b: Standing, point: Assessment) -> str:
-    """Return a sentence with the probability of stick-slip and the range of the fold; '' without a belief."""
+    """Return a sentence, after a space, with the probability of stick-slip and the range of the fold [rpm].
+
+    '' without a belief, where the probability is not finite, and while stick-slip stands at a probability
+    that has not followed the load yet.
+    """
     config = b.config
     if config.belief is None or not math.isfinite(point.probability_can):
         return ''
@@ -513,7 +517,11 @@ def _clear_speed(b: Standing, point: Assessment) -> float:
 
 
 def warns(config: BearingConfig, point: Assessment) -> bool:
-    """Return whether an operating point by itself calls for caution or worse."""
+    """Return whether an operating point by itself calls for caution or worse.
+
+    By the probability of stick-slip where the bearing has tolerances or a calibration, else by the margin.
+    False without contact, at rest, or where an input is not finite.
+    """
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NOT_FINITE):
         return False
     if config.alarms_by_chance:
