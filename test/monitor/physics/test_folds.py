@@ -354,18 +354,32 @@ def test_the_table_of_a_law_that_rises_again_is_its_exact_fold_up_to_the_last_lo
     )
 
 
-@pytest.mark.parametrize(('seed', 'load'), [(6, 2.647), (14, 3.218), (43, 3.548)])
-def test_a_steep_scatter_far_from_the_belt_catches_nothing_that_grazes(seed, load):
-    """The lining sticks below its fold and not above it, by orbits of :func:`exact_cycle`.
+def scattered(speed, fall, scatter, seed, damping):
+    """Return a lining of mass and stiffness 1 on a table that falls by ``fall exp(-V)`` and scatters."""
+    noise = np.random.default_rng(seed).normal(0.0, scatter, speed.size)
+    return Bearing(1.0, damping, 1.0, Tabulated(speed, 0.2 + fall * np.exp(-speed) + noise), 0.1)
 
-    What grazes passes a short steep fall of a table that scatters before it would be drawn there.
-    """
-    speed = np.append(0.0, np.geomspace(0.02, 10.0, 99))
-    scatter = np.random.default_rng(seed).normal(0.0, 0.0014, 100)
-    bearing = Bearing(1.0, 0.44, 1.0, Tabulated(speed, 0.2 + 0.07 * np.exp(-speed) + scatter), 0.1)
-    below, above = exact_cycle(
-        bearing, exact_fold_speed(bearing, load) * np.array([0.9999, 1.0001]), load
-    ).kind
+
+FAR_APART, EVENLY = np.append(0.0, np.geomspace(0.02, 10.0, 99)), np.linspace(0.0, 8.0, 60)
+
+
+@pytest.mark.parametrize(
+    ('bearing', 'load'),
+    [
+        # What grazes passes a short steep fall far from the belt before it would be drawn there.
+        (scattered(FAR_APART, 0.07, 0.0014, 6, 0.44), 2.647),
+        (scattered(FAR_APART, 0.07, 0.0014, 14, 0.44), 3.218),
+        (scattered(FAR_APART, 0.07, 0.0014, 43, 0.44), 3.548),
+        # Orbits that take too many steps are decided by their contact with the belt.
+        (scattered(EVENLY, 0.1, 0.0006, 1, 1.4), 882.4),
+        (scattered(EVENLY, 0.1, 0.0006, 3, 1.4), 1230.5),
+        (scattered(EVENLY, 0.1, 0.0006, 9, 1.4), 1753.1),
+    ],
+)
+def test_scattered_tables_stick_below_their_fold_and_not_above(bearing, load):
+    """By orbits of :func:`exact_cycle`, which know of no fold."""
+    fold = exact_fold_speed(bearing, load)
+    below, above = exact_cycle(bearing, fold * np.array([0.9999, 1.0001]), load).kind
     assert below == CycleKind.STICK_SLIP != above
 
 
@@ -379,15 +393,3 @@ def test_the_fold_of_a_lining_with_hardly_any_damping_is_averagings(kappa, force
     assert exact_fold_speed(bearing, damping / (2.0 * kappa)) == pytest.approx(
         v / 10.0, rel=1e-9 + 0.1 * force**2
     )
-
-
-@pytest.mark.parametrize(('seed', 'load'), [(1, 882.4), (3, 1230.5), (9, 1753.1)])
-def test_orbits_that_take_too_many_steps_are_decided_by_their_contact(seed, load):
-    """The lining sticks below its fold and not above it, by orbits of :func:`exact_cycle`."""
-    speed = np.linspace(0.0, 8.0, 60)
-    scatter = np.random.default_rng(seed).normal(0.0, 0.0006, 60)
-    bearing = Bearing(1.0, 1.4, 1.0, Tabulated(speed, 0.2 + 0.1 * np.exp(-speed) + scatter), 0.1)
-    below, above = exact_cycle(
-        bearing, exact_fold_speed(bearing, load) * np.array([0.9999, 1.0001]), load
-    ).kind
-    assert below == CycleKind.STICK_SLIP != above
