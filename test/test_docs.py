@@ -81,14 +81,43 @@ def test_the_example_is_a_configuration(tmp_path: Path) -> None:
     assert (forward.load.scale, forward.load.offset) == (-1.0, 120.0)
 
 
+def _read_anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as both GitHub and mkdocs make them."""
+    text = re.sub(r'^```.*?^```', '', page.read_text('utf-8'), flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r'^#+ (.+)$', text, flags=re.MULTILINE)
+    plain = (re.sub(r'\[([^]]*)\]\([^)]*\)', r'\1', heading).strip().lower() for heading in headings)
+    return {re.sub(r'[^\w\- ]', '', heading).replace(' ', '-') for heading in plain}
+
+
 def test_links_lead_somewhere() -> None:
-    dead = [
-        (page.name, target)
-        for page in (*ROOT.glob('*.md'), *DOCS.glob('*.md'))
-        for target in re.findall(r'\]\(([^)#]+)(?:#[^)]*)?\)', page.read_text(encoding='utf-8'))
-        if '://' not in target and not (page.parent / target).exists()
-    ]
+    dead = []
+    for page in (*ROOT.glob('*.md'), *DOCS.glob('*.md')):
+        for target, anchor in re.findall(r'\]\(([^)#]*)(?:#([^)]*))?\)', page.read_text(encoding='utf-8')):
+            if '://' in target:
+                continue
+            path = page.parent / target if target else page
+            if not path.exists() or (anchor and anchor not in _read_anchors(path)):
+                dead.append((page.name, target, anchor))
     assert dead == []
+
+
+def test_pages_that_the_program_names_are_there() -> None:
+    """Those in its messages, helps and docstrings: a page, perhaps an anchor or a section, of docs/."""
+    dead, seen = [], 0
+    sources = [path for package in ROOT.glob('stickslip_*') for path in package.rglob('*.py')]
+    for source in sources:
+        text = re.sub(r"'\n\s*[rf]?'", '', source.read_text('utf-8'))
+        for name, anchor, section in re.findall(
+            r'\b([a-z][a-z_]*\.md)(?:#([\w-]+)|, section (\d+)|, "[^"]*")?', text
+        ):
+            page = DOCS / name if (DOCS / name).exists() else ROOT / name
+            anchors = _read_anchors(page) if page.exists() else set()
+            headings = [a for a in anchors if a == anchor or (section and a.startswith(f'{section}-'))]
+            seen += bool(section)
+            if not page.exists() or ((anchor or section) and not headings):
+                dead.append((source.name, name, anchor or section))
+    assert dead == []
+    assert seen >= 2
 
 
 def test_the_examples_of_python_run(capsys: pytest.CaptureFixture[str]) -> None:
