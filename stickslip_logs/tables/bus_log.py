@@ -150,9 +150,11 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
 
     Deltas of other vessels are skipped: the own vessel is that of the server's first line, or else the first
     with more than vessels send by AIS. Numbers of a second source are named 'PATH from SOURCE': a server may
-    forward an engine's gateway and a simulation under one path.
+    forward an engine's gateway and a simulation under one path. A last row with only a time stands for deltas
+    without a number behind the last number: others go on where a sender falls silent.
     """
     own_vessel, first, units = '', dict[str, str](), dict[str, str]()
+    latest, silent = '', None  # the time of the latest number, and the last delta without one behind it
     for line in lines:
         try:
             delta = _decode_object(line)
@@ -164,11 +166,17 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
             kind, _, name = delta.get('context', 'self').partition('.')
             context = name if kind == 'vessels' else kind
             own_vessel = own_vessel or (name if kind == 'vessels' and _is_own(delta) else '')
-            values = _delta_rows(delta, first, units) if context in (own_vessel, 'self') else ()
+            if context not in (own_vessel, 'self'):
+                continue
+            values = _delta_rows(delta, first, units)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
         else:
             yield from values
+            latest, silent = (values[-1][0], None) if values else (latest, delta)
+    stamps = [str(update.get('timestamp')) for update in silent['updates']] if silent else []
+    if (when := max(filter(_ISO.fullmatch, stamps), default='')) > latest > '':
+        yield _row_of_time(when)
 
 
 def _is_own(delta: Any) -> bool:
