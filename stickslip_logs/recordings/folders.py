@@ -117,8 +117,7 @@ def _find_in_folder(path: Path) -> list[Path]:
 
     Subfolders that cannot be read are among them. A path that is no folder is returned alone.
     """
-    # Path.is_dir raises where a link leads through a folder that is closed.
-    if not os.path.isdir(path):  # noqa: PTH112
+    if not os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises for a link through a closed folder
         return [path]
     closed, recordings, logs = list[Path](), list[Path](), list[Path]()
     for folder, names in _walk_folders(path, closed):
@@ -142,15 +141,17 @@ def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list
         # Drafts of recordings that are being written begin with a dot.
         folders[:] = [name for name in folders if not name.startswith('.')]
         subfolder = Path(where)
-        # As Path.is_dir does, Path.is_file raises behind a closed folder. A link that leads nowhere
-        # stays: whoever reads it says so.
-        names = [name for name in files if not name.startswith('.') and _is_file_or_link(subfolder / name)]
+        # A link that leads nowhere stays: whoever reads it says so.
+        names = [
+            name
+            for name in files
+            if not name.startswith('.')
+            and (
+                os.path.isfile(path := subfolder / name)  # noqa: PTH113 - Path.is_file raises, as is_dir does
+                or os.path.islink(path)  # noqa: PTH114 - likewise
+            )
+        ]
         yield subfolder, names
-
-
-def _is_file_or_link(path: Path) -> bool:
-    """Return whether a path is a regular file, or any link; False behind a folder that is closed."""
-    return os.path.isfile(path) or os.path.islink(path)  # noqa: PTH113, PTH114
 
 
 def _kind_of(path: Path) -> str:

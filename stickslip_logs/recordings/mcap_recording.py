@@ -140,13 +140,13 @@ class Pass:
                 continue
             yielded_ns = self._jobs[k + 1].start_ns
             columns = _sort_columns(waiting)
-            cut = columns[0].searchsorted(yielded_ns)
+            cut = int(columns[0].searchsorted(yielded_ns))
             if not cut and columns[1].max() < rest[k + 1]:
                 # So many of one time: it is split, rather than to wait for more.
-                cut = columns[0].searchsorted(yielded_ns, 'right')
+                cut = int(columns[0].searchsorted(yielded_ns, 'right'))
             yield from _split_columns(select_messages(columns, slice(cut)), max_count)
-            waiting = [select_messages(columns, slice(cut, None))]
-            size = waiting[0][0].size
+            size = columns[0].size - cut
+            waiting = [select_messages(columns, slice(cut, None))] if size else []
             limit = min_count + 2 * size
         if waiting:
             yield from _split_columns(_sort_columns(waiting), max_count)
@@ -201,10 +201,11 @@ def _sort_columns(parts: Sequence[Columns]) -> Columns:
     Args:
         parts: Columns, at least one of them: times [ns], numbers of blocks, and others.
     """
-    columns = tuple(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
+    columns = parts[0]
+    if len(parts) > 1:
+        columns = tuple(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
     time, number = columns[:2]
-    later, same = time[1:] > time[:-1], time[1:] == time[:-1]
-    if (later | (same & (number[1:] >= number[:-1]))).all():
+    if (time[1:] >= time[:-1]).all() and (number[1:] >= number[:-1]).all():
         return columns
     return select_messages(columns, np.lexsort((number, time)))
 
@@ -275,7 +276,7 @@ class McapReading(MessageReading):
             chosen: Its messages of the wanted topics.
         """
         times = stamp = piece.log_time_ns
-        topic, block = np.full(times.size, -1, np.int32), np.full(times.size, job.number, np.int32)
+        topic, block = np.full(times.size, -1, np.int32), np.broadcast_to(np.int32(job.number), times.shape)
         values = np.full((self._width, times.size), np.nan)
         for number, channel, rows in chosen:
             wanted, own_times = self._wanted[number], times[rows]

@@ -322,33 +322,33 @@ def _list_tokens(
 
 
 def _gather_numbers(
-    layout: Layout, data: bytes, base: IntArray, size: IntArray, order: str
+    layout: Layout, data: bytes, offset: IntArray, size: IntArray, order: str
 ) -> tuple[list[NDArray[Any]], BoolArray]:
     """Gather numbers from messages by stepping through all of them at once.
 
     Args:
         layout: Their layout.
         data: What they lie in.
-        base: Where each message's CDR data begins in it, behind its encapsulation head.
-        size: How long it is [bytes].
+        offset: Where each message begins in it, shape (n,).
+        size: How long it is [bytes], shape (n,).
         order: Its byte order, as numpy writes it.
 
     Returns:
         An array of shape (n,) for each number; and for which messages they are right, shape (n,).
         The others have to be decoded one by one, as they are too short or unusual.
     """
-    sound = np.ones(len(base), np.bool_)
+    sound = np.ones(len(offset), np.bool_)
 
     def fetch(code: str, place: int | IntArray) -> NDArray[Any]:
         """Return a number of each message, shape (n,); clear ``sound`` where the message ends before it.
 
         Args:
             code: The type of the number, as numpy writes it without byte order.
-            place: Where it begins in the message [bytes]: one for all, or shape (n,).
+            place: Where it begins behind the head of the message [bytes]: one for all, or shape (n,).
         """
-        numbers = view_numbers(data, order + code)
-        np.logical_and(sound, place + numbers.itemsize <= size, out=sound)
-        spot = base + place
+        numbers = view_numbers(data, order + code, _ENCAPSULATION)
+        np.logical_and(sound, place + (_ENCAPSULATION + numbers.itemsize) <= size, out=sound)
+        spot = offset + place
         numbers_there: NDArray[Any] = numbers[spot if sound.all() else np.where(sound, spot, 0)]
         return numbers_there
 
@@ -372,7 +372,7 @@ def _gather_numbers(
         end = begin + length * width
         # Nothing is aligned for the items of a sequence that has none.
         place = np.where(length > 0, end, place) if count is None else end
-    sound &= place <= size
+    sound &= place + _ENCAPSULATION <= size
     return [gathered_by_target[target] for target in targets], sound
 
 
@@ -547,21 +547,23 @@ class FieldReader:
         self._wanted.count += count
         values = np.full((self._wanted.width, count), np.nan)
         stamp_ns = log_time_ns.copy() if self._stamped else log_time_ns
-        rows = np.flatnonzero(size >= _ENCAPSULATION)
-        if len(rows) < count:
-            faults[self._undecoded] += count - len(rows)
+        # As a rule all, which are not copied.
+        rows: slice | IntArray = slice(None)
+        if count and size.min() < _ENCAPSULATION:
+            rows = np.flatnonzero(size >= _ENCAPSULATION)
+            faults[self._undecoded] += count - rows.size
         # The two bytes of the representation: zero, and zero or one for plain CDR.
         kind = view_numbers(data, '<u2')[offset[rows]]
         for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
-            if (mine := rows[kind == code]).size:
-                # As a rule all, which are not copied.
-                decodable = mine if mine.size < count else slice(None)
+            is_own = kind == code
+            if is_own.any():
+                own = rows if is_own.all() else np.arange(count)[rows][is_own]
                 for place in self._fill_rows(
-                    values, stamp_ns, decodable, data, offset[decodable], size[decodable], order
+                    values, stamp_ns, own, data, offset[own], size[own], order
                 ).tolist():
                     begin = int(offset[place])
                     self._decode_alone(data[begin : begin + int(size[place])], place, values, stamp_ns)
-            if mine.size == count:
+            if is_own.all():
                 return values, stamp_ns
         unknown = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
         for code, number in sorted(Counter(unknown.byteswap().tolist()).items()):
@@ -594,9 +596,7 @@ class FieldReader:
         """
         if self._layout is None:
             return np.arange(len(stamp_ns))[rows]
-        gathered, sound = _gather_numbers(
-            self._layout, data, offset + _ENCAPSULATION, size - _ENCAPSULATION, order
-        )
+        gathered, sound = _gather_numbers(self._layout, data, offset, size, order)
         for row, numbers in zip(values, gathered, strict=False):
             row[rows] = numbers
         if self._stamped:
