@@ -32,7 +32,7 @@ from stickslip_lab.calibration.posterior import Grid, Posterior, Spreads, doubt,
 from stickslip_lab.scenes.truth import has_truth, read_truth
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import CalibrationError, plural
-from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA, sensor_record
+from stickslip_monitor.monitor.calibration_file import CALIBRATION_SCHEMA, sensor_record
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Input, Status, Stream

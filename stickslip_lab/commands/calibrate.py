@@ -34,7 +34,7 @@ from stickslip_lab.drawing.studies import draw_calibration, draw_levels
 from stickslip_monitor import __version__
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import plural
-from stickslip_monitor.monitor.configuration import CALIBRATION_SCHEMA
+from stickslip_monitor.monitor.calibration_file import CALIBRATION_SCHEMA
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.statements import rounded

@@ -17,7 +17,7 @@ from stickslip_monitor.commands import options, output
 from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.bearing_records import number
-from stickslip_monitor.monitor.configuration import asked
+from stickslip_monitor.monitor.config_questions import asked
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.statements import warns
 

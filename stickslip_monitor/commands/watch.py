@@ -38,7 +38,8 @@ from stickslip_monitor.links.buses import (
     is_loopback,
 )
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
-from stickslip_monitor.monitor.configuration import asked, bearing_names, build_config
+from stickslip_monitor.monitor.config_questions import asked
+from stickslip_monitor.monitor.configuration import bearing_names, build_config
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.parameters import ASSUMED_LOADS, MonitorConfig
 from stickslip_monitor.monitor.session import Log, Sink

@@ -1,11 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Builds the configuration from flat parameters, checks what spans several, and asks about it.
-
-The result of a calibration is read, and refused where the sensors have changed since. Questions
-are about values that look like another unit, or a slip: `assess` asks them, and `check` at the
-largest load that it met. A question is a clause that follows the name of an input: "speed on
-/shaft/speed turns a journal of 400 m: ...?".
-"""
+"""Builds the configuration from flat parameters, and checks what spans several of them."""
 
 from __future__ import annotations
 
@@ -17,13 +11,12 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any, TypeVar
 
-import numpy as np
-
 from stickslip_logs.fields import FieldPath, parse_field
 from stickslip_monitor.errors import ConfigurationError, FieldError, PhysicsError, did_you_mean
-from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import parameters
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, refused
+from stickslip_monitor.monitor.calibration_file import UnusableCalibration, read_calibration
+from stickslip_monitor.monitor.config_questions import note_on_table
+from stickslip_monitor.monitor.parameter import REQUIRED, refused
 from stickslip_monitor.monitor.parameters import (
     MAX_LOAD_POINTS,
     BearingConfig,
@@ -33,130 +26,13 @@ from stickslip_monitor.monitor.parameters import (
     SpeedConfig,
     filled,
 )
-from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import TURNING_UNITS, Bearing
-from stickslip_monitor.physics.cycles import end_of_vibration
-from stickslip_monitor.physics.friction import LAWS, FrictionLaw, Tabulated
-from stickslip_monitor.physics.lubrication import Lubrication, as_measured, reference_point
+from stickslip_monitor.physics.friction import LAWS, FrictionLaw
+from stickslip_monitor.physics.lubrication import Lubrication
 from stickslip_monitor.physics.probability import Belief, Tolerance
-from stickslip_monitor.physics.scalar_law import scalar_law
 
-CALIBRATION_SCHEMA = 'stickslip_monitor/calibration/2'
-_LAST_SCHEMA = 'stickslip_monitor/calibration/1'
-LARGEST_JSON = 64 << 20
-"""The largest file of a result that is read [bytes]; a year of dips is a tenth of it."""
 QOS_OVERRIDES = 'qos_overrides'
 """Section of a parameter file with the quality of service of topics, which ROS 2 reads."""
-_LARGEST_VARIANCE = 100.0
-# Of the file of a calibration, beside parameters of the bearing.
-_LOADS = Parameter('loads', 'float[]', REQUIRED, 'Least and largest load.', 'N', 0.0, above_minimum=True)
-_FLOOR = Parameter('floor', 'float', REQUIRED, 'Deviation that no evidence takes away.', '', 0.0, 1.0)
-
-
-def sensor_record(source: InputConfig) -> dict[str, Any]:
-    """Return what a calibration depends on of the source of an input, as its file has it."""
-    record: dict[str, Any] = {'topic': source.topic, 'field': source.field_text}
-    record |= {'scale': source.scale, 'offset': source.offset, 'unit': source.unit}
-    if isinstance(source, SpeedConfig) and source.gear != 1.0:
-        record['gear'] = source.gear
-    if isinstance(source, LoadConfig) and source.over_speed:
-        record['over_speed'] = list(source.over_speed)
-    return record
-
-
-class _UnusableCalibration(ConfigurationError):
-    """A calibration that is missing, damaged or of another version, without which a ship is monitored too."""
-
-
-def _read_calibration(path: str, name: str, sensors: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Read the file of a bearing's calibration and check that it was made with the same sensors.
-
-    Args:
-        path: The file.
-        name: Name of the bearing.
-        sensors: :func:`sensor_record` of each input as it is configured now.
-
-    Raises:
-        _UnusableCalibration: It is missing, damaged or of another version.
-        ConfigurationError: It is of another bearing, or made with other sensors.
-    """
-    try:
-        document = read_json(path, LARGEST_JSON)
-    except OSError as error:
-        raise _UnusableCalibration(f'{path}: {error.strerror or error}') from error
-    except ValueError as error:
-        raise _UnusableCalibration(f'{path} is not JSON: {error}') from error
-    content: dict[str, Any] = document if isinstance(document, dict) else {}
-    schema = content.get('schema')
-    if schema == _LAST_SCHEMA:
-        raise _UnusableCalibration(
-            f'{path} was made by an earlier version, which weighed its evidence by another model:'
-            " take out the parameter 'calibration', and make it anew from the same recordings"
-            f' with `stickslip calibrate BAG... --config FILE --output {path}`'
-        )
-    if schema != CALIBRATION_SCHEMA:
-        raise _UnusableCalibration(
-            f'{path} has the schema {schema!r} and must have {CALIBRATION_SCHEMA!r}: make it with'
-            ' stickslip calibrate'
-        )
-    if content.get('bearing') != name:
-        raise ConfigurationError(f"{path} is a calibration of '{content.get('bearing')}' and not of '{name}'")
-    past = content.get('inputs')
-    for quantity, now in sensors.items():
-        then = past.get(quantity) if isinstance(past, dict) else None
-        if not isinstance(then, dict):
-            raise _UnusableCalibration(f'{path} is damaged: it does not name its sensors')
-        for key in dict.fromkeys([*now, *then]):
-            if then.get(key) != now.get(key):
-                before, after = then.get(key), now.get(key)
-                raise ConfigurationError(
-                    f'{path} was made with {quantity}.{key} = {before!r}, and it is {after!r} now:'
-                    ' a calibration holds for its own sensors only, so calibrate anew'
-                )
-    return content
-
-
-def _parse_calibration(
-    path: str, document: Mapping[str, Any], bearing: Bearing, tolerance: Tolerance
-) -> tuple[Bearing, Belief]:
-    """Return the bearing by which alarms go after a calibration, and the belief about it.
-
-    Mass, stiffness and diameter are those of ``bearing``.
-
-    Raises:
-        _UnusableCalibration: The document is damaged.
-    """
-    try:
-        calibrated = _with_law(bearing, document['parameters'])
-        # Files of 0.3.0 have one bearing for both.
-        believed = _with_law(bearing, document.get('believed', document['parameters']))
-        covariance = np.array(document['covariance'], dtype=float)
-        np.linalg.cholesky(covariance)
-        low, high = _LOADS.checked('loads', document)
-        floor = _FLOOR.checked('floor', document)
-    except ConfigurationError as error:
-        raise _UnusableCalibration(f'{path} is damaged: {error}') from error
-    except (LookupError, TypeError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
-        raise _UnusableCalibration(f'{path} is damaged: {error!r}') from error
-    sound = covariance.shape == (2, 2) and bool((np.abs(covariance) < _LARGEST_VARIANCE).all())
-    if not (sound and low <= high):
-        raise _UnusableCalibration(f'{path} is damaged: its covariance must be finite, and its loads rise')
-    speed = math.hypot(floor, tolerance.speed, tolerance.scatter)
-    return calibrated, Belief(believed, covariance, speed, tolerance.load, (low, high), calibrated=True)
-
-
-def _with_law(bearing: Bearing, values: Mapping[str, Any]) -> Bearing:
-    """Return a bearing with the damping and the friction law that a calibration holds by parameter name."""
-    every = (*parameters.LINING_PARAMETERS, *parameters.FRICTION_PARAMETERS)
-    rows = {row.name: replace(row, default=REQUIRED) for row in every}
-    make, names = LAWS[rows['friction.law'].checked('friction.law', values)]
-    given = {
-        key: rows[key].checked(key, values) for key in (f'friction.{name}' for name in names) if key in values
-    }
-    law = make(**{key.removeprefix('friction.'): value for key, value in given.items()})
-    return replace(bearing, damping=rows['damping'].checked('damping', values), friction=law)
-
-
 _NAME = re.compile(r'[a-z][a-z0-9_]*')
 _WHERE = '.where.'
 _TOPIC = re.compile(r'(?:~?/)?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*')
@@ -401,12 +277,9 @@ class _Section:
         """
         path = self._own['calibration']
         if path:
-            sensors = {name: sensor_record(source) for name, source in inputs.items()}
             try:
-                return _parse_calibration(
-                    path, _read_calibration(path, self.name, sensors), bearing, tolerance
-                )
-            except _UnusableCalibration as error:
+                return read_calibration(path, self.name, inputs, bearing, tolerance)
+            except UnusableCalibration as error:
                 if not self._is_live:
                     raise
                 self.fault = (
@@ -644,195 +517,3 @@ class _Section:
                     f' both are read from {level.topic}'
                 )
         return level
-
-
-THICKEST = 1.0
-"""Journal diameter from which on it may be in another unit [m]."""
-REST_SHARE = 0.1
-"""Share of the fold speed that a shaft at rest may reach; the default is below a fiftieth."""
-LARGEST_MOTION = 0.1
-"""Share of the journal's diameter that no lining moves."""
-LOWEST_TONE, HIGHEST_TONE = 1.0, 20_000.0
-"""Natural frequencies of linings: chatter from some hertz on, squeal up to some kilohertz [Hz]."""
-FACTOR = 5.0
-"""Of the load: a bearing whose law is at fault has no boundary at so many times it either."""
-ENDS_EARLY = 0.2
-"""Share of a curve's steepest fall above which it ends in the midst of it."""
-BLADES = range(3, 8)
-"""Numbers of blades of ships' propellers."""
-NEAR_BOUNDARIES = 0.5, 1.5
-"""Of the Hopf and the fold speed: between them a load that swings with the lining moves the onset."""
-_AVERAGED = re.compile(r'(?<![a-z])(?:avg|average|averaged|mean)(?![a-z])', re.IGNORECASE)
-BREAKAWAY = 0.5
-"""A breakaway coefficient below this share of the next value is no measured one."""
-
-
-def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
-    """Return clauses that ask about a bearing at a load [N], on its ``speed`` and its ``load``.
-
-    At 0 or below only what needs no load is asked.
-    """
-    return {
-        'speed': [*_average_questions(config.speed), *_speed_questions(config, load)],
-        'load': [*_average_questions(config.load), *_load_questions(config, load)],
-    }
-
-
-def asked(config: BearingConfig, load: float | None = None) -> list[str]:
-    """Write the :func:`questions` as sentences; without a load at the largest assumed one, if any."""
-    if load is None:
-        load = 0.0 if config.load.assumed is None else config.load.assumed[1]
-    answers = questions(config, load)
-    return [f'{config.name}: {name} {clause}' for name, clauses in answers.items() for clause in clauses]
-
-
-def _average_questions(source: InputConfig) -> Iterator[str]:
-    """Yield a clause where the name of a source says that it is an average."""
-    named = _AVERAGED.search(f'{source.topic} {source.field_text} {source.column}')
-    if named:
-        yield (
-            f"is called '{named[0]}': an average hides swell and short stick-slip; is there the measurement"
-            ' itself?'
-        )
-
-
-def _speed_questions(config: BearingConfig, load: float) -> Iterator[str]:
-    """Yield clauses on diameter, speed of rest and friction that cannot be right at a load [N]."""
-    diameter, rest = config.bearing.journal_diameter, config.alarm.minimum_speed
-    if diameter >= THICKEST:
-        yield f'turns a journal of {diameter:g} m: is journal_diameter in metres?'
-    fold = fold_of(config, load)
-    if rest > REST_SHARE * fold:
-        rpm = float(config.bearing.speed.from_surface(rest, 'rpm'))
-        yield (
-            f'counts as rest up to {rest:g} m/s ({rpm:.3g} rpm), {rest / fold:.2g} times the fold'
-            ' speed: is alarm.minimum_speed in m/s?'
-        )
-    texts = list(_friction_questions(config, load))
-    if not texts and load > 0.0 and diameter < THICKEST and fold_of(config, FACTOR * load) == math.inf:
-        texts.append(
-            f'has no boundary at any load up to {FACTOR:g} times the largest seen, {load:.4g} N: are the'
-            ' friction law, units, scales and topics of speed and load right?'
-        )
-    yield from texts
-
-
-def _load_questions(config: BearingConfig, load: float) -> Iterator[str]:
-    """Yield clauses on mass, stiffness, damping and amplitude limit that cannot be right at a load [N]."""
-    bearing = config.bearing
-    tone = bearing.natural_frequency / math.tau
-    if not LOWEST_TONE <= tone <= HIGHEST_TONE:
-        yield (
-            f'is on a lining of {bearing.mass:g} kg and {bearing.stiffness:g} N/m, which vibrates'
-            f' at {tone:.3g} Hz: are mass and stiffness in kg and N/m?'
-        )
-    elif bearing.damping_ratio > 1.0:
-        yield (
-            f'is on a lining with {bearing.damping_ratio:.3g} times its critical damping: are mass,'
-            ' damping and stiffness in kg, N s/m and N/m?'
-        )
-    # A cycle sticks as long as the surface is not outrun: its amplitude is about V/omega.
-    amplitude = fold_of(config, load) / bearing.natural_frequency
-    if text := blade_question(bearing, load):
-        yield text
-    limit = LARGEST_MOTION * bearing.journal_diameter
-    if limit < amplitude < math.inf:
-        yield (
-            f'would move the lining by {amplitude:.3g} m in a journal of'
-            f' {bearing.journal_diameter:g} m: are mass and stiffness in kg and N/m?'
-        )
-    if limit < config.alarm.amplitude_limit < math.inf:
-        yield (
-            f'may move the lining by {config.alarm.amplitude_limit:g} m: is alarm.amplitude_limit in metres?'
-        )
-
-
-def blade_question(bearing: Bearing, load: float) -> str:
-    """Write a clause where a propeller's blades meet a natural frequency near the boundaries; else ''.
-
-    Far from it the mean load counts; there a swing of 5 % moves the onset by a fifth (docs/physics.md).
-    """
-    if not load > 0.0:
-        return ''
-    rpm = float(bearing.speed.factor('rpm'))
-    low = NEAR_BOUNDARIES[0] * float(hopf_speed(bearing, load)) / rpm
-    high = NEAR_BOUNDARIES[1] * float(fold_speed(bearing, load)) / rpm
-    tone = bearing.natural_frequency / math.tau
-    meets = [(count, 60.0 * tone / count) for count in BLADES if low <= 60.0 * tone / count <= high]
-    if not meets:
-        return ''
-    listed = ', '.join(f'{speed:.3g} rpm of {count}' for count, speed in meets)
-    return (
-        f"may swing at the lining's natural frequency, {tone:.3g} Hz, with the blades of a propeller"
-        f' ({listed}), near the boundaries: a swing of 5 % moves the onset by a fifth there; how many blades'
-        ' are there?'
-    )
-
-
-def _friction_questions(config: BearingConfig, load: float) -> Iterator[str]:
-    """Yield clauses on a friction law that cannot be right at a load [N]."""
-    law = config.bearing.friction
-    if isinstance(law, Tabulated) and law.values[0] < BREAKAWAY * law.values[1]:
-        yield (
-            f'has a law that begins with {law.values[0]:g}, far below its next value'
-            f' {law.values[1]:g}: is the first of friction.coefficient a measured breakaway?'
-        )
-    yield from end_of_table(config.bearing, load)
-    at_rest = float(np.asarray(law.coefficient(np.zeros(1)))[0])
-    sliding = float(np.min(np.asarray(law.coefficient(np.linspace(1e-3, 2.0, 200)))))
-    if load > 0.0 and at_rest <= sliding and fold_of(config, FACTOR * load) == math.inf:
-        yield (
-            f'can never bring stick-slip: friction at rest, {at_rest:.4g}, is not above the least'
-            f' of sliding friction, {sliding:.4g}: are static and kinetic swapped?'
-        )
-
-
-def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
-    """Yield a clause where the verdict at a load [N] rests on speeds at which friction was not measured."""
-    law = bearing.friction
-    if not isinstance(law, Tabulated) or not load > 0.0:
-        return
-    _, load, _ = reference_point(bearing, 0.0, load)
-    bearing = as_measured(bearing)
-    last, enough, fall = law.speed[-1], bearing.damping / load, _last_fall(law)
-    rpm = float(bearing.speed.from_surface(last, 'rpm'))
-    if fall > enough:
-        yield (
-            f'has a law that still falls at its highest measured speed, {last:g} m/s'
-            f' ({rpm:.3g} rpm), by {fall:.3g} s/m, and {enough:.3g} s/m are enough for stick-slip'
-            ' at this load: can friction be measured at higher speeds?'
-        )
-        return
-    # The relative speed in a cycle reaches twice the shaft's, and the end has to be still falling.
-    reach = 2.0 * float(fold_speed(bearing, load))
-    if last < reach < math.inf and fall > 0.0:
-        yield (
-            f'has a law whose highest measured speed is {last:g} m/s ({rpm:.3g} rpm), and cycles'
-            f' at the fold slide at up to {reach:.3g} m/s: can friction be measured there?'
-        )
-
-
-def note_on_table(bearing: Bearing) -> str:
-    """Write a clause on a measured curve that ends in the midst of its fall; '' of any other."""
-    law = bearing.friction
-    if not isinstance(law, Tabulated) or bearing.damping == 0.0:
-        return ''
-    fall = _last_fall(law)
-    if not fall > ENDS_EARLY * scalar_law(law).plain.fall:
-        return ''
-    return (
-        f'friction still falls by {fall:.3g} s/m at its highest measured speed, {law.speed[-1]:g} m/s: above'
-        f' {bearing.damping / fall / 1e3:.3g} kN verdicts at higher speeds rest on nothing measured'
-    )
-
-
-def _last_fall(law: Tabulated) -> float:
-    """Return the slope of a measured curve at its end, by its last two points or its own slope [s/m]."""
-    chord = (law.values[-2] - law.values[-1]) / (law.speed[-1] - law.speed[-2])
-    return max(chord, -float(np.asarray(law.slope(np.array([law.speed[-1]])))[0]))
-
-
-def fold_of(config: BearingConfig, load: float) -> float:
-    """Return the fold that decides at a load [m/s]; ``inf`` where there is none."""
-    fold = float(end_of_vibration(config.bearing, load)) if load > 0.0 else math.nan
-    return fold if math.isfinite(fold) else math.inf

@@ -14,7 +14,7 @@ import numpy as np
 from stickslip_logs.recordings.recording import Fault, Recording, Series
 from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.configuration import questions
+from stickslip_monitor.monitor.config_questions import questions
 from stickslip_monitor.monitor.input_faults import (
     MOSTLY,
     InputFacts,

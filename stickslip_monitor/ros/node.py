@@ -30,7 +30,8 @@ from rclpy.subscription import Subscription
 from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, did_you_mean, plural
 from stickslip_monitor.monitor.bearing_records import NodeHealth
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.configuration import QOS_OVERRIDES, asked, bearing_names, build_config
+from stickslip_monitor.monitor.config_questions import asked
+from stickslip_monitor.monitor.configuration import QOS_OVERRIDES, bearing_names, build_config
 from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, require_rule
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig, parameters_of

@@ -17,7 +17,8 @@ from shared import REFERENCE
 
 from stickslip_monitor import Monitor, build_config, fold_speed
 from stickslip_monitor.errors import ConfigurationError, StickslipError
-from stickslip_monitor.monitor.configuration import questions, sensor_record
+from stickslip_monitor.monitor.calibration_file import sensor_record
+from stickslip_monitor.monitor.config_questions import questions
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
 

@@ -9,7 +9,7 @@ from sending import configured
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.bearing_monitor import Monitor
-from stickslip_monitor.monitor.configuration import questions
+from stickslip_monitor.monitor.config_questions import questions
 from stickslip_monitor.monitor.input_faults import Graph, InputWatch
 from stickslip_monitor.monitor.input_fitness import FitnessWatch, explained_share
 from stickslip_monitor.monitor.signals import Input

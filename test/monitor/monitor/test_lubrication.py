@@ -16,7 +16,7 @@ from shared import CONFIG
 from stickslip_monitor import Assessments, Monitor, Sample, Stream, assess, exact_fold_speed
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.configuration import questions
+from stickslip_monitor.monitor.config_questions import questions
 from stickslip_monitor.monitor.over_arrays import BearingScan
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.physics.lubrication import viscosity
