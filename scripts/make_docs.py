@@ -19,7 +19,6 @@ from typing import Any
 
 from stickslip_monitor.links.buses import INPUT_PARAMETERS, LINK_PARAMETERS
 from stickslip_monitor.monitor.alarms import LIFE, AlarmState
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS as INPUTS
 from stickslip_monitor.monitor.record_fields import (
@@ -32,6 +31,7 @@ from stickslip_monitor.monitor.record_fields import (
     RecordField,
     schema_of,
 )
+from stickslip_monitor.monitor.value_check import REQUIRED, Parameter
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ('stickslip_logs', 'stickslip_monitor', 'stickslip_lab')

@@ -25,7 +25,7 @@ from stickslip_lab.scenes.truth import TruthRecord
 from stickslip_logs.tables.whole_table import read_table
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
-from stickslip_monitor.monitor.parameter import Parameter, refused
+from stickslip_monitor.monitor.value_check import Parameter, refused
 
 BIN_NS = 10**9
 TRUST, TRUTH_TRUST, OPERATOR_TRUST = 0.95, 0.999, 0.9

@@ -35,8 +35,8 @@ from stickslip_lab.friction.pooled_fit import PooledFit, fit_curve
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError, plural
 from stickslip_monitor.monitor.bearing_records import number
-from stickslip_monitor.monitor.parameter import refused
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 from stickslip_monitor.physics.lubrication import reference_point, speed_over_load
 from stickslip_monitor.physics.probability import Belief

@@ -16,7 +16,7 @@ from stickslip_logs.tables.whole_table import TableRow, read_table
 from stickslip_logs.units import factors_of, find_unit, names_of
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import FitError, plural
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, refused
+from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, refused
 from stickslip_monitor.physics.bearing import SPEED_UNITS, BearingSpeed
 from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE
 

@@ -22,7 +22,7 @@ from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_logs.tables.whole_table import read_table
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import ConfigurationError, SceneError, did_you_mean
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, shown
+from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, shown
 
 # Far beyond every sensor and sea; products of a few such numbers are still finite.
 LARGEST = 1e15

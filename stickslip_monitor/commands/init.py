@@ -23,8 +23,8 @@ from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.bearing_records import number
 from stickslip_monitor.monitor.config_questions import blade_question
 from stickslip_monitor.monitor.configuration import bearing_names, check_topic, load_points
-from stickslip_monitor.monitor.parameter import Parameter, refused
 from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS, LOAD_UNITS
+from stickslip_monitor.monitor.value_check import Parameter, refused
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 from stickslip_monitor.physics.bearing_estimate import (

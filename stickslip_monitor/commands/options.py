@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.errors import ConfigurationError, OutputError
 from stickslip_monitor.files import PICTURES
-from stickslip_monitor.monitor.parameter import Parameter, refused
+from stickslip_monitor.monitor.value_check import Parameter, refused
 
 if TYPE_CHECKING:
     from stickslip_monitor.drawing.map import Range

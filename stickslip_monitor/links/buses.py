@@ -20,7 +20,6 @@ from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you
 from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.input_faults import Graph
-from stickslip_monitor.monitor.parameter import REQUIRED, require_rule
 from stickslip_monitor.monitor.parameter_file import LINKS
 from stickslip_monitor.monitor.parameters import (
     BearingConfig,
@@ -32,6 +31,7 @@ from stickslip_monitor.monitor.parameters import (
 )
 from stickslip_monitor.monitor.session import Log, Moment, Session, Sink, Store
 from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.value_check import REQUIRED, require_rule
 
 SECTION = LINKS
 SIGNALK, NMEA = 'signalk', 'nmea'

@@ -16,8 +16,8 @@ import numpy as np
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import parameters
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.parameters import InputConfig, LoadConfig, SpeedConfig
+from stickslip_monitor.monitor.value_check import REQUIRED, Parameter
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS
 from stickslip_monitor.physics.probability import Belief, Tolerance

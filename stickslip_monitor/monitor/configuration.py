@@ -16,7 +16,6 @@ from stickslip_monitor.errors import ConfigurationError, FieldError, PhysicsErro
 from stickslip_monitor.monitor import parameters
 from stickslip_monitor.monitor.calibration_file import UnusableCalibration, read_calibration
 from stickslip_monitor.monitor.config_questions import note_on_table
-from stickslip_monitor.monitor.parameter import REQUIRED, refused
 from stickslip_monitor.monitor.parameters import (
     MAX_LOAD_POINTS,
     BearingConfig,
@@ -26,6 +25,7 @@ from stickslip_monitor.monitor.parameters import (
     SpeedConfig,
     filled,
 )
+from stickslip_monitor.monitor.value_check import REQUIRED, refused
 from stickslip_monitor.physics.bearing import TURNING_UNITS, Bearing
 from stickslip_monitor.physics.friction import LAWS, FrictionLaw
 from stickslip_monitor.physics.lubrication import Lubrication

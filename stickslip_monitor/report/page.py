@@ -23,7 +23,6 @@ from stickslip_monitor.errors import ReportError
 from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.bearing_records import number
 from stickslip_monitor.monitor.input_faults import fault_text
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter
 from stickslip_monitor.monitor.parameter_file import load_parameters
 from stickslip_monitor.monitor.parameters import (
     BEARING_PARAMETERS,
@@ -31,6 +30,7 @@ from stickslip_monitor.monitor.parameters import (
     InputConfig,
     MonitorConfig,
 )
+from stickslip_monitor.monitor.value_check import REQUIRED, Parameter
 from stickslip_monitor.offline.check import BearingReport, CheckReport
 from stickslip_monitor.offline.extremes import condition_intervals
 from stickslip_monitor.offline.input_report import InputReport

@@ -32,9 +32,9 @@ from stickslip_monitor.monitor.bearing_records import NodeHealth
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.config_questions import asked
 from stickslip_monitor.monitor.configuration import QOS_OVERRIDES, bearing_names, build_config
-from stickslip_monitor.monitor.parameter import REQUIRED, Parameter, require_rule
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig, parameters_of
+from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, require_rule
 from stickslip_monitor.ros.inputs import OVERRIDES, ROS_FAULTS, check_inputs
 from stickslip_monitor.ros.outputs import Configured, output_names, resolved
 from stickslip_monitor.ros.running import Running, node_clock

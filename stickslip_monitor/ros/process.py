@@ -20,9 +20,9 @@ from stickslip_monitor.errors import ConfigurationError, RosError, StickslipErro
 from stickslip_monitor.files import printable
 from stickslip_monitor.host import ServiceManager, end_signals, unblocked
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.parameter import require_rule
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters
 from stickslip_monitor.monitor.parameters import ClipConfig
+from stickslip_monitor.monitor.value_check import require_rule
 from stickslip_monitor.ros.inputs import ROS_FAULTS
 from stickslip_monitor.ros.node import MonitorNode, sentence
 from stickslip_monitor.ros.other_nodes import without_log_files
