@@ -46,10 +46,10 @@ from stickslip_lab.scenes.truth import BOOL, FLOAT64, STRING, Column, event_text
 from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
-from stickslip_monitor.monitor.assessment import margin
+from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, BearingConfig
 from stickslip_monitor.monitor.signals import INPUTS, WATER
-from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
+from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE
 
 # Decimals of margins, and of amplitudes [m]: beyond them digits may differ between processors, and
@@ -139,20 +139,21 @@ def _operating_point(
 ) -> dict[str, FloatArray]:
     """Return speed, load, and the margins with the true friction by name, each of shape (n,)."""
     speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
-    # A law is one of its own for each step only if its shape moves: slow where it is solved.
-    changes = course.water is not None or course.drifts.keys() - {FACTOR}
+    # Where friction does not depend on the load, a factor on it is one on the load: a law is one of its
+    # own for each step only if its shape moves, as each one is solved.
+    lubrication = config.bearing.lubrication
+    scaled = lubrication is not None and lubrication.load_exponent > 0.0
+    changes = course.water is not None or course.drifts.keys() - (set() if scaled else {FACTOR})
     step = time // STEP if changes else np.zeros(time.size)
-    hopf, fold = np.empty(time.size), np.empty(time.size)
-    carried = load * course.factor(time)
+    margins = {name: np.empty(time.size) for name in ('hopf_margin', 'fold_margin', 'fold_margin_kbm')}
+    carried = load if scaled else load * course.factor(time)
     for rows in np.split(np.arange(time.size), np.flatnonzero(np.diff(step)) + 1):
         if rows.size:
-            bearing = course.bearing_at(config.bearing, float(time[rows[0]]), scaled=False)
-            hopf[rows] = hopf_speed(bearing, carried[rows])
-            fold[rows] = fold_speed(bearing, carried[rows])
-    margins = {'hopf_margin': hopf, 'fold_margin': fold}
-    return {'speed': speed, 'load': load} | {
-        name: np.round(margin(np.abs(speed), boundary), _DIGITS) for name, boundary in margins.items()
-    }
+            bearing = course.bearing_at(config.bearing, float(time[rows[0]]), scaled=scaled)
+            point = assess(bearing, speed[rows], carried[rows])
+            for name, values in margins.items():
+                values[rows] = np.round(getattr(point, name), _DIGITS)
+    return {'speed': speed, 'load': load} | margins
 
 
 _HIGHEST_MOTION_RATE = 100_000.0

@@ -38,8 +38,9 @@ from stickslip_monitor.physics.bearing_estimate import (
     estimate,
     fold_shifts,
 )
+from stickslip_monitor.physics.cycles import end_of_vibration
 
-SCHEMA = 'stickslip_monitor/init/1'
+SCHEMA = 'stickslip_monitor/init/2'
 MARK = '# Written by stickslip init'
 _TABLE_TEXT = "of the alignment calculation, as '0:32, 60:28, 120:19' in rpm and the unit of the load"
 _PAIR = re.compile(r'\s*([\d.eE+-]+)\s*:\s*([\d.eE+-]+)\s*')
@@ -336,7 +337,7 @@ def report(values: Sequence[Estimate]) -> str:
     """Write the boundaries at the mean load, and what to measure next."""
     bearing, load = bearing_of(values), values[-1].value
     per_rpm = bearing.speed.factor('rpm')
-    fold, hopf = (float(at(bearing, load)) / per_rpm for at in (fold_speed, hopf_speed))
+    fold, hopf = (float(at(bearing, load)) / per_rpm for at in (end_of_vibration, hopf_speed))
     frequency = bearing.natural_frequency / math.tau
     if fold != fold:
         head = f'At {load / 1e3:.4g} kN this bearing has no stick-slip at any speed'
@@ -375,7 +376,8 @@ def to_json(values: Sequence[Estimate], text: str) -> dict[str, Any]:
         'schema': SCHEMA,
         'values': [asdict(item) for item in values],
         'hopf_speed': number(hopf_speed(bearing, load)),
-        'fold_speed': number(fold_speed(bearing, load)),
+        'fold_speed': number(end_of_vibration(bearing, load)),
+        'fold_speed_kbm': number(fold_speed(bearing, load)),
         'measure_next': [
             {'name': e.name, 'spread': e.spread, 'below': number(e.below), 'above': number(e.above)}
             for e in fold_shifts(values)

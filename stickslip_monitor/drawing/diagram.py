@@ -21,12 +21,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing import canvas
-from stickslip_monitor.drawing.map import Range, corners, diagram_speeds
+from stickslip_monitor.drawing.map import Range, corners, diagram_speeds, water_note
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.physics.averaging import fold_speed, growth_rate, hopf_speed, stationary_amplitudes
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
+from stickslip_monitor.physics.cycles import end_of_vibration, exact_amplitude, exact_fold_speed
 
 _LOW = 1e-3
 _SAME = 1e-9
@@ -82,6 +82,7 @@ def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: in
     exact_fold = float(exact_fold_speed(bearing, load))
     # The exact branch is drawn up to its end.
     last = [exact_fold * (1.0 - _SAME)] if grid[0] < exact_fold < grid[-1] else []
+    end = [v for v in [float(end_of_vibration(bearing, load))] if grid[0] < v < grid[-1]]
     grid = np.union1d(grid, last)
     # At both sides of the law's break points the balance may jump.
     between = np.linspace(grid[0], grid[-1], _COLUMNS), corners(bearing, (grid[0], grid[-1]), load)
@@ -100,7 +101,7 @@ def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: in
         growth_rate=np.asarray(growth_rate(bearing, speed, load)),
         branches=tuple(_join_branches(speed, turns, cycles[rows])),
         marks=tuple(marks),
-        spans=_find_spans(bearing, load, sorted({speeds[0], *ends, *last, speeds[1]})),
+        spans=_find_spans(bearing, load, sorted({speeds[0], *ends, *last, *end, speeds[1]})),
         exact=np.asarray(exact_amplitude(bearing, speed, load)),
         exact_fold=exact_fold,
     )
@@ -250,7 +251,7 @@ def draw_diagram(
             'shaft speed [rpm]',
             'displacement amplitude [mm]',
             box=(0.095, 0.245, 0.88, 0.635),
-            footnote=f'{config.name}, load {load / 1e3:.6g} kN',
+            footnote=f'{config.name}, load {load / 1e3:.6g} kN{water_note(bearing)}',
         )
         curves = [diagram.exact, *(branch.amplitude for branch in diagram.branches)]
         top = max(float(np.nanmax(curve, initial=0.0)) for curve in curves) or diagram.sliding_limit[-1]
@@ -308,7 +309,7 @@ def _draw_marks(axes: canvas.Axes, diagram: Diagram, rpm: float) -> None:
         marks = [mark for mark in diagram.marks if mark.kind == kind]
         text = f'{kind} {", ".join(f"{mark.speed / rpm:.4g}" for mark in marks)} rpm'
         if kind == 'fold' and marks:
-            text += f' (sticks up to {end / rpm:.4g} rpm)'
+            text += f' by averaging (KBM), sticks up to {end / rpm:.4g} rpm'
         elif kind == 'fold' and diagram.speed[0] < end < diagram.speed[-1]:
             # Where averaging has none, the end of the exact branch stands in.
             marks = [BranchMark(kind, end, float(diagram.exact[np.isfinite(diagram.exact)][-1]))]

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stability map: which regime where, over shaft speed and load.
 
-At a given speed the averaged model's dissipation ``c a/2`` does not depend on the load, and its
-drive ``N S(a; V)`` is proportional to it. So at each speed the regimes follow each other with
-rising load as stable, bistable, unstable; each boundary is one load for any friction law; and a
-cycle of amplitude ``a`` exists at exactly one load, ``N = c a / (2 S(a; V))``. A recording is drawn on
-it as the track of its operating point, with the changes of condition.
+At each speed the regimes follow each other with rising load as stable, bistable, unstable, in the
+water that the bearing is configured with. The fold is the one that decides; that of averaging (KBM)
+is drawn beside it where it is another line. A recording is drawn on it as the track of its operating
+point, with the changes of condition.
 """
 
 from __future__ import annotations
@@ -26,7 +25,8 @@ from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.extremes import Verdicts
 from stickslip_monitor.physics.averaging import fold_load, fold_speed, hopf_load, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
+from stickslip_monitor.physics.cycles import end_of_vibration, exact_amplitude
+from stickslip_monitor.physics.deciding_load import deciding_load, load_of_fold
 from stickslip_monitor.physics.friction import Stribeck, speed_scales
 from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.probability import QUANTILES
@@ -44,11 +44,11 @@ _SPEEDS_TRIED = 200
 _RPM_WITHOUT_SCALE = 60.0
 _LOAD_WITHOUT_SCALE = 1000.0
 _BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
-_FAR = np.geomspace(1.0, 30.0, 60)[1:]
 _BEYOND = 2.0
 _BAND_LOADS = 120
-# Where exact cycles and folds are worked out.
-_EXACT_GRID, _EXACT_LOADS = (48, 32), 32
+# Speeds and loads at which exact cycles are computed.
+_EXACT_GRID = 48, 32
+# Distance of two folds from which they are two lines, as a share of the map's width [-].
 _FOLDS_APART = 0.005
 _NARROW = 5.0
 # The legend below the map [inch].
@@ -99,9 +99,14 @@ def law_speed(bearing: Bearing, load: float | None = None) -> float:
 
 def _boundary_speed(bearing: Bearing, load: float) -> float:
     """Return the highest finite boundary at a load [m/s]; the law's own speed without one."""
-    exact = float(exact_fold_speed(bearing, load))
-    every = (fold_speed(bearing, load), hopf_speed(bearing, load), exact)
+    every = float(end_of_vibration(bearing, load)), float(hopf_speed(bearing, load))
     return max((v for v in every if math.isfinite(v) and v > 0.0), default=law_speed(bearing, load))
+
+
+def water_note(bearing: Bearing) -> str:
+    """Return ``', water 5 C'``, or an empty text where friction does not depend on the water."""
+    temperature = math.nan if bearing.lubrication is None else bearing.lubrication.water_temperature
+    return '' if math.isnan(temperature) else f', water {temperature:g} C'
 
 
 def diagram_speeds(bearing: Bearing, load: float) -> Range:
@@ -155,7 +160,7 @@ class Boundaries:
     """Curves that divide the plane: loads over speed, ``nan`` for none, each of shape (n,)."""
 
     speed: FloatArray  # of the surface, rising [m/s]
-    fold_load: FloatArray  # above which there is a stick-slip cycle [N]
+    fold_load: FloatArray  # above which a vibration can last [N]
     hopf_load: FloatArray  # above which the equilibrium is unstable [N]
     caution_load: FloatArray  # above which the fold margin is below the caution margin [N]
 
@@ -169,7 +174,7 @@ def boundaries(bearing: Bearing, speeds: Range, caution_margin: float, points: i
     speed = np.union1d(np.linspace(*speeds, points), corners(bearing, speeds))
     return Boundaries(
         speed=speed,
-        fold_load=np.asarray(fold_load(bearing, speed)),
+        fold_load=np.asarray(deciding_load(bearing, speed)),
         hopf_load=np.asarray(hopf_load(bearing, speed)),
         caution_load=caution_load(bearing, speed, caution_margin),
     )
@@ -178,15 +183,9 @@ def boundaries(bearing: Bearing, speeds: Range, caution_margin: float, points: i
 def caution_load(bearing: Bearing, speed: FloatArray, margin: float) -> FloatArray:
     """Load [N] at which the fold margin falls below the caution margin, over rising speeds [m/s].
 
-    The fold speed is the highest with a cycle, so ``V / V_F(N) - 1 < margin`` as soon as a cycle
-    exists at any speed from ``V/(1 + margin)`` upwards; ``nan`` for none.
+    There the fold is at ``V/(1 + margin)``; ``nan`` for none.
     """
-    nearest = speed / (1.0 + margin)
-    higher = np.union1d(np.concatenate([nearest, speed]), speed[-1] * _FAR)
-    load = np.asarray(fold_load(bearing, higher))
-    load = np.where(np.isnan(load), np.inf, load)
-    lowest = np.minimum.accumulate(load[::-1])[::-1][np.searchsorted(higher, nearest)]
-    return np.where(np.isfinite(lowest), lowest, np.nan)
+    return np.asarray(load_of_fold(bearing, speed / (1.0 + margin)))
 
 
 def map_columns(bearing: Bearing, curves: Boundaries) -> dict[str, FloatArray]:
@@ -233,7 +232,7 @@ def draw_map(
         curves = boundaries(bearing, speeds, config.alarm.caution_margin)
         _draw_regions(axes, curves, loads, rpm)
         _draw_belief_bands(axes, config, loads, rpm)
-        _draw_exact_fold(axes, bearing, loads, rpm)
+        _draw_averaged_fold(axes, bearing, curves, loads, rpm)
         room = height - bottom - above
         _draw_amplitudes(axes, bearing, speeds, loads, 5 if width > _NARROW else 3, _LABEL_LENGTH / room)
         canvas.legend_below(figure, columns, _LEFT / width - 0.01)
@@ -241,7 +240,8 @@ def draw_map(
             draw_track(axes, track, rpm, width)
         if not np.isfinite([curves.fold_load, curves.hopf_load]).any():
             axes.text(0.5, 0.5, 'no stick-slip in this range', transform=axes.transAxes, ha='center')
-        figure.text(0.985, 0.995, config.name, ha='right', va='top', size=9.0, color=canvas.MUTED)
+        name = config.name + water_note(bearing)
+        figure.text(0.985, 0.995, name, ha='right', va='top', size=9.0, color=canvas.MUTED)
         return figure
 
 
@@ -269,14 +269,16 @@ def _draw_regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: floa
             axes.plot(x, reached(load), color=colour, lw=width, ls=dashes, zorder=3, label=name)
 
 
-def _draw_exact_fold(axes: canvas.Axes, bearing: Bearing, loads: Range, rpm: float) -> None:
-    """Draw the end of sticking, where it is another line than the fold of averaging."""
-    load = np.linspace(loads[0], loads[1], _EXACT_LOADS + 1)[1:]
-    exact = np.asarray(exact_fold_speed(bearing, load))
+def _draw_averaged_fold(
+    axes: canvas.Axes, bearing: Bearing, curves: Boundaries, loads: Range, rpm: float
+) -> None:
+    """Draw the fold of averaging, where it is another line than the one that decides."""
+    rows = curves.fold_load <= loads[1]
+    load = np.where(rows, curves.fold_load, np.nan)
     averaged = np.asarray(fold_speed(bearing, load))
-    if np.any(np.abs(exact - averaged) > _FOLDS_APART * exact):
+    if np.any(np.abs(averaged - curves.speed) > _FOLDS_APART * curves.speed[-1]):
         look: canvas.Look = {'color': canvas.FOLD, 'lw': 1.4, 'ls': '-.', 'zorder': 3}
-        axes.plot(exact / rpm, load / 1e3, label='end of sticking, exact', **look)
+        axes.plot(averaged / rpm, load / 1e3, label='fold by averaging (KBM)', **look)
 
 
 def _draw_amplitudes(

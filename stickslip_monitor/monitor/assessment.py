@@ -22,6 +22,7 @@ from stickslip_monitor.physics import averaging, closed_form
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
+from stickslip_monitor.physics.deciding_load import deciding_load
 from stickslip_monitor.physics.folds import deciding_fold
 from stickslip_monitor.physics.lubrication import as_measured, load_over_speed
 from stickslip_monitor.physics.probability import Belief
@@ -212,8 +213,8 @@ class _Assessed(Generic[_Number]):
 
     @cached_property
     def fold_load(self) -> _Number:
-        """Load from which a stick-slip cycle exists at this speed [N]; ``nan`` without one."""
-        return self._load_of(averaging.fold_load)
+        """Load from which a vibration can last at this speed [N]; ``nan`` without one."""
+        return self._load_of(deciding_load)
 
     @cached_property
     def growth_rate(self) -> _Number:

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.cycles import end_of_vibration
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.lubrication import Lubrication
 
@@ -41,6 +41,8 @@ batch to batch, of ring-downs, of handbook friction, of a load from the shaft al
 ELSEWHERE = 1.5
 """Factor of the load at which a friction curve was measured to that of the ship: pressures of benches and
 bearings differ by more as a rule."""
+# A smaller relative shift of the fold speed is not worth a measurement, and is shown as 0 %.
+_LEAST_SHIFT = 5e-3
 LOAD_EXPONENT = 'load_exponent'
 """How friction depends on the load: between 0 and 1, which only a second curve tells."""
 
@@ -193,7 +195,7 @@ def bearing_of(values: Sequence[Estimate]) -> Bearing:
 def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
     """Return what each value's standard deviation does to the fold speed, the worst first.
 
-    The fold is that of averaging at the mean load; an end without a fold counts as -1.
+    The fold is the one that decides, at the mean load; an end without a fold counts as -1.
     """
     shifts = []
     nominal = _fold_of_values(values)
@@ -216,19 +218,19 @@ def _load_exponent_shift(values: Sequence[Estimate], nominal: float) -> FoldShif
     ends = []
     for factor in (ELSEWHERE, 1.0 / ELSEWHERE):
         at_other_load = replace(bearing, lubrication=Lubrication(factor * load, 1.0))
-        speed = float(fold_speed(at_other_load, load))
+        speed = float(end_of_vibration(at_other_load, load))
         ends.append(_relative_shift(speed if math.isfinite(speed) else 0.0, nominal))
     return FoldShift(LOAD_EXPONENT, 0.5, *ends)
 
 
 def _relative_shift(fold: float, nominal: float) -> float:
     change = fold / nominal - 1.0 if nominal > 0.0 else math.inf if fold > 0.0 else 0.0
-    # What comes of rounding in mass and stiffness, which do not move the fold.
-    return change if abs(change) > 1e-9 else 0.0
+    # Mass and stiffness move the fold only by what averaging leaves out.
+    return change if abs(change) > _LEAST_SHIFT else 0.0
 
 
 def _fold_of_values(values: Sequence[Estimate]) -> float:
     """Fold speed [m/s]; 0 where there is none."""
     load = next(item.value for item in values if item.name == 'load')
-    speed = float(fold_speed(bearing_of(values), load))
+    speed = float(end_of_vibration(bearing_of(values), load))
     return speed if math.isfinite(speed) else 0.0

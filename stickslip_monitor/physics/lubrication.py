@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
-from typing import Any, Protocol, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,8 +42,6 @@ _SLOWEST, _FASTEST, _PER_E_FOLD = 1e-9, 1e4, 40
 _RESTING = 1e-6
 # The logarithm of a load beyond any number.
 _FAR = 700.0
-
-_Function = TypeVar('_Function', bound=Callable[..., Any])
 
 
 def viscosity(temperature: Any, salinity: float = SEA) -> Any:
@@ -152,6 +150,38 @@ class Lubricated(Protocol):
 
 
 _Bearing = TypeVar('_Bearing', bound=Lubricated)
+_AnyBearing = TypeVar('_AnyBearing', bound=Lubricated, contravariant=True)
+_Result = TypeVar('_Result')
+_CoResult = TypeVar('_CoResult', covariant=True)
+_More = ParamSpec('_More')
+
+
+class SpeedAtLoad(Protocol[_AnyBearing]):
+    """A boundary as a speed [m/s] over the load [N]."""
+
+    def __call__(self, bearing: _AnyBearing, load: ArrayLike) -> Any:
+        """Return the boundary, of the shape of ``load``."""
+
+
+class LoadAtSpeed(Protocol[_AnyBearing]):
+    """A boundary as a load [N] over the surface speed [m/s]."""
+
+    def __call__(self, bearing: _AnyBearing, speed: ArrayLike) -> Any:
+        """Return the boundary, of the shape of ``speed``."""
+
+
+class AtPoints(Protocol[_AnyBearing, _More, _CoResult]):
+    """A quantity of operating points: surface speeds [m/s] and loads [N]."""
+
+    def __call__(
+        self,
+        bearing: _AnyBearing,
+        speed: ArrayLike,
+        load: ArrayLike,
+        *args: _More.args,
+        **kwargs: _More.kwargs,
+    ) -> _CoResult:
+        """Return the quantity at the broadcast points."""
 
 
 def as_measured(bearing: _Bearing) -> _Bearing:
@@ -168,16 +198,14 @@ def _without_lubrication(bearing: Any) -> Any:
     return replace(bearing, lubrication=None)
 
 
-def gives_speed(function: _Function) -> _Function:
+def gives_speed(function: SpeedAtLoad[_Bearing]) -> SpeedAtLoad[_Bearing]:
     """Decorate ``function(bearing, load)``, a boundary [m/s], so that it follows the lubrication."""
 
     @wraps(function)
-    def scaled(bearing: Lubricated, load: ArrayLike, *args: Any, **kwargs: Any) -> Any:
-        if bearing.lubrication is None:
-            return function(bearing, load, *args, **kwargs)
-        return speed_over_load(bearing, lambda n: function(as_measured(bearing), n, *args, **kwargs), load)
+    def scaled(bearing: _Bearing, load: ArrayLike) -> Any:
+        return speed_over_load(bearing, lambda n: function(as_measured(bearing), n), load)
 
-    return scaled  # type: ignore[return-value]
+    return scaled
 
 
 def speed_over_load(bearing: Lubricated, boundary: Callable[[Any], Any], load: Any) -> Any:
@@ -195,7 +223,9 @@ def speed_over_load(bearing: Lubricated, boundary: Callable[[Any], Any], load: A
         return s * boundary(np.asarray(load, float) / s if np.ndim(load) else float(load) / s)
 
 
-def at_points(rescale: Callable[[Any, Any], Any]) -> Callable[[_Function], _Function]:
+def at_points(
+    rescale: Callable[[_Result, Any], _Result],
+) -> Callable[[AtPoints[_Bearing, _More, _Result]], AtPoints[_Bearing, _More, _Result]]:
     """Return a decorator that lets ``function(bearing, speed, load, ...)`` follow the lubrication.
 
     The decorated function calls ``function`` at the reference point ``(V/s, N/s)`` with the bearing as
@@ -205,16 +235,18 @@ def at_points(rescale: Callable[[Any, Any], Any]) -> Callable[[_Function], _Func
         rescale: ``(result, s)`` to the result at the point itself.
     """
 
-    def decorate(function: _Function) -> _Function:
+    def decorate(function: AtPoints[_Bearing, _More, _Result]) -> AtPoints[_Bearing, _More, _Result]:
         @wraps(function)
-        def scaled(bearing: Lubricated, speed: ArrayLike, load: ArrayLike, *args: Any, **kwargs: Any) -> Any:
+        def scaled(
+            bearing: _Bearing, speed: ArrayLike, load: ArrayLike, *args: _More.args, **kwargs: _More.kwargs
+        ) -> _Result:
             # A bearing without lubrication effects is its own reference point.
             if bearing.lubrication is None:
                 return function(bearing, speed, load, *args, **kwargs)
             v, n, s = reference_point(bearing, speed, load)
             return rescale(function(as_measured(bearing), v, n, *args, **kwargs), s)
 
-        return scaled  # type: ignore[return-value]
+        return scaled
 
     return decorate
 
@@ -237,11 +269,11 @@ def reference_point(
         return np.divide(speed, s), np.divide(load, s), s
 
 
-def gives_load(function: _Function) -> _Function:
+def gives_load(function: LoadAtSpeed[_Bearing]) -> LoadAtSpeed[_Bearing]:
     """Decorate ``function(bearing, speed)``, a boundary's load [N], so that it follows the lubrication."""
 
     @wraps(function)
-    def scaled(bearing: Lubricated, speed: ArrayLike) -> Any:
+    def scaled(bearing: _Bearing, speed: ArrayLike) -> Any:
         lubrication = bearing.lubrication
         if lubrication is None:
             return function(bearing, speed)
@@ -249,7 +281,7 @@ def gives_load(function: _Function) -> _Function:
             lubrication, lambda v: function(as_measured(bearing), v), speed, lubrication.viscosity_ratio
         )
 
-    return scaled  # type: ignore[return-value]
+    return scaled
 
 
 def load_over_speed(

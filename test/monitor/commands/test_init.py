@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from shared import Stickslip
 
-from stickslip_monitor import fold_speed
 from stickslip_monitor.commands.init import NEEDS, ask, ask_more
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.physics.bearing_estimate import Given, bearing_of, estimate, fold_shifts, shear_modulus
+from stickslip_monitor.physics.cycles import end_of_vibration
 
 DRAWING = (
     *('--journal-diameter', '400mm', '--length', '800mm', '--thickness', '20mm', '--hardness', '70'),
@@ -64,7 +64,8 @@ def test_spreads_combine_as_independent_errors() -> None:
 def test_effects_by_the_closed_form() -> None:
     """Of c, N, mu_s and mu_k the fold follows from c/(N (mu_s - mu_k)) alone.
 
-    So 10 % less damping does what a ninth more load does, and a stiffer or heavier lining nothing.
+    So 10 % less damping does what a ninth more load does, and a stiffer or heavier lining nothing, but
+    for what averaging leaves out.
     """
     by_name = {e.name: e for e in fold_shifts(estimate(_given(load=Given(3e4, 1.0 / 9.0))))}
     assert not by_name.keys() & {'mass', 'stiffness'}
@@ -72,7 +73,7 @@ def test_effects_by_the_closed_form() -> None:
         estimate(_given(area=Given(0.32, 0.0), shear_modulus=Given(1.5e6, 0.0), density=Given(1200.0, 0.0)))
     )
     less_damping = next(e.below for e in damping if e.name == 'damping')
-    assert by_name['load'].above == pytest.approx(less_damping, rel=1e-6)
+    assert by_name['load'].above == pytest.approx(less_damping, rel=2e-2)
 
 
 def test_the_exponent_of_the_load_by_hersey() -> None:
@@ -81,7 +82,8 @@ def test_the_exponent_of_the_load_by_hersey() -> None:
     own = next(e for e in fold_shifts(values) if e.name == 'load_exponent')
     bearing, load = bearing_of(values), values[-1].value
     for change, factor in ((own.below, 1.5), (own.above, 1.0 / 1.5)):
-        expected = fold_speed(bearing, factor * load) / factor / fold_speed(bearing, load) - 1.0
+        folds = [end_of_vibration(bearing, n) for n in (factor * load, load)]
+        expected = folds[0] / factor / folds[1] - 1.0
         assert change == pytest.approx(expected, rel=1e-9)
 
 
@@ -122,10 +124,13 @@ def test_the_dialogue_asks_for_gear_and_load_over_the_speed() -> None:
 
 def test_json(stickslip: Stickslip) -> None:
     document = stickslip('init', *DRAWING, '--json').json
-    assert document['schema'] == 'stickslip_monitor/init/1'
+    assert document['schema'] == 'stickslip_monitor/init/2'
     assert all(value['origin'] for value in document['values'])
     assert document['measure_next'][0]['name'] == 'damping'
     assert document['hopf_speed'] < document['fold_speed']
+    # The one that decides beside the closed form of averaging, up to 1 % above it.
+    assert document['fold_speed'] == pytest.approx(document['fold_speed_kbm'], rel=1e-2)
+    assert document['fold_speed'] != document['fold_speed_kbm']
 
 
 @pytest.mark.parametrize(

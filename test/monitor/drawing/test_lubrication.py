@@ -7,10 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shared import CONFIG
 
-from stickslip_monitor import Bearing, Stribeck, Tabulated, fold_speed, hopf_speed
-from stickslip_monitor.drawing.diagram import bifurcation_diagram
-from stickslip_monitor.drawing.map import boundaries, diagram_speeds, map_ranges
+from stickslip_monitor import Bearing, Stribeck, Tabulated, hopf_speed
+from stickslip_monitor.drawing.diagram import bifurcation_diagram, draw_diagram
+from stickslip_monitor.drawing.map import boundaries, diagram_speeds, draw_map, map_ranges
+from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.physics.cycles import end_of_vibration
 from stickslip_monitor.physics.lubrication import Lubrication, viscosity
 
 PLAIN = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
@@ -33,6 +36,14 @@ def test_a_diagram_is_that_of_the_law_written_out() -> None:
     assert [s[2] for s in found.spans] == [s[2] for s in expected.spans]
 
 
+def test_map_and_diagram_name_the_water_of_the_configuration() -> None:
+    config = replace(load_config(CONFIG).bearings[0], bearing=OWN)
+    (title,) = [text.get_text() for text in draw_map(config).texts if 'water' in text.get_text()]
+    assert title == f'{config.name}, water 5 C'
+    notes = [text.get_text() for text in draw_diagram(config, LOAD, points=20).texts]
+    assert f'{config.name}, load 3 kN, water 5 C' in notes
+
+
 @pytest.mark.parametrize('exponent', [0.7, 1.0])
 def test_a_map_has_its_boundaries_where_the_speeds_say(exponent: float) -> None:
     own = replace(PLAIN, lubrication=Lubrication(1000.0, exponent))
@@ -42,7 +53,7 @@ def test_a_map_has_its_boundaries_where_the_speeds_say(exponent: float) -> None:
     known = curves.fold_load[1:]
     inside = np.isfinite(known) & (known > 0.0)
     assert inside.any()
-    assert np.allclose(fold_speed(own, known[inside]), curves.speed[1:][inside], rtol=1e-9)
+    assert np.allclose(end_of_vibration(own, known[inside]), curves.speed[1:][inside], rtol=1e-6)
     hopf = curves.hopf_load[1:]
     assert np.allclose(hopf_speed(own, hopf[inside]), curves.speed[1:][inside], rtol=1e-9)
 

@@ -18,17 +18,7 @@ from own_law import OwnLaw
 from scipy.special import i1e
 from shared import CONFIG as REFERENCE_FILE
 
-from stickslip_monitor import (
-    Bearing,
-    Coulomb,
-    FrictionLaw,
-    Monitor,
-    Stribeck,
-    Tabulated,
-    assess,
-    fold_speed,
-    stationary_amplitudes,
-)
+from stickslip_monitor import Bearing, Coulomb, FrictionLaw, Monitor, Stribeck, Tabulated, assess
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES, envelope
 from stickslip_monitor.drawing.map import (
     Track,
@@ -42,7 +32,7 @@ from stickslip_monitor.drawing.map import (
 )
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.severity import Condition
-from stickslip_monitor.physics.cycles import exact_cycle
+from stickslip_monitor.physics.cycles import end_of_vibration, exact_cycle
 
 pytest.importorskip('matplotlib')
 RPM = math.pi * 0.1 / 60.0
@@ -61,7 +51,9 @@ def test_boundaries_are_the_closed_forms() -> None:
     v = 10.0 * curves.speed
     np.testing.assert_allclose(curves.hopf_load, 400.0 * np.exp(v) / (0.2 * 10.0), rtol=1e-12)
     for load, x in ((curves.fold_load, v), (curves.caution_load, v / 1.1)):
-        np.testing.assert_allclose(load, 400.0 / (2.0 * 2.0 * i1e(x) / x), rtol=1e-12)
+        # The fold that decides lies up to 2e-4 off the closed form of averaging in speed.
+        np.testing.assert_allclose(load, 400.0 / (2.0 * 2.0 * i1e(x) / x), rtol=1e-3)
+        np.testing.assert_allclose(10.0 * end_of_vibration(REFERENCE, load), x, rtol=1e-7)
     # The published load at which the cycle dies at 20 rpm.
     assert float(np.interp(20.0 * RPM, curves.speed, curves.fold_load)) == pytest.approx(498, abs=1)
 
@@ -70,41 +62,46 @@ def test_boundaries_are_the_closed_forms() -> None:
 def test_the_assessment_changes_across_each_curve(own: Bearing) -> None:
     curves = boundaries(own, (0.02, 0.3), 0.1, 12)
 
-    def has_cycle(point):
-        """Under averaging, of which the curve is."""
-        return np.isfinite(stationary_amplitudes(own, point.speed, point.load).amplitude).any(axis=-1)
-
     for line, crossed in (
-        (curves.fold_load, has_cycle),
+        (curves.fold_load, lambda point: point.regime != 'stable'),
         (curves.hopf_load, lambda point: point.growth_rate > 0.0),
     ):
         known = np.isfinite(line)
         speed, load = curves.speed[known][::5], line[known][::5]
-        assert crossed(assess(own, speed, load * (1.0 + 1e-4))).all()
-        assert not crossed(assess(own, speed, load * (1.0 - 1e-4))).any()
+        assert crossed(assess(own, speed, load * (1.0 + 1e-3))).all()
+        assert not crossed(assess(own, speed, load * (1.0 - 1e-3))).any()
     speed = np.linspace(0.005, 0.3, 300)
     load = caution_load(own, speed, 0.1)
     known = np.isfinite(load)
-    # A minimum of the fold between two points of the grid is found to the grid's width only.
+    # Where the fold jumps the table has it between two loads a percent apart.
     speed, load = speed[known][::12], load[known][::12]
-    assert np.all(speed < 1.1 * fold_speed(own, load * 1.001))
-    assert not np.any(speed < 1.1 * fold_speed(own, load * 0.99))
+    assert np.all(speed < 1.1 * end_of_vibration(own, load * 1.01))
+    assert not np.any(speed < 1.1 * end_of_vibration(own, load * 0.99))
 
 
 def test_without_stick_slip_there_are_no_curves() -> None:
-    curves = boundaries(DRY, map_ranges(DRY)[0], 0.1, 20)
-    assert math.isnan(onset_load(DRY))
+    own = replace(REFERENCE, friction=Coulomb(0.1, 0.1))
+    curves = boundaries(own, map_ranges(own)[0], 0.1, 20)
+    assert math.isnan(onset_load(own))
     for line in (curves.fold_load, curves.hopf_load, curves.caution_load):
         assert np.isnan(line).all()
-    figure = draw_map(replace(BEARING, bearing=DRY))
+    figure = draw_map(replace(BEARING, bearing=own))
     assert 'no stick-slip in this range' in [text.get_text() for text in figure.axes[0].texts]
+
+
+def test_dry_friction_has_the_fold_that_averaging_does_not_know() -> None:
+    curves = boundaries(DRY, (0.0, 0.08), 0.1, 20)
+    # The damped oscillation from break-away just meets the belt's speed again, by brentq; in proportion.
+    expected = 1000.0 * curves.speed[1:] / (7.193599 * RPM)
+    np.testing.assert_allclose(curves.fold_load[1:], expected, rtol=1e-5)
+    np.testing.assert_allclose(curves.caution_load[1:], expected / 1.1, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
     ('law', 'end'),
-    # The averaged fold in closed form; and dry friction, of which only the exact model has one:
+    # The exact fold, by another program in C; and dry friction, of which only the exact model has one:
     # the damped oscillation from break-away just meets the belt's speed again, by brentq.
-    [(Stribeck(0.3, 0.1, 10.0), 40.7231), (Coulomb(0.3, 0.1), 7.193599)],
+    [(Stribeck(0.3, 0.1, 10.0), 40.7179), (Coulomb(0.3, 0.1), 7.193599)],
     ids=['stribeck', 'coulomb'],
 )
 def test_a_map_shows_the_way_out_of_stick_slip(law: FrictionLaw, end: float) -> None:
