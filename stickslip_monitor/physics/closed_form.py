@@ -23,10 +23,10 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from scipy.special import i0e, i1e
 
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.physics.bearing import damping_per_load, load_for
+from stickslip_monitor.physics.bessel import i0e, i1e
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.numerics import root_on_bracket
 from stickslip_monitor.physics.quadrature import friction_harmonic, gauss_rule

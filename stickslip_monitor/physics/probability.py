@@ -14,6 +14,8 @@ uncertain of it; after a calibration the nodes are of ``ln q``, each with the ``
 the fold where it is. The sums are tabulated once: at each speed the load ``a``, the width ``w`` and how
 far the probit is off ``(ln N - a)/w``, which is little. The look-ups are plain functions of
 numbers and one flat table: they run as they stand for single points, compiled for long recordings.
+
+``scipy.special`` is imported where it is used: a node without tolerances does without its 22 MB.
 """
 
 from __future__ import annotations
@@ -25,7 +27,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, ndtri
 
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, flatten, restore
@@ -206,6 +207,8 @@ class Belief:
         Args:
             p: Probability that a boundary lies above the point; clipped to 1e-9 from 0 and 1.
         """
+        from scipy.special import ndtri
+
         (r, covariance_rq), (_, q) = self._total
         spread = math.sqrt(max(r + 2.0 * covariance_rq + q, 0.0))
         return math.exp(-spread * float(ndtri(min(max(p, 1e-9), 1.0 - 1e-9))))
@@ -250,6 +253,8 @@ class Belief:
         """
         if not 0.0 < p < 1.0:
             raise PhysicsError(f'p = {p:g} must be between 0 and 1')
+        from scipy.special import ndtri
+
         z = float(ndtri(p))
         if isinstance(load, float):
             return boundary_speed(self._numbers, which, load, z)
@@ -388,6 +393,8 @@ def _boundary_rows(total: FloatArray, nodes: _Nodes, ln_v: FloatArray, load: Flo
     Returns:
         Shape (m, :data:`_PER_BOUNDARY`).
     """
+    from scipy.special import ndtr, ndtri
+
     (r, covariance_rq), (_, q) = total
     slope = np.gradient(load, ln_v)
     width = np.sqrt(np.maximum(slope * slope * r + 2.0 * slope * covariance_rq + q, _LEAST**2))
