@@ -9,7 +9,7 @@ from plain_english import FindingKind, count_by_room, find_in_source
 # Findings of `python scripts/plain_english.py` in each room: lower a number as you rewrite, never raise it.
 MOST = {
     'stickslip_logs': 1,
-    'stickslip_logs/recordings': 6,
+    'stickslip_logs/recordings': 5,
     'stickslip_monitor': 3,
     'stickslip_monitor/commands': 1,
     'stickslip_monitor/dashboard': 2,

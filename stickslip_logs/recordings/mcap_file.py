@@ -99,11 +99,6 @@ class McapFile:
         schema = self.schemas.get(channel.schema_id)
         return schema.name if schema is not None else ''
 
-    def find_topics(self, block: Block) -> set[str]:
-        """Return the topics of which a block has messages; all of the file where the block does not tell."""
-        held = block.channels
-        return {c.topic for key, c in self.channels.items() if held is None or held >> key & 1}
-
     def add_definition(self, block: Block | None, offset: int, record: bytes) -> bool:
         """Add a schema or channel to those of the file; return whether the record can be read.
 

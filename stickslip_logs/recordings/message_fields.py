@@ -557,9 +557,9 @@ class FieldReader:
         for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
             is_own = kind == code
             if is_own.any():
-                own = rows if is_own.all() else np.arange(count)[rows][is_own]
+                decodable = rows if is_own.all() else np.arange(count)[rows][is_own]
                 for place in self._fill_rows(
-                    values, stamp_ns, own, data, offset[own], size[own], order
+                    values, stamp_ns, decodable, data, offset[decodable], size[decodable], order
                 ).tolist():
                     begin = int(offset[place])
                     self._decode_alone(data[begin : begin + int(size[place])], place, values, stamp_ns)

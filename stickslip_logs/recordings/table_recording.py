@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -46,7 +46,7 @@ from stickslip_logs.tables.quality import find_quality, find_quality_columns, is
 from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, find_key_column, is_same_key
 from stickslip_logs.tables.table_file import Numbers, Rows, open_table, some_cells, texts_of
 from stickslip_logs.tables.time_columns import Clock, counted_from
-from stickslip_logs.time_order import TimeCourse, TimeOrder
+from stickslip_logs.time_order import Sorter, TimeCourse, TimeOrder
 from stickslip_logs.units import conversion
 
 _NAME = re.compile(
@@ -67,7 +67,7 @@ _DATES_FROM_NS = 10**17
 _SHARED_TIMES = 1.5
 # Blocks of lines without a number that are kept: the last one is whole, and one wrong time is no end.
 _MAX_BLANK_BLOCKS = 2
-# Rows of a sorted table that are yielded at a time.
+# Rows of a sorted table that are yielded at a time at most.
 _STRETCH = 1 << 16
 # The source of all lines, whichever of the columns they fill; else it is a bit for each column, of which
 # a number has so many.
@@ -76,15 +76,8 @@ _ALL_LINES, _BITS = -1, 62
 _MAX_KEPT_BYTES = 64 << 20
 
 
-class Part(NamedTuple):
-    """Numbers of some rows of a table.
-
-    ``time_ns`` are the times of n rows [ns]; ``numbers`` has for each topic which of these rows
-    have a number of it, and these, shape (m,) each.
-    """
-
-    time_ns: IntArray
-    numbers: dict[str, tuple[IntArray, FloatArray]]
+Part = tuple[IntArray, BoolArray, FloatArray]
+"""Times of n rows [ns], whether each of k topics has a number in each, shape (k, n), and these, likewise."""
 
 
 class TableRecording(Recording):
@@ -512,8 +505,7 @@ class _PartBuffer:
         Raises:
             BagError: The temporary file cannot be written, as its disk is full.
         """
-        arrays = itertools.chain([part.time_ns], *part.numbers.values())
-        self._bytes += sum(array.nbytes for array in arrays)
+        self._bytes += sum(array.nbytes for array in part)
         if self._bytes <= _MAX_KEPT_BYTES:
             self._in_memory.append(part)
             return
@@ -535,14 +527,17 @@ class _PartBuffer:
                     yield pickle.load(file)
 
 
-def _filled_columns(part: Part) -> IntArray:
+def _filled_columns(is_there: BoolArray) -> IntArray:
     """Return, for each row, a number whose bits are the topics with a number in the row, shape (n,).
 
-    Bit k is of topic k in the order of the part, modulo 62: later topics share a bit. 0 is a row without any.
+    Bit k is of topic k modulo 62: later topics share a bit. 0 is a row without any.
+
+    Args:
+        is_there: Whether each topic has a number, shape (k, n).
     """
-    filled = np.zeros(part.time_ns.size, np.int64)
-    for k, (at, _) in enumerate(part.numbers.values()):
-        filled[at] |= 1 << k % _BITS
+    filled = np.zeros(is_there.shape[1], np.int64)
+    for k, is_filled in enumerate(is_there):
+        filled |= is_filled.astype(np.int64) << k % _BITS
     return filled
 
 
@@ -600,8 +595,7 @@ class TableReading:
         """
         recording, row, done = self._recording, 0, 0
         order, whole, has_whole_lines, has_numbers = TimeOrder(), TimeOrder(), False, False
-        first = np.zeros(1, np.int64)
-        every = _filled_columns(Part(first, dict.fromkeys(self._columns, (first, np.zeros(1)))))
+        every = _filled_columns(np.ones((len(self._columns), 1), np.bool_))
 
         def add(time_ns: IntArray, source: IntArray, place: IntArray) -> None:
             """Add lines to the order of all, and until any line fills all columns to that by source.
@@ -618,7 +612,7 @@ class TableReading:
         for rows in recording.table.blocks(self._wanted, recording.lose, recording.note):
             part = self._read_rows(rows)
             self._buffer.add(part)
-            time_ns, source = part.time_ns, _filled_columns(part)
+            time_ns, source = part[0], _filled_columns(part[1])
             place, at = np.arange(time_ns.size) + row, np.flatnonzero(source)
             begin = 0
             if at.size:
@@ -632,7 +626,7 @@ class TableReading:
                 add(time_ns[at], source[at], place[at])
                 blank, begin = [], int(at[-1]) + 1
             blank = [*blank[1 - _MAX_BLANK_BLOCKS :], (time_ns[begin:], source[begin:], place[begin:])]
-            row += part.time_ns.size
+            row += time_ns.size
             done += rows.time_ns.size
             if self._progress is not None:
                 self._progress(done, max(done, recording.table.line_count))
@@ -669,13 +663,16 @@ class TableReading:
         At the end, times that were rounded are reported as a loss.
         """
         self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
-        is_empty = True
-        for part in _sort_parts(self._correct_parts(), list(self._columns), self._course.wait_ns):
-            is_empty = False
-            yield self._make_series(part)
+        sorter, is_empty = Sorter(self._course.wait_ns), True
+        parts = (sorted_part for part in self._correct_parts() for sorted_part in sorter.add(part))
+        for time_ns, is_there, values in itertools.chain(parts, sorter.rest()):
+            for begin in range(0, time_ns.size, _STRETCH):
+                rows = slice(begin, begin + _STRETCH)
+                is_empty = False
+                yield self._make_series(time_ns[rows], is_there[:, rows], values[:, rows])
         if is_empty:
-            none = np.empty(0, np.int64)
-            yield self._make_series(Part(none, dict.fromkeys(self._columns, (none, np.empty(0)))))
+            none = np.empty((len(self._columns), 0))
+            yield self._make_series(np.empty(0, np.int64), none.astype(np.bool_), none)
         self._report_rounded_times()
 
     def _report_rounded_times(self) -> None:
@@ -708,11 +705,11 @@ class TableReading:
     def _correct_parts(self) -> Iterator[Part]:
         """Yield the buffered parts with corrected times, in the order of the file."""
         row = 0
-        for part in self._buffer:
-            place = np.arange(row, row + part.time_ns.size)
-            row += part.time_ns.size
-            source = np.full(place.size, _ALL_LINES) if self._has_whole_lines else _filled_columns(part)
-            yield part._replace(time_ns=self._course.follow(part.time_ns, source, place))
+        for time_ns, is_there, values in self._buffer:
+            place = np.arange(row, row + time_ns.size)
+            row += time_ns.size
+            source = np.full(place.size, _ALL_LINES) if self._has_whole_lines else _filled_columns(is_there)
+            yield self._course.follow(time_ns, source, place), is_there, values
 
     def _read_rows(self, rows: Rows) -> Part:
         """Read the numbers of all topics from a block of rows; count words that stand in their place.
@@ -720,12 +717,13 @@ class TableReading:
         Numbers are as the sensor sends them, NaN for a word. Rows without a time are dropped. Numbers in
         other units are converted, those of bad quality become NaN, and those of unused senders are dropped.
         """
-        part = Part(rows.time_ns[rows.is_timed], {})
+        time_ns = rows.time_ns[rows.is_timed]
+        is_there = np.zeros((len(self._columns), time_ns.size), np.bool_)
+        values = np.full(is_there.shape, np.nan)
         number = np.cumsum(rows.is_timed) - 1
         coded: dict[int, tuple[dict[str, int], IntArray]] = {}
-        for topic, source in self._columns.items():
+        for k, (topic, source) in enumerate(self._columns.items()):
             if not rows.clock.has_column(source.column.place):
-                part.numbers[topic] = np.empty(0, np.int64), np.empty(0)
                 continue
             cells, where = rows.columns[self._wanted.index(source.column.place)], None
             status = source.status
@@ -748,8 +746,9 @@ class TableReading:
             at = np.flatnonzero(numbers.is_there)
             row = at if where is None else where[at]
             keep = rows.is_timed[row]
-            part.numbers[topic] = number[row[keep]], source.sent(numbers.value[at[keep]])
-        return part
+            is_there[k, number[row[keep]]] = True
+            values[k, number[row[keep]]] = source.sent(numbers.value[at[keep]])
+        return time_ns, is_there, values
 
     def _are_admitted(self, topic: str, cells: Any, rows: Rows, where: IntArray) -> BoolArray:
         """Return which numbers of a topic are of the sender that is used at that time, shape (n,).
@@ -856,77 +855,21 @@ class TableReading:
         for word, count in words.items():
             counted[word if word in counted or len(counted) < _MAX_KINDS else 'others'] += count
 
-    def _make_series(self, part: Part) -> dict[Request, Series]:
+    def _make_series(
+        self, time_ns: IntArray, is_there: BoolArray, values: FloatArray
+    ) -> dict[Request, Series]:
         """Return the series of a sorted part by request; add to the counts of numbers and of distinct times.
 
-        Sequence numbers continue from the part before.
+        Sequence numbers continue from the part before. The arrays are those of a :data:`Part`.
         """
         series: dict[str, Series] = {}
-        for k, (topic, (at, value)) in enumerate(part.numbers.items()):
-            sequence = (at + self._rows) * len(part.numbers) + k
-            times = part.time_ns[at]
-            series[topic] = Series(times, times, sequence, value, ())
+        for k, topic in enumerate(self._columns):
+            at = np.flatnonzero(is_there[k])
+            sequence = (at + self._rows) * len(self._columns) + k
+            times = time_ns[at]
+            series[topic] = Series(times, times, sequence, values[k, at], ())
             self._recording.counts[topic] += at.size
             self._distinct[topic] += int(np.count_nonzero(np.diff(times, prepend=self._last_ns[topic])))
             self._last_ns[topic] = int(times[-1]) if at.size else self._last_ns[topic]
-        self._rows += part.time_ns.size
+        self._rows += time_ns.size
         return {request: series[request.topic] for request in self._requests}
-
-
-def _sort_parts(parts: Iterable[Part], topics: Sequence[str], wait_ns: int | None) -> Iterator[Part]:
-    """Yield parts sorted by time, split where no earlier row can follow.
-
-    Args:
-        parts: The parts in the order of the file.
-        topics: The topics of their numbers.
-        wait_ns: By how much a later row of the file may be earlier [ns]; with None all rows are sorted.
-    """
-    waiting: list[Part] = []
-    for part in parts:
-        waiting.append(part)
-        if wait_ns is not None:
-            whole = _merge_parts(waiting, topics)
-            end = int(whole.time_ns.searchsorted(whole.time_ns[-1:].sum() - wait_ns))
-            waiting = [_rows_between(whole, end, whole.time_ns.size)]
-            if end:
-                yield _rows_between(whole, 0, end)
-    whole = _merge_parts(waiting, topics)
-    for begin in range(0, whole.time_ns.size, _STRETCH):
-        yield _rows_between(whole, begin, min(begin + _STRETCH, whole.time_ns.size))
-
-
-def _merge_parts(parts: Sequence[Part], topics: Sequence[str]) -> Part:
-    """Join parts to one that is sorted by time, then in their order; without parts an empty part.
-
-    Args:
-        parts: The parts.
-        topics: The topics that are joined, which all parts have.
-    """
-    if not parts:
-        return Part(np.empty(0, np.int64), {})
-    begins = np.cumsum([0, *(part.time_ns.size for part in parts)])
-    time_ns = np.concatenate([part.time_ns for part in parts])
-    numbers = {}
-    for topic in topics:
-        pieces = [part.numbers[topic] for part in parts]
-        at = np.concatenate([rows + begin for (rows, _), begin in zip(pieces, begins, strict=False)])
-        numbers[topic] = at, np.concatenate([value for _, value in pieces])
-    if (time_ns[1:] >= time_ns[:-1]).all():
-        return Part(time_ns, numbers)
-    order = time_ns.argsort(kind='stable')
-    rank = np.empty(order.size, np.int64)
-    rank[order] = np.arange(order.size)
-    for topic, (at, value) in numbers.items():
-        rows = rank[at]
-        by_time = rows.argsort()
-        numbers[topic] = rows[by_time], value[by_time]
-    return Part(time_ns[order], numbers)
-
-
-def _rows_between(part: Part, begin: int, end: int) -> Part:
-    """Return the rows ``begin`` to ``end`` (excluded) of a part, which count from 0 in the result."""
-    numbers = {}
-    for topic, (at, value) in part.numbers.items():
-        rows = slice(*at.searchsorted([begin, end]).tolist())
-        numbers[topic] = at[rows] - begin, value[rows]
-    return Part(part.time_ns[begin:end], numbers)
