@@ -15,7 +15,6 @@ MOST = {
     'stickslip_monitor/dashboard': 2,
     'stickslip_monitor/drawing': 1,
     'stickslip_monitor/monitor': 6,
-    'stickslip_monitor/offline': 3,
 }
 
 

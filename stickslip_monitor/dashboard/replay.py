@@ -16,8 +16,8 @@ from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.session import Moment, NoLog, Session
 from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.offline.binding import bind_at_least_one
 from stickslip_monitor.offline.check import requests_of
-from stickslip_monitor.offline.input_report import bound_to
 
 _SHOWN_EVERY = 0.2
 _TURN = 0.01
@@ -50,7 +50,7 @@ class Replay:
 
     def __init__(self, path: str, config: MonitorConfig, rate: float, board: DashboardState) -> None:
         recording = open_bag(path)
-        bound = bound_to(recording, config)
+        bound = bind_at_least_one(recording, config)
         for text in bound.absent.values():
             raise BagError(text)
         self._config, self._rate, self._board = bound.config, rate, board

@@ -10,23 +10,33 @@ from typing import Any
 
 from stickslip_logs.recordings.recording import Recording, TopicInfo, full_name, missing_topic, short_name
 from stickslip_logs.recordings.table_recording import TableRecording
+from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
+from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.offline.input_columns import Bound, ColumnBinding
+
+# Of what could not be read so many parts are named, where a topic may lie in them.
+_MAX_LOSSES_NAMED = 5
 
 
 def bind(bag: Recording, config: MonitorConfig) -> Bound:
     """Bind every input of a configuration to a topic of a bag or a column of a log.
 
-    For a log this also requests the columns from it and notes the guesses on it.
+    A log changes: it is told which columns to deliver, and it notes the guesses. A bag stays as it is.
 
     Returns:
-        The configuration with full topic names (for a log also timeouts); and by bearing and quantity,
-        why an input is absent: its topic is missing, of another type, or cannot be decoded, or in a log
-        no column fits it or several do.
+        The configuration with full topic names (for a log also timeouts); by bearing and quantity, why
+        an input is absent: its topic is missing, of another type, or cannot be decoded, or in a log no
+        column fits it or several do; and for a log the questions on its inputs.
     """
     if isinstance(bag, TableRecording):
-        return _bind_columns(bag, config)
+        binding = ColumnBinding(bag)
+        bound = binding.bind(config)
+        for text in binding.remarks:
+            bag.note(text)
+        bag.deliver(binding.columns)
+        return bound
     absent: dict[tuple[str, str], str] = {}
     bearings = []
     for bearing in config.bearings:
@@ -41,13 +51,18 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
     return Bound(replace(config, bearings=tuple(bearings)), absent)
 
 
-def _bind_columns(log: TableRecording, config: MonitorConfig) -> Bound:
-    """Bind inputs to columns of a log, note the guesses on the log, and request the columns from it."""
-    binding = ColumnBinding(log)
-    bound = binding.bind(config)
-    for text in binding.remarks:
-        log.note(text)
-    log.deliver(binding.columns)
+def bind_at_least_one(bag: Recording, config: MonitorConfig) -> Bound:
+    """Bind a configuration to a recording as :func:`bind` does, and require one bearing with its inputs.
+
+    Raises:
+        BagError: No bearing has both speed and load; the text says why of one, and what is lost of the bag.
+    """
+    bound = bind(bag, config)
+    lost = {name for name, quantity in bound.absent if quantity in QUANTITIES}
+    if len(lost) == len(bound.config.bearings):
+        text = next(text for (_, of), text in bound.absent.items() if of in QUANTITIES)
+        # What is missing may lie behind a cut, or in what cannot be read.
+        raise BagError('; '.join([text, *bag.losses[:_MAX_LOSSES_NAMED]]))
     return bound
 
 

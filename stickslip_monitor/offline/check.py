@@ -10,7 +10,7 @@ report are made.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,17 +31,11 @@ from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.signals import QUANTITIES, Stream
 from stickslip_monitor.monitor.statements import Event, about
+from stickslip_monitor.offline.binding import bind_at_least_one
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, lasting_ns
 from stickslip_monitor.offline.held_values import HeldValues
 from stickslip_monitor.offline.input_columns import Bound, guess_of
-from stickslip_monitor.offline.input_report import (
-    COARSE,
-    HOLDS,
-    InputCheck,
-    InputReport,
-    Plausibility,
-    bound_to,
-)
+from stickslip_monitor.offline.input_report import COARSE, HOLDS, InputCheck, InputReport, Plausibility
 
 SCHEMA = 'stickslip_monitor/check/3'
 _NONE = np.empty(0, np.int64)
@@ -98,16 +92,23 @@ class Stretch:
 
 
 class StretchSink:
-    """Base of what receives the parts of a checked recording with their verdicts; ignores them."""
+    """Base of what receives the stretches of a checked recording with their verdicts; ignores them.
+
+    It takes arrays, and is no :class:`.session.Sink`, whose object for each verdict takes longer than the
+    check.
+    """
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """Begin a recording; ``start_ns`` is its start on the clock of the samples [ns], None if empty."""
+        """Begin a recording, before its first stretch.
+
+        ``start_ns`` is its start on the clock of the samples [ns], None if it is empty.
+        """
 
     def take(self, stretch: Stretch) -> None:
         """Take the next stretch."""
 
     def finish(self) -> None:
-        """Finish, after all parts were given."""
+        """Finish, after all stretches were given; not called where an error ended the check."""
 
 
 def check_recording(
@@ -124,63 +125,84 @@ def check_recording(
     Args:
         path: The recording.
         config: The configuration; its topics must be in the recording.
-        sinks: What takes the samples and the verdicts.
+        sinks: Take the samples and the verdicts; each is begun and finished, unless an error ends the check.
         progress: Called with bytes read and bytes in all.
         outlined: Whether the outlines of the verdicts are kept, to be drawn.
         long: Whether the rule runs compiled; ``None``: where a recording is long.
 
     Returns:
-        The report.
+        The report. Its bag has notes on guessed columns and sparse samples, and its losses those of inputs.
 
     Raises:
-        BagError: The recording cannot be read, lacks a topic, or a field leads to no number.
+        BagError: The recording cannot be read, is empty, or has no bearing with both speed and load.
+        Exception: Whatever a sink raises, as a BagError of a file that cannot be written.
     """
     bag = open_bag(path)
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
-    bound = bound_to(bag, config)
-    config, times = bound.config, LogTimes()
+    bound = bind_at_least_one(bag, config)
+    config, times, span = bound.config, LogTimes(), SampleSpan(bag)
     long = is_long(bag, config) if long is None else long
     checks = {bearing.name: _BearingCheck(bearing, bound, outlined, long) for bearing in config.bearings}
-    reading = bag.reading(
-        {r for bearing_check in checks.values() for r in bearing_check.requests if r}, progress
-    )
-    # When it begins and ends is known when the order of what is read has been judged.
-    span = SampleSpan(bag)
-
-    def pass_to_sinks(end_ns: int, samples: Mapping[str, Heard]) -> None:
+    reading = bag.reading({r for item in checks.values() for r in item.requests if r}, progress)
+    is_begun = False
+    for stretch in _judge_stretches(times.corrected(reading), times, span, bag, checks):
         for sink in sinks:
-            sink.take(Stretch(end_ns, samples))
-
-    end_ns: int | None = None
-    for part in times.corrected(reading):
-        span.extend(part.values(), times.replaced)
-        if end_ns is None:
-            for sink in sinks:
+            # The start is known when the order of what is read first has been judged.
+            if not is_begun:
                 sink.begin(bag, config, span.start_ns)
-        ends = (int(series.log_time_ns[-1]) for series in part.values() if series.value.size)
-        end_ns = max(ends, default=bag.start_ns or 0)
-        pass_to_sinks(end_ns, {name: item.take(part, span.start_ns, end_ns) for name, item in checks.items()})
-    end_ns = span.end_ns if times.replaced else bag.end_ns
-    silence = {r: _NOTHING for bearing_check in checks.values() for r in bearing_check.requests if r}
-    standing = {name: item.take(silence, span.start_ns, end_ns) for name, item in checks.items()}
-    if any(samples.repeats.any() for samples in standing.values()):
-        pass_to_sinks(end_ns or 0, standing)
-    pass_to_sinks(end_ns or 0, {name: item.finish(span.end_ns) for name, item in checks.items()})
+            sink.take(stretch)
+        is_begun = True
     for sink in sinks:
         sink.finish()
     faults = reading.faults()
     reports = {name: item.report(span, faults, times.text) for name, item in checks.items()}
-    _note_pace(bag, reports)
-    for loss in (item.loss for report in reports.values() for item in report.inputs[:2] if item.loss):
-        bag.lose(loss)
+    inputs = [(name, item) for name, report in reports.items() for item in report.inputs[:2]]
+    _note_pace(bag, inputs)
+    for _, item in inputs:
+        if item.loss:
+            bag.lose(item.loss)
     complete = not (bag.losses or any(faults.values()))
     return CheckReport(bag, config, reports, span.start_ns, span.end_ns, complete)
 
 
-def _note_pace(bag: Recording, reports: Mapping[str, BearingReport]) -> None:
-    """Note where samples are too far apart for short stick-slip, or stored only where they change."""
-    inputs = [(name, item) for name, report in reports.items() for item in report.inputs[:2]]
+def _judge_stretches(
+    reading: Iterable[Mapping[Request, Series]],
+    times: LogTimes,
+    span: SampleSpan,
+    bag: Recording,
+    checks: Mapping[str, _BearingCheck],
+) -> Iterator[Stretch]:
+    """Run the rule over all parts of a reading, and yield each with its verdicts.
+
+    Extends the span and adds up in the checks. After the parts come values that stand to the end, if any,
+    and always a last stretch without samples.
+
+    Args:
+        reading: The parts as they are to be judged.
+        times: Tells, once a part is read, whether its stamps replace the log times.
+        span: Start and end of the recording.
+        bag: The recording.
+        checks: What judges each bearing, by name.
+    """
+    for part in reading:
+        span.extend(part.values(), are_times_replaced=times.replaced)
+        ends = (int(series.log_time_ns[-1]) for series in part.values() if series.value.size)
+        end_ns = max(ends, default=bag.start_ns or 0)
+        yield Stretch(end_ns, {name: item.take(part, span.start_ns, end_ns) for name, item in checks.items()})
+    last_ns = span.end_ns if times.replaced else bag.end_ns
+    silence = {r: _NOTHING for item in checks.values() for r in item.requests if r}
+    standing = {name: item.take(silence, span.start_ns, last_ns) for name, item in checks.items()}
+    if any(samples.repeats.any() for samples in standing.values()):
+        yield Stretch(last_ns or 0, standing)
+    yield Stretch(last_ns or 0, {name: item.finish(span.end_ns) for name, item in checks.items()})
+
+
+def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> None:
+    """Note on the bag where samples are too far apart for short stick-slip, or stored only at changes.
+
+    ``inputs`` are the speed and the load of each bearing, with its name.
+    """
     coarse = max((item.gaps.usual for _, item in inputs if item.gaps.usual >= COARSE), default=0.0)
     if coarse > 0.0:
         bag.note(f'samples are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be seen')
@@ -217,7 +239,7 @@ class _BearingCheck:
         self._measured_ns = np.zeros(len(MEASURED), np.int64)
 
     def take(self, part: Mapping[Request, Series], start_ns: int | None, end_ns: int | None) -> Heard:
-        """Run the rule over the next part, add up its verdicts and return them.
+        """Run the rule over the next part, add up its verdicts and what its inputs are like, and return them.
 
         Args:
             part: The samples read since the last part.
@@ -225,7 +247,7 @@ class _BearingCheck:
             end_ns: Last log time of the part [ns], up to which held values are repeated; None: no repeats.
         """
         series = [_NOTHING if request is None else part[request] for request in self.requests]
-        stream, repeats = self._held.fill(merged(series, self.config.places), end_ns)
+        stream, repeats = self._held.fill(merge_series(series, self.config.places), end_ns)
         if self._scan is None:
             self._scan = BearingScan(self.config, start_ns, long=self._long)
         scan = self._scan.take(stream)
@@ -244,7 +266,7 @@ class _BearingCheck:
         return Heard(_SILENCE, np.zeros(0, np.bool_), self._end)
 
     def _add_scan(self, scan: Scan) -> None:
-        """Add up the verdicts that a part settled; the last point waits for the next part."""
+        """Add up the points and events of a scan in all that judges the bearing as a whole."""
         self._events += scan.events
         self._evaluations += scan.time_ns.size
         if not self.config.load.is_assumed:
@@ -259,7 +281,7 @@ class _BearingCheck:
     def report(
         self, span: SampleSpan, faults: Mapping[Request, tuple[Fault, ...]], clock: str
     ) -> BearingReport:
-        """Return the report on the whole recording.
+        """Return the report on the whole recording, after :meth:`finish`.
 
         Args:
             span: Start and end; time without a verdict counts as undetermined.
@@ -301,18 +323,18 @@ class _BearingCheck:
 
 
 def is_long(bag: Recording, config: MonitorConfig) -> bool:
-    """Return whether a recording has so many messages of the bearings that it pays to compile the rule."""
+    """Return whether to run the rule compiled: a compiler is there, and the bearings' messages are many."""
     topics = {request.topic for bearing in config.bearings for request in requests_of(bearing)}
     counts = (topic.count for name, topic in bag.topics.items() if name in topics)
     return jit.has_compiler() and sum(counts) >= LONG
 
 
 def requests_of(config: BearingConfig) -> tuple[Request, ...]:
-    """Return what to read for a bearing: one request for each of its inputs."""
+    """Return what to read for a bearing: one request for each of its inputs, in their order."""
     return tuple(Request(i.topic, i.field_text, i.type) for i in config.inputs.values())
 
 
-def merged(series: Sequence[Series], places: Sequence[int]) -> Stream:
+def merge_series(series: Sequence[Series], places: Sequence[int]) -> Stream:
     """Merge the samples of a bearing's inputs into one stream in the order of the recording.
 
     Args:
@@ -320,32 +342,38 @@ def merged(series: Sequence[Series], places: Sequence[int]) -> Stream:
         places: The number of each input (:class:`Input`), in the same order.
     """
     order = np.argsort(np.concatenate([item.sequence for item in series]), kind='stable')
-    inputs = np.repeat(np.array(places, np.int8), [e.sequence.size for e in series])
-    stamp_ns, value, arrival_ns = (
+    inputs = np.repeat(np.array(places, np.int8), [item.sequence.size for item in series])
+    # Without stamps of their own, as a rule, all have the log times in their place.
+    names = ['stamp_ns', 'value', 'log_time_ns']
+    columns = [
         np.concatenate([getattr(item, name) for item in series])[order]
-        for name in ('stamp_ns', 'value', 'log_time_ns')
-    )
-    return Stream(stamp_ns, inputs[order], value, arrival_ns=arrival_ns)
+        for name in (names[:2] if all(item.log_time_ns is item.stamp_ns for item in series) else names)
+    ]
+    return Stream(columns[0], inputs[order], columns[1], arrival_ns=columns[-1 if len(columns) > 2 else 0])
 
 
 class SampleSpan:
-    """Start and end of a recording.
+    """Start and end of a recording, on the clock of the samples.
 
     Attributes:
-        start_ns: The start [ns].
-        end_ns: The end as far as it was read [ns].
+        start_ns: The start [ns]; None without messages.
+        end_ns: The end as far as it was read [ns]; None without messages.
     """
 
     def __init__(self, bag: Recording) -> None:
         self.start_ns, self.end_ns = bag.start_ns, bag.end_ns
         self._begun = False
 
-    def extend(self, series: Iterable[Series], replaced: bool) -> None:
-        """Take the messages of a stretch; with other times it begins with the first of them."""
+    def extend(self, series: Iterable[Series], *, are_times_replaced: bool) -> None:
+        """Move the end to the last log time of a stretch, if that is later.
+
+        If its log times were replaced, those of the bag do not count: the first stretch with messages sets
+        start and end anew. Does nothing without messages.
+        """
         nonempty = [item for item in series if item.sequence.size]
         if self.start_ns is None or self.end_ns is None or not nonempty:
             return
-        if replaced and not self._begun:
+        if are_times_replaced and not self._begun:
             self.start_ns = self.end_ns = min(int(item.log_time_ns[0]) for item in nonempty)
         self._begun = True
         self.end_ns = max(self.end_ns, *(int(item.log_time_ns[-1]) for item in nonempty))
@@ -357,13 +385,19 @@ class SampleSpan:
 
 
 class Kept(StretchSink):
-    """Keeps samples and verdicts of a whole recording in memory, for callers that need them at once."""
+    """Keeps samples and verdicts of a whole recording in memory, for callers that need them at once.
+
+    Attributes:
+        bag: The recording.
+        start_ns: Its start on the clock of the samples [ns]; None if it is empty.
+        end_ns: The end of the recording [ns]; None if it is empty.
+    """
 
     def __init__(self) -> None:
         self._parts: list[Stretch] = []
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """Begin a recording."""
+        """Remember the recording, its start and its end."""
         self.bag, self.start_ns, self.end_ns = bag, start_ns, bag.end_ns
 
     def take(self, stretch: Stretch) -> None:
@@ -385,7 +419,7 @@ class Kept(StretchSink):
 
 
 def to_json(report: CheckReport) -> dict[str, Any]:
-    """Return the report as a JSON object."""
+    """Return the report as a JSON object of schema :data:`SCHEMA`."""
     return {
         'schema': SCHEMA,
         **bag_record(report.bag),
@@ -395,7 +429,7 @@ def to_json(report: CheckReport) -> dict[str, Any]:
 
 
 def bag_record(bag: Recording) -> dict[str, Any]:
-    """Return the facts of a recording that need no check, as a JSON object."""
+    """Return the facts of a recording that need no check as a JSON object: times [ns], the duration [s]."""
     start, end = bag.start_ns, bag.end_ns
     return {
         'path': str(bag.path),

@@ -74,14 +74,17 @@ class ClipFolder:
                 self.path.rmdir()
 
     def write(self, clip: Clip) -> None:
-        """Write a clip under a free name, then delete the oldest clips beyond the limit.
+        """Write a clip under a free name, then delete the oldest clips beyond the limit and count them.
 
         Raises:
             BagError: It cannot be written; nothing of it stays.
         """
         while not self._write_clip(clip, self._free_name(clip)):
             pass
-        self._drop_oldest()
+        for path in self.clips()[: -self._most]:
+            with contextlib.suppress(FileNotFoundError):
+                path.unlink()
+                self.removed += 1
 
     def _write_clip(self, clip: Clip, path: Path) -> bool:
         """Write a clip to a new file.
@@ -125,11 +128,8 @@ class ClipFolder:
         """Return a free path for a clip, named by time (UTC), bearing and condition, numbered if taken."""
         when = _EPOCH + timedelta(seconds=clip.time_ns // 10**9)
         stem = f'{when:%Y%m%dT%H%M%SZ}_{clip.bearing}_{clip.condition.value}'
-        for number in itertools.count(1):
-            path = self.path / f'{stem}{f"-{number}" if number > 1 else ""}.mcap'
-            if not path.exists():
-                return path
-        raise AssertionError('unreachable: the numbers do not end')
+        names = (f'{stem}{f"-{number}" if number > 1 else ""}.mcap' for number in itertools.count(1))
+        return next(self.path / name for name in names if not (self.path / name).exists())
 
     def _remove_drafts(self) -> None:
         """Remove own or empty drafts to which nothing was written for an hour.
@@ -143,13 +143,6 @@ class ClipFolder:
             ours = state.st_size == 0 or is_labelled(path, _LABEL)
             if ours and time.time() - state.st_mtime > _STALE:
                 path.unlink(missing_ok=True)
-
-    def _drop_oldest(self) -> None:
-        """Delete the oldest clips beyond the limit, and count them."""
-        for path in self.clips()[: -self._most]:
-            with contextlib.suppress(FileNotFoundError):
-                path.unlink()
-                self.removed += 1
 
 
 @dataclass(slots=True)
@@ -184,7 +177,7 @@ class ClipWriter(StretchSink):
         self._begun_ns = 0
 
     def take(self, stretch: Stretch) -> None:
-        """Take the next part; write the clips of parts that no later alarm can need."""
+        """Keep the next part; write and count the clips of parts that no later alarm can need."""
         self._alarms += [e.time_ns for e in events_of(stretch) if begins_clip(e)]
         self._waiting.append((self._begun_ns, stretch))
         self._begun_ns = stretch.end_ns + 1
@@ -192,14 +185,16 @@ class ClipWriter(StretchSink):
             self._pass_messages(*self._waiting.popleft())
 
     def finish(self) -> None:
-        """Write the clips of the parts that still waited, and of alarms near the end."""
+        """Write and count the clips of the parts that still waited, and of alarms near the end."""
         while self._waiting:
             self._pass_messages(*self._waiting.popleft())
         self._recorder.finish()
         self._write_due()
 
     def _pass_messages(self, begun_ns: int, stretch: Stretch) -> None:
-        """Pass a part's messages around alarms to the recorder in order of time, and write finished clips.
+        """Read and pass a part's messages around alarms to the recorder, in order of time.
+
+        Writes and counts the clips that are complete with them. The verdicts are followed over the part.
 
         Args:
             begun_ns: The first log time of the part [ns].
@@ -207,14 +202,13 @@ class ClipWriter(StretchSink):
         """
         around = self._around_ns
         spans = TimeSpans((t - around, t + around) for t in self._alarms)
-        raised = [e for e in events_of(stretch) if spans.overlap(e.time_ns, e.time_ns)]
-        following = iter(raised)
-        own = TimeSpans(
+        following = (e for e in events_of(stretch) if spans.overlap(e.time_ns, e.time_ns))
+        spans_here = TimeSpans(
             (max(a, begun_ns), min(b, stretch.end_ns))
             for a, b in spans.spans
             if a <= stretch.end_ns and b >= begun_ns
         )
-        inputs = self._bag.messages(self._topics, own) if own.spans else iter(())
+        inputs = self._bag.messages(self._topics, spans_here) if spans_here.spans else iter(())
         columns = [*columns_of(inputs), *self._messages.of(stretch, spans)]
         for message in _in_order(columns):
             self._recorder.add(message)
@@ -234,7 +228,7 @@ class ClipWriter(StretchSink):
 
 
 def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
-    """Return the messages of all topics in order of time."""
+    """Return the messages of all topics in order of time; those of one time in the order of the columns."""
     ordered = []
     for topic, kind, time_ns, payload in columns:
         messages = (

@@ -79,7 +79,7 @@ class Outliner:
         self._last: tuple[int, int] | None = None
 
     def take(self, scan: Scan) -> None:
-        """Take the next verdicts."""
+        """Take the next verdicts: keep their events, and the rows that may be extreme."""
         self._events += scan.events
         if not scan.time_ns.size:
             return
@@ -91,7 +91,7 @@ class Outliner:
         self._rows = self._thin_rows(rows) if rows.size > 24 * _MOST else rows
 
     def _new_rows(self, scan: Scan) -> NDArray[np.void]:
-        """Return the verdicts of a scan as rows (:data:`_ROW`), and remember the end of its last one."""
+        """Return the verdicts of a scan as rows (:data:`_ROW`), and remember time and end of its last one."""
         points, time = scan.assessment, scan.time_ns
         amplitude = np.full(time.size, np.nan)
         sticking = np.flatnonzero(scan.sticking)
@@ -142,7 +142,11 @@ class Outliner:
         return Outline(rows['time_ns'], self._valid_until(rows), assessed, rows['sticking'], self._events)
 
     def _valid_until(self, rows: NDArray[np.void]) -> IntArray:
-        """Return until when each row counts [ns]: the next row, but not across an interruption."""
+        """Return until when each row counts, shape (n,) [ns].
+
+        It counts up to the next row; the last row, and one before an interruption, only as long as its own
+        verdict did.
+        """
         time, until = rows['time_ns'], rows['until_ns'].copy()
         opens = _first_chosen(rows['opens'], self._stretch_starts(rows))
         before = opens[opens > 0] - 1

@@ -90,8 +90,8 @@ class ColumnBinding:
         Fills ``columns``, ``remarks`` and ``questions``. An assumed load gets the column of the speed.
 
         Returns:
-            The configuration with topics and timeouts for the log; and why other inputs are absent: no
-            single column fits, or bearings with different topics share one.
+            The configuration with topics and timeouts for the log; why other inputs are absent: no single
+            column fits, or bearings with different topics share one; and the questions.
         """
         absent: dict[tuple[str, str], str] = {}
         columns: list[tuple[BearingConfig, str, InputConfig, LogColumn]] = []
@@ -106,7 +106,7 @@ class ColumnBinding:
                     absent[bearing.name, quantity] = str(error)
         bound: dict[str, dict[str, Any]] = {bearing.name: {} for bearing in config.bearings}
         for bearing, quantity, source, column in columns:
-            topics = {other.topic for _, of, other, same in columns if (of, same) == (quantity, column)}
+            topics = {row[2].topic for row in columns if (row[1], row[3]) == (quantity, column)}
             is_named = source.column or _is_named_after(column, bearing.name, source.topic)
             if len(topics) > 1 and not is_named:
                 absent[bearing.name, quantity] = (
@@ -244,25 +244,18 @@ class ColumnBinding:
         unit = unit if unit in _units_of(quantity, source) else None
         # Over a bus comes what the sensor sent, and a scale beside a named column is meant.
         is_scaled = unit is not None and not (self._log.is_sent or source.column)
+        use = _ColumnUse(bearing, quantity, source, column, unit, is_scaled)
         interval = self._log.interval(column)
         timeout_ns = source.timeout_ns
         # What came over a bus is as old as live, but where a clock that comes seldom gives the times.
         if not self._log.is_sent or self._log.shares_times(column):
             timeout_ns = max(min(round(_TIMEOUT_LINES * interval * 1e9), _LONGEST_NS), timeout_ns)
-        sent = SourceColumn(column)
-        if unit is not None:
-            ratio, bias = affine_conversion(unit, source.unit) or (1.0, 0.0)
-            if quantity == 'speed' and unit != source.unit:
-                speed = bearing.bearing.speed
-                ratio, bias = speed.factor(unit) / speed.factor(source.unit), 0.0
-            scale, offset = (source.scale, source.offset) if is_scaled else (1.0, 0.0)
-            sent = SourceColumn(column, ratio, scale, offset - bias, kept=NO_VALUES)
-        sent = replace(sent, timeout=timeout_ns * 1e-9 if self._log.is_sent else None)
+        sent = replace(use.conversion(), timeout=timeout_ns * 1e-9 if self._log.is_sent else None)
         topic = source.topic
         if not topic or self.columns.get(topic, sent) != sent:
             topic = f'/{bearing.name}/{quantity}'
         self.columns[topic] = sent
-        remark = self._remark_on_column(bearing, quantity, source, column, unit, is_scaled=is_scaled)
+        remark = use.remark()
         if timeout_ns > source.timeout_ns:
             remark += f'; lines are {interval:.4g} s apart, so its timeout is {timeout_ns * 1e-9:.4g} s here'
         elif interval * 1e9 > source.timeout_ns:
@@ -271,90 +264,17 @@ class ColumnBinding:
                 f' {timeout_ns * 1e-9:.4g} s, as live: write {bearing.name}.{quantity}.timeout'
             )
         self.remarks.append(remark)
-        clauses = [
-            *self._questions_on_column(bearing, quantity, source, column, unit, is_scaled=is_scaled),
-            *self._questions_on_values(source, column, interval),
-        ]
-        if clauses:
+        if clauses := [*use.questions(), *self._questions_on_values(source, column, interval)]:
             self.questions[bearing.name, quantity] = '; and '.join(clauses)
         return replace(
             source, topic=topic, type=FLOAT64, field_text='data', field=('data',), timeout_ns=timeout_ns
         )
 
-    def _remark_on_column(
-        self,
-        bearing: BearingConfig,
-        quantity: str,
-        source: InputConfig,
-        column: LogColumn,
-        unit: str | None,
-        *,
-        is_scaled: bool,
-    ) -> str:
-        """Return the remark which column an input is, in which unit, and which scale or gear applies."""
-        why = 'by its heading' if unit else f'as {bearing.name}.{quantity}.unit says'
-        remark = f"{quantity} of {bearing.name} is column '{column.heading}' in {unit or source.unit}, {why}"
-        if (source.scale, source.offset) == (1.0, 0.0):
-            gear = source.gear_text if isinstance(source, SpeedConfig) else ''
-            return f'{remark}, {gear}' if gear else remark
-        if is_scaled:
-            return f'{remark}, taken as scaled already'
-        offset = f' and with its offset {source.offset:g}' if source.offset else ''
-        return f'{remark}, times its scale {source.scale:g}{offset}'
-
-    def _questions_on_column(
-        self,
-        bearing: BearingConfig,
-        quantity: str,
-        source: InputConfig,
-        column: LogColumn,
-        unit: str | None,
-        *,
-        is_scaled: bool,
-    ) -> Iterator[str]:
-        """Yield questions on the unit and scale of a column, and on whether a speed is the shaft's own.
-
-        Each is a clause that follows the name of the input.
-
-        Args:
-            bearing: The bearing.
-            quantity: Which of its inputs.
-            source: The input as configured.
-            column: The column that it is bound to.
-            unit: Unit that the heading states; None if it states none that converts.
-            is_scaled: Whether the values have the scale of the configuration already.
-        """
-        parameter = f'{bearing.name}.{quantity}'
-        if unit is None and column.has_unit:
-            stated = column.unit or parse_heading(column.heading).unit
-            if stated is None or stated.strip('\u00b0 ').upper() != source.unit.upper():
-                yield (
-                    f"is column '{column.heading}' in {source.unit}, and its heading says '{stated}': is that"
-                    ' right?'
-                )
-        has_scale = (source.scale, source.offset) != (1.0, 0.0)
-        has_gear = isinstance(source, SpeedConfig) and bool(source.gear_text)
-        own_words, _ = _words_of_side(bearing.name, source.topic)
-        if is_scaled and has_scale:
-            yield (
-                f"is column '{column.heading}' in {unit} by its heading, so its scale {source.scale:g}"
-                f' and offset {source.offset:g} are not applied: write'
-                f' {parameter}.column: "{column.heading}" if they are to be'
-            )
-        elif (
-            quantity == 'speed'
-            and not (has_scale or has_gear or source.column)
-            and not _is_plain(column, quantity, own_words | {'s'})
-        ):
-            yield (
-                f"is column '{column.heading}': is it the shaft's own? Write"
-                f' {parameter}.column, and gear where one is between'
-            )
-
     def _questions_on_values(self, source: InputConfig, column: LogColumn, interval: float) -> Iterator[str]:
-        """Yield questions on ambiguous times (once for each clock), fillers, and slow values.
+        """Yield questions on ambiguous times, fillers, and slow values; remember the clocks asked about.
 
-        Each is a clause that follows the name of the input; ``interval`` is that of the values [s].
+        A clock is asked about once, with the first input that has its times. Each question
+        is a clause that follows the name of the input; ``interval`` is that of the values [s].
         """
         clock = self._log.table.clock_of(column.place)
         if clock.question and clock.columns not in self._asked_clocks:
@@ -371,6 +291,80 @@ class ColumnBinding:
                 f'has a value each {interval:.4g} s, which cannot judge what a shaft does in minutes: is'
                 ' there a log with one each 10 s or less?'
             )
+
+
+@dataclass(frozen=True, slots=True)
+class _ColumnUse:
+    """A column as the input of a bearing that it is."""
+
+    bearing: BearingConfig
+    quantity: str
+    source: InputConfig  # as configured
+    column: LogColumn
+    unit: str | None  # that its heading states; None if it states none that converts
+    is_scaled: bool  # whether the values have the scale of the configuration already
+
+    @property
+    def _has_scale(self) -> bool:
+        return (self.source.scale, self.source.offset) != (1.0, 0.0)
+
+    @property
+    def _gear(self) -> str:
+        """The gear of a speed in words; empty without one."""
+        return self.source.gear_text if isinstance(self.source, SpeedConfig) else ''
+
+    def conversion(self) -> SourceColumn:
+        """Return the column with what makes the numbers those of the configured unit; no time-out yet."""
+        if self.unit is None:
+            return SourceColumn(self.column)
+        source = self.source
+        ratio, bias = affine_conversion(self.unit, source.unit) or (1.0, 0.0)
+        if self.quantity == 'speed' and self.unit != source.unit:
+            speed = self.bearing.bearing.speed
+            ratio, bias = speed.factor(self.unit) / speed.factor(source.unit), 0.0
+        scale, offset = (source.scale, source.offset) if self.is_scaled else (1.0, 0.0)
+        return SourceColumn(self.column, ratio, scale, offset - bias, kept=NO_VALUES)
+
+    def remark(self) -> str:
+        """Return the remark which column the input is, in which unit, and which scale or gear applies."""
+        name, source = self.bearing.name, self.source
+        why = 'by its heading' if self.unit else f'as {name}.{self.quantity}.unit says'
+        unit = self.unit or source.unit
+        remark = f"{self.quantity} of {name} is column '{self.column.heading}' in {unit}, {why}"
+        if not self._has_scale:
+            return f'{remark}, {self._gear}' if self._gear else remark
+        if self.is_scaled:
+            return f'{remark}, taken as scaled already'
+        offset = f' and with its offset {source.offset:g}' if source.offset else ''
+        return f'{remark}, times its scale {source.scale:g}{offset}'
+
+    def questions(self) -> Iterator[str]:
+        """Yield questions on unit and scale, and on whether a speed is the shaft's own.
+
+        Each is a clause that follows the name of the input.
+        """
+        source, column = self.source, self.column
+        parameter = f'{self.bearing.name}.{self.quantity}'
+        if self.unit is None and column.has_unit:
+            stated = column.unit or parse_heading(column.heading).unit
+            if stated is None or stated.strip('\u00b0 ').upper() != source.unit.upper():
+                yield (
+                    f"is column '{column.heading}' in {source.unit}, and its heading says '{stated}': is that"
+                    ' right?'
+                )
+        if self.is_scaled and self._has_scale:
+            yield (
+                f"is column '{column.heading}' in {self.unit} by its heading, so its scale {source.scale:g}"
+                f' and offset {source.offset:g} are not applied: write'
+                f' {parameter}.column: "{column.heading}" if they are to be'
+            )
+        elif self.quantity == 'speed' and not (self._has_scale or self._gear or source.column):
+            own_words, _ = _words_of_side(self.bearing.name, source.topic)
+            if not _is_plain(column, self.quantity, own_words | {'s'}):
+                yield (
+                    f"is column '{column.heading}': is it the shaft's own? Write"
+                    f' {parameter}.column, and gear where one is between'
+                )
 
 
 def _plain_name(heading: str) -> str:

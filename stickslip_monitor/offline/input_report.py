@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_logs.recordings.recording import Fault, Recording, Series
+from stickslip_logs.recordings.recording import Fault, Series
 from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
-from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.config_questions import questions
 from stickslip_monitor.monitor.input_faults import (
     MOSTLY,
@@ -27,13 +26,11 @@ from stickslip_monitor.monitor.input_faults import (
 )
 from stickslip_monitor.monitor.input_fitness import FitnessWatch
 from stickslip_monitor.monitor.over_arrays import Scan
-from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
-from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status, Stream
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, Stream
 from stickslip_monitor.monitor.statements import rounded
-from stickslip_monitor.offline.binding import bind
-from stickslip_monitor.offline.input_columns import Bound
 
 _MOST_NAMED = 5
 COARSE = 10.0
@@ -98,10 +95,10 @@ class Gaps:
         if not stamp_ns.size:
             return
         first = int(not self._messages)
-        step = np.diff(stamp_ns, prepend=stamp_ns[0] - 1 if first else self._stamp_ns)
+        step = _measure_steps(stamp_ns, int(stamp_ns[0]) - 1 if first else self._stamp_ns)
         passed_ns = self._take_intervals(stamp_ns, step[first:])
         if log_time_ns is not stamp_ns:
-            step = np.diff(log_time_ns, prepend=log_time_ns[0] - 1 if first else self._log_ns)
+            step = _measure_steps(log_time_ns, int(log_time_ns[0]) - 1 if first else self._log_ns)
             passed_ns = _time_passed(step[first:])
         self._log_passed_ns += passed_ns
         self._take_log(step)
@@ -109,7 +106,11 @@ class Gaps:
         self._stamp_ns, self._log_ns = int(stamp_ns[-1]), int(log_time_ns[-1])
 
     def _take_intervals(self, stamp_ns: IntArray, interval: IntArray) -> int:
-        """Update count, longest and usual by the intervals [ns] before some stamps; return their sum [ns]."""
+        """Update counts, times and gaps by the intervals [ns] before some stamps.
+
+        Returns:
+            The sum of the positive intervals [ns].
+        """
         if self.usual != self.usual and (interval > 0).any():
             self.usual = float(np.median(interval[interval > 0])) * 1e-9
         long = np.flatnonzero(interval > self._limit_ns)
@@ -160,6 +161,15 @@ class Gaps:
         return ''
 
 
+def _measure_steps(time_ns: IntArray, before_ns: int) -> IntArray:
+    """Return the step to each time from the one before [ns], shape (n,) for n > 0 times."""
+    # A third of what np.diff with a value put before takes.
+    step = np.empty_like(time_ns)
+    step[0] = time_ns[0] - before_ns
+    np.subtract(time_ns[1:], time_ns[:-1], out=step[1:])
+    return step
+
+
 def _time_passed(interval: IntArray) -> int:
     """Return the sum of the positive intervals [ns]."""
     return int(np.maximum(interval, 0).sum())
@@ -169,7 +179,7 @@ def _time_passed(interval: IntArray) -> int:
 class InputReport:
     """Result of one input of a bearing."""
 
-    quantity: str  # 'speed', 'load' or 'level'
+    quantity: str  # one of INPUTS
     topic: str
     messages: int  # on the topic
     used: int  # valid samples
@@ -205,7 +215,7 @@ class InputCheck:
 
     def __init__(self, config: BearingConfig, place: int, absent: str = '') -> None:
         self.quantity = INPUTS[place]
-        self._load_bin, self._absent = place, absent
+        self._place, self._absent = place, absent
         self._source = config.inputs[self.quantity]
         self._assumed = config.load.assumed if self.quantity == 'load' else None
         self._gear = f' {config.speed.gear_text}'.rstrip() if self.quantity == 'speed' else ''
@@ -235,33 +245,33 @@ class InputCheck:
             equal = np.count_nonzero(series.value[1:] == series.value[:-1])
             self._equal += int(equal) + int(series.value[0] == self._latest)
             self._latest = float(series.value[-1])
-        self._counts += scan.counts[self._load_bin]
+        self._counts += scan.counts[self._place]
         value, arrival_ns = series.value, series.log_time_ns
-        if scan.counts[self._load_bin, Status.ACCEPTED] < value.size:
-            is_used = (scan.status == Status.ACCEPTED) & (stream.inputs == self._load_bin)
+        if scan.counts[self._place, Status.ACCEPTED] < value.size:
+            is_used = (scan.status == Status.ACCEPTED) & (stream.inputs == self._place)
             value, arrival_ns = stream.value[is_used], stream.arrival_ns[is_used]
         # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
-        if self._load_bin < LEVEL and not self._source.is_assumed:
+        if self._place < LEVEL and not self._source.is_assumed:
             si = self._to_si(value)
             self._sources += self._watch.see_column(arrival_ns, si)
             # What stands until the next change is known to come slowly.
             if not self._source.hold_ns:
-                fitness.take_values(self._load_bin, arrival_ns, si)
+                fitness.take_values(self._place, arrival_ns, si)
         low, high = self._span
         self._span = float(value.min(initial=low)), float(value.max(initial=high))
 
     def _to_si(self, number: Any) -> Any:
         with np.errstate(over='ignore', invalid='ignore'):
-            return si_value(self._numbers, self._load_bin, number)
+            return si_value(self._numbers, self._place, number)
 
-    def _fault_text(self) -> str:
-        """Return the sentence on an input that is absent, silent, mostly refused, or stamped off its arrival.
+    def _describe_fault(self) -> str:
+        """Return what is wrong with an absent, silent, mostly refused input, or one stamped off its arrival.
 
-        Empty if nothing is wrong.
+        It is a sentence, empty if nothing is wrong.
         """
         if self._absent:
             return f'{self._absent}.'
-        facts = _silent_facts(self._source)
+        facts = InputFacts(self._source.topic, self._source.type, lost=True)
         if not self._messages:
             return input_fault(facts)
         if not self._counts[Status.ACCEPTED]:
@@ -293,7 +303,7 @@ class InputCheck:
         low, high = sorted(float(self._to_si(end)) for end in (first, last))
         counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
         # A word of a table is said by its fault.
-        counted[STATUS_SENTENCES[Status.NOT_FINITE]] -= sum(own.count for own in faults if own.is_nan)
+        counted[STATUS_SENTENCES[Status.NOT_FINITE]] -= sum(fault.count for fault in faults if fault.is_nan)
         counted |= Counter(fault_text(fault, self._source) for fault in self._sources)
         return InputReport(
             quantity=self.quantity,
@@ -306,7 +316,7 @@ class InputCheck:
             si_span=(low, high),
             sources=tuple(self._sources),
             questions=questions,
-            fault=clock or self._fault_text(),
+            fault=clock or self._describe_fault(),
             values=self._range_of_values(first, last, low, high) if used else 'none',
             without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
             crowd=self._gaps.crowd(self._source.topic),
@@ -344,28 +354,6 @@ def _range_text(low: float, high: float) -> str:
     return f'{rounded(low, 4)} to {rounded(high, 4)}'
 
 
-def bound_to(bag: Recording, config: MonitorConfig) -> Bound:
-    """Bind a configuration to a recording as :func:`bind` does; refuse it if no bearing is left.
-
-    An absent input disables its bearing only.
-
-    Raises:
-        BagError: No bearing has both speed and load.
-    """
-    bound = bind(bag, config)
-    lost = {name for name, quantity in bound.absent if quantity in QUANTITIES}
-    if len(lost) == len(bound.config.bearings):
-        text = next(text for (_, of), text in bound.absent.items() if of in QUANTITIES)
-        # What is missing may lie behind a cut, or in what cannot be read.
-        raise BagError('; '.join([text, *bag.losses[:_MOST_NAMED]]))
-    return bound
-
-
-def _silent_facts(source: InputConfig) -> InputFacts:
-    """Return the facts of an input without messages."""
-    return InputFacts(source.topic, source.type, lost=True)
-
-
 class Plausibility:
     """Judges the inputs of a bearing by all operating points of a recording."""
 
@@ -395,7 +383,7 @@ class Plausibility:
             self._negative += int(np.count_nonzero(load < 0.0))
             self._unloaded += int(np.count_nonzero(turns & (load == 0.0)))
             turns &= load > 0.0
-        self._loads += _by_size(load if turns.all() else load[turns])
+        self._loads += _count_by_size(load if turns.all() else load[turns])
         if self._most < FAR_BELOW and turns.any():
             rows = np.flatnonzero(turns)
             # As a rule the fastest is fast enough, and no more is to be worked out.
@@ -452,17 +440,17 @@ class Plausibility:
         return []
 
 
-def _by_size(load: FloatArray) -> IntArray:
-    """Count positive loads [N] by quarter of a decade from 1e-6 N on, shape (_BINS,)."""
-    if not load.size:
-        return np.zeros(_BINS, np.int64)
-    ends = np.array([load.min(), load.max()])
-    first, last = _load_bin(ends).tolist()
-    # Most recordings have all in one, which needs no logarithm of each.
-    places = np.full(load.size, first) if first == last else _load_bin(load)
-    return np.bincount(places, minlength=_BINS)
+def _count_by_size(load: FloatArray) -> IntArray:
+    """Count positive loads [N] by quarter of a decade from 1e-6 N on, shape (_BINS,).
 
-
-def _load_bin(load: FloatArray) -> IndexArray:
-    place: IndexArray = np.floor(_A_DECADE * (np.log10(load) + 6.0)).clip(0, _BINS - 1).astype(np.intp)
-    return place
+    Those below the first or above the last quarter count in it.
+    """
+    counts = np.zeros(_BINS, np.int64)
+    if load.size:
+        # Most recordings have all in a few, and comparing takes less than a logarithm of each.
+        ends = np.floor(_A_DECADE * (np.log10([load.min(), load.max()]) + 6.0)).clip(0, _BINS - 1)
+        first, last = ends.astype(int).tolist()
+        edges = 10.0 ** (np.arange(first + 1, last + 1) / _A_DECADE - 6.0)
+        above = [load.size, *(int(np.count_nonzero(load >= edge)) for edge in edges), 0]
+        counts[first : last + 1] = -np.diff(above)
+    return counts

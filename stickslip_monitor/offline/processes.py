@@ -41,7 +41,7 @@ def core_count() -> int:
 
 
 def died(outcome: object) -> bool:
-    """Return whether an outcome is the exception of a dead worker, killed by this call or another one."""
+    """Return whether an outcome is the exception of a worker that died in this call or in another one."""
     dask = sys.modules.get('distributed')
     return isinstance(outcome, BrokenExecutor if dask is None else (BrokenExecutor, dask.KilledWorker))
 
@@ -142,14 +142,14 @@ def _ignore_interrupts() -> Iterator[None]:
 def run_in_processes(
     function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]], jobs: int
 ) -> Generator[tuple[_Key, Any], None, None]:
-    """Run calls over at most ``jobs`` spawned processes; yield key and result, or exception, of each."""
+    """Make calls as :func:`spread` does, in at most ``jobs`` spawned processes of this machine."""
     return spread(processes, function, calls, jobs)
 
 
 def on_cluster(
     address: str, function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]]
 ) -> Generator[tuple[_Key, Any], None, None]:
-    """:func:`spread` over the workers of a Dask cluster.
+    """Make calls as :func:`spread` does, on the workers of a Dask cluster.
 
     Args:
         address: Where its scheduler is, ``tcp://host:port``.

@@ -126,7 +126,7 @@ class VerdictWriter(StretchSink):
 
 
 def topics(bag: Recording, config: MonitorConfig) -> Iterator[tuple[str, str, str | None]]:
-    """Yield name, type and definition (None if built in) of every input and verdict topic."""
+    """Yield name, type and definition of every input and verdict topic; no definition (None) if built in."""
     for name in input_topics(bag, config):
         yield name, bag.topics[name].type, bag.definition(name)
     for name, kind in output_topics(config.bearings, f'/{NODE}').items():
@@ -140,7 +140,7 @@ def input_topics(bag: Recording, config: MonitorConfig) -> list[str]:
 
 
 def columns_of(messages: Iterator[Message]) -> Iterator[MessageColumn]:
-    """Yield recorded messages grouped by topic and type; reads them all first."""
+    """Read all messages of an iterator, and yield them grouped by topic and type."""
     columns: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
     for message in messages:
         rows = columns.setdefault((message.topic, message.type), [])
@@ -171,7 +171,9 @@ class VerdictMessages:
         self._due: list[Event] = []
 
     def of(self, stretch: Stretch, spans: TimeSpans = ALWAYS) -> Iterator[MessageColumn]:
-        """Yield the messages of a stretch.
+        """Yield the messages of a stretch, one column for each topic that has any.
+
+        The bearings are followed as the columns are taken: take all before the next stretch.
 
         Args:
             stretch: The stretch, after all that came before it.
@@ -179,7 +181,7 @@ class VerdictMessages:
         """
         events = events_of(stretch)
         for name, samples in stretch.bearings.items():
-            time_ns, columns = self._bearings[name].numbers(samples.scan, spans)
+            time_ns, columns = self._bearings[name].encode_topics(samples.scan, spans)
             for last, payload in columns:
                 topic = f'/{NODE}/{name}/{last}'
                 yield MessageColumn(topic, self._kinds[topic], time_ns, payload)
@@ -195,7 +197,10 @@ class VerdictMessages:
     def _diagnostic_columns(
         self, stretch: Stretch, events: Sequence[Event], spans: TimeSpans
     ) -> Iterator[MessageColumn]:
-        """Yield /diagnostics at every second, change and loss within the spans; nothing if there are none."""
+        """Yield one column of /diagnostics: at every second, change and loss within the spans.
+
+        Yields nothing if there are none. Remembers the changes after the stretch, and up to when it went.
+        """
         arrivals = [samples.stream.arrival_ns for samples in stretch.bearings.values()]
         is_last = not any(arrival.size for arrival in arrivals)
         # More may have arrived at the same time.
@@ -203,7 +208,7 @@ class VerdictMessages:
         self._due += events
         lost = {e.time_ns for e in self._due if e.after is Condition.INPUT_STALE}
         for name, samples in stretch.bearings.items():
-            lost.update(self._bearings[name].loss(samples))
+            lost.update(self._bearings[name].loss_times(samples))
         seconds = self._seconds_until(np.sort(np.concatenate(arrivals)), until_ns)
         ticks = sorted(
             t
@@ -222,7 +227,10 @@ class VerdictMessages:
             yield self._of_topic('/diagnostics', messages)
 
     def _seconds_until(self, arrival_ns: IntArray, until_ns: int) -> Iterator[int]:
-        """Yield the whole seconds since the start up to a time [ns], but none in a long silence."""
+        """Yield the times of whole seconds since the start, up to a time [ns], but none in a long silence.
+
+        They go on behind the ticks of earlier stretches. Remembers the last of the arrivals [ns].
+        """
         times = np.concatenate([[self._heard_ns], arrival_ns, [until_ns + 1]])
         self._heard_ns = int(times[-2])
         silent = np.flatnonzero(np.diff(times) > SILENCE_NS)
@@ -240,7 +248,7 @@ def events_of(stretch: Stretch) -> list[Event]:
 
 
 class _Follower:
-    """Messages of one bearing: its verdicts, and its state at some times."""
+    """Makes the messages of one bearing: its verdicts, and its state at some times."""
 
     def __init__(self, config: BearingConfig, start_ns: int | None, period_ns: int, long: bool) -> None:
         self._config, self._period_ns = config, period_ns
@@ -251,9 +259,16 @@ class _Follower:
         self._changed: set[int] = set()
         self._published_ns: int | None = None
 
-    def numbers(self, scan: Scan, spans: TimeSpans) -> tuple[IndexArray, Iterator[tuple[str, Messages]]]:
-        """Return times of published verdicts [ns] in spans, and by topic suffix the encoded messages."""
-        rows = np.flatnonzero(self._is_published(scan) & spans.holds(scan.time_ns))
+    def encode_topics(self, scan: Scan, spans: TimeSpans) -> tuple[IntArray, Iterator[tuple[str, Messages]]]:
+        """Encode the verdicts of the next part that are published and lie in spans.
+
+        Remembers the latest published one, also outside the spans.
+
+        Returns:
+            The times of the verdicts [ns], shape (n,); and the last word of each topic with its n messages,
+            encoded one topic after the other. Nothing follows if no verdict is published.
+        """
+        rows = np.flatnonzero(self._choose_published(scan) & spans.holds(scan.time_ns))
         if not rows.size:
             return rows, iter(())
         points = scan.assessment
@@ -265,7 +280,10 @@ class _Follower:
     def _encode_points(
         self, points: Assessments, measured: Any, rows: IndexArray
     ) -> Iterator[tuple[str, Messages]]:
-        """Yield the suffix of each topic of the bearing and its encoded messages on some points."""
+        """Yield the last word of each topic of the bearing and its encoded messages on some points.
+
+        ``measured`` has what a level measured at all points of the scan, ``rows`` those that are encoded.
+        """
         for name in topic_numbers(self._config):
             yield name, float64_rows(topic_number(name, points))
         for name in topic_words(self._config):
@@ -273,10 +291,10 @@ class _Follower:
             encoded = [encode_string(str(word)) for word in names]
             yield name, [encoded[code] for code in codes.tolist()]
 
-    def _is_published(self, scan: Scan) -> BoolArray:
-        """Return which verdicts are published: one in each period, and all with a change.
+    def _choose_published(self, scan: Scan) -> BoolArray:
+        """Return which verdicts are published: one in each period, and all with a change; shape (n,).
 
-        Remembers the last published one.
+        Without a period all are. Remembers the latest published one, and the samples that brought changes.
         """
         is_published = np.ones(scan.time_ns.size, np.bool_)
         if not self._period_ns:
@@ -290,10 +308,10 @@ class _Follower:
                 is_published[k] = False
         return is_published
 
-    def loss(self, samples: Heard) -> list[int]:
-        """Return when the first input times out, one item [ns].
+    def loss_times(self, samples: Heard) -> list[int]:
+        """Return the time at which the first input times out [ns], in a list.
 
-        Empty if the part has samples, nothing was received before it, or an input is lost already.
+        It is empty if the part has samples, if nothing was received before it, or if an input is lost.
         """
         state = self._scan.state
         if samples.stream.time_ns.size or state.now == NEVER or state.lost:
@@ -302,7 +320,9 @@ class _Follower:
         return [until - state.shift]
 
     def states(self, samples: Heard, ticks: Sequence[int], seen: Sequence[int]) -> list[StatusFields]:
-        """Return the diagnostic status at each time, and add the part to the counts.
+        """Follow the bearing over a part, and return its diagnostic status at each of some times.
+
+        Scan, counts and the watches of the sources go on to the end of the part.
 
         Args:
             samples: The part.
@@ -319,7 +339,7 @@ class _Follower:
         ]
 
     def _assess_points(self, points: Sequence[FloatArray]) -> Iterator[Assessment]:
-        """Yield the assessment of each point (speed, load, water, chances), computed together."""
+        """Yield the assessment of each point: speed [m/s], load [N], water [C], and chances if any."""
         if points:
             speed, load, water, *chances = np.array(points).T
             config, table = self._config, self._bearing.settings.boundaries
@@ -330,9 +350,9 @@ class _Follower:
             yield from (together.at(k) for k in range(len(points)))
 
     def _count_samples(self, samples: Heard, ends: IntArray) -> IntArray:
-        """Count the samples by input and status up to each end in a stretch, shape (ends, inputs, statuses).
+        """Count the samples by input and status up to each end in a part, shape (ends, inputs, statuses).
 
-        All before the stretch counts, repeats do not; afterwards the whole stretch is added to the totals.
+        All before the part counts, repeats do not. Adds the whole part to the stored counts.
         """
         kinds = samples.stream.inputs.astype(np.int64) * len(Status) + samples.scan.status
         counted = ~samples.repeats
