@@ -35,7 +35,7 @@ from stickslip_logs.recordings.mcap_chunks import (
     load_block,
     walk_records,
 )
-from stickslip_logs.recordings.message_fields import LONGEST_TEXT
+from stickslip_logs.recordings.message_types import LONGEST_TEXT
 from stickslip_logs.recordings.recording import Cut, Findings, encoding_problem
 
 DATED = 10**17

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers out of CDR messages: their definitions in ``ros2msg`` text, and the way to one number.
+"""Numbers out of CDR messages: where each lies, and the way to it in many messages at once.
 
 A message is a row of tokens.  A cursor steps over them: one number for all messages while nothing
 of variable length was met, an array of one per message behind it.
@@ -12,16 +12,12 @@ from __future__ import annotations
 import contextlib
 import io
 import math
-import os
-import re
 import struct
 import threading
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,45 +28,24 @@ from numpy.typing import NDArray
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError
-from stickslip_logs.fields import NAMES, ByName, FieldPath, NoSuchElementError, NumberField
-from stickslip_logs.files import read_file
+from stickslip_logs.fields import ByName, FieldPath, NoSuchElementError, NumberField
 from stickslip_logs.recordings.mcap_chunks import view_numbers
+from stickslip_logs.recordings.message_types import (
+    NUMBERS,
+    TEXTS,
+    Definitions,
+    SchemaError,
+    find_primitive,
+    parse_schema,
+)
 from stickslip_logs.recordings.recording import Fault, Request, Series, short_name
 
-# numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
-# takes char as signed.
-NUMBERS: Mapping[str, str] = {
-    'bool': '?',
-    'byte': 'u1',
-    'char': 'i1',
-    'int8': 'i1',
-    'uint8': 'u1',
-    'int16': 'i2',
-    'uint16': 'u2',
-    'int32': 'i4',
-    'uint32': 'u4',
-    'int64': 'i8',
-    'uint64': 'u8',
-    'float32': 'f4',
-    'float64': 'f8',
-}
-TEXTS = ('string', 'wstring')
-
-LONGEST_TEXT = 1 << 18
-"""Longer definitions are none of telemetry; the longest of ROS 2 have some 60 kB [bytes]."""
-_MOST_DIGITS = 10
-# CDR counts items with 32 bits.
-_LONGEST_SEQUENCE = (1 << 32) - 1
 # Beyond this a message is no telemetry, and its tokens would cost more than they save.
 _MOST_TOKENS = 500
 # A type that contains itself has no end.
 _DEEPEST = 50
 # Names of elements that messages for others have are reported; a robot has some dozen joints.
 _MAX_NAMES = 20
-
-_TYPE = re.compile(r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?P<bound><=)?(?P<number>\d*)\])?')
-_SEPARATOR = re.compile(r'^={3,}$', re.MULTILINE)
-_CONSTANT = re.compile(r'\S+\s+\w+\s*=')
 
 _ENCAPSULATION = 4
 # As the two bytes lie in the message, read little-endian.
@@ -82,173 +57,6 @@ _STAMP: tuple[FieldPath, ...] = (('header', 'stamp', 'sec'), ('header', 'stamp',
 _SILENCE = threading.Lock()
 # Everything the decoder raises on data that is not of the type the schema describes.
 _DECODE_ERRORS = (struct.error, ValueError, LookupError, NotImplementedError, RecursionError, MemoryError)
-
-
-class SchemaError(Exception):
-    """A definition cannot be used, or a path does not fit it; the text is a clause."""
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """A field of a type.
-
-    ``base`` is a primitive or a type's name. ``array`` is how the definition writes that it is an
-    array, empty for none; ``size`` the length of a fixed one, ``most`` the largest of any.
-    """
-
-    name: str
-    base: str
-    array: str = ''
-    size: int | None = None
-    most: int = _LONGEST_SEQUENCE
-
-    @property
-    def text(self) -> str:
-        """The type as a message definition writes it."""
-        return self.base + self.array
-
-
-Definitions = Mapping[str, tuple[Field, ...]]
-
-# What the decoder assumes where the text does not define them.
-_TIME = (Field('sec', 'uint32'), Field('nanosec', 'uint32'))
-
-
-def parse_schema(name: str, data: bytes) -> Definitions:
-    """Parse a concatenated ``ros2msg`` definition; return the fields of each type by its short name.
-
-    Constants are skipped. ``Time`` and ``Duration`` are among the types in any case.
-
-    Args:
-        name: The type that the first part defines.
-        data: The definition, in UTF-8.
-
-    Raises:
-        SchemaError: It is too long or no text, a part has no name, a line is not a field, or a type is used
-            but not defined.
-    """
-    if len(data) > LONGEST_TEXT:
-        raise SchemaError(f'its definition is longer than {LONGEST_TEXT} letters, the limit')
-    try:
-        first, *sections = _SEPARATOR.split(data.decode())
-    except UnicodeDecodeError:
-        raise SchemaError('its definition is not text') from None
-    parsed: dict[str, tuple[Field, ...]] = {
-        'builtin_interfaces/Time': _TIME,
-        'builtin_interfaces/Duration': _TIME,
-    }
-    parsed[short_name(name)] = _parse_fields(_strip_comments(first), name)
-    for part in sections:
-        head, *lines = _strip_comments(part) or ['']
-        if not head.startswith('MSG:'):
-            raise SchemaError('its definition has a part without a name')
-        name = head.removeprefix('MSG:').strip()
-        parsed[short_name(name)] = _parse_fields(lines, name)
-    for name, members in parsed.items():
-        for member in members:
-            if '/' in member.base and member.base not in parsed:
-                raise SchemaError(f'its definition leaves {member.base}, used by {name}, undefined')
-    return parsed
-
-
-def _strip_comments(text: str) -> list[str]:
-    """Return the lines of a definition without comments, blanks around them, and empty lines."""
-    lines = (line.partition('#')[0].strip() for line in text.splitlines())
-    return [line for line in lines if line]
-
-
-def _parse_fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
-    """Return the fields that lines of a definition declare; skip constants.
-
-    Args:
-        lines: The lines without comments.
-        name: The type, whose package is that of types without one.
-
-    Raises:
-        SchemaError: A line is not a field, or its array is too long.
-    """
-    package = name.split('/')[0]
-    return tuple(_parse_field(line, package) for line in lines if not _CONSTANT.match(line))
-
-
-def _parse_field(line: str, package: str) -> Field:
-    """Parse the line of a field.
-
-    Args:
-        line: The line, not blank.
-        package: The package of a type without one.
-
-    Raises:
-        SchemaError: It is not a field, or its array is too long or has a bound without a number.
-    """
-    type_text, *rest = line.split()
-    match = _TYPE.fullmatch(type_text)
-    if match is None or not rest:
-        raise SchemaError(f"its definition has the line '{line}', which is not a field")
-    base, array, number = match['base'], match['array'] or '', match['number'] or ''
-    if base not in NUMBERS and base not in TEXTS and '/' not in base:
-        base = f'{package}/{base}'
-    if len(number) > _MOST_DIGITS or int(number or 0) > _LONGEST_SEQUENCE:
-        raise SchemaError(f"its definition has the line '{line}', an array that is too long")
-    if match['bound'] and not number:
-        raise SchemaError(f"its definition has the line '{line}', a bound without a number")
-    max_length = int(number) if number else _LONGEST_SEQUENCE
-    return Field(rest[0], base, array, max_length if number and not match['bound'] else None, max_length)
-
-
-def find_primitive(definitions: Definitions, root: str, path: FieldPath) -> str:
-    """Return the primitive type, such as ``float64``, of the number at a path in a type.
-
-    Raises:
-        SchemaError: The path does not lead to a number.
-    """
-    steps = list(path)
-    current = short_name(root)
-    while steps:
-        step = steps.pop(0)
-        members = {member.name: member for member in definitions[current]}
-        if not isinstance(step, str) or step not in members:
-            names = ', '.join(members) or 'none'
-            raise SchemaError(f"{current} has no field '{step}': its fields are {names}")
-        member = members[step]
-        if member.array:
-            _take_element(member, steps, members)
-        elif steps and not isinstance(steps[0], str):
-            raise SchemaError(f"'{step}' is a {member.base}, which has no element {steps[0]}")
-        current = member.base
-        if current in TEXTS or (current in NUMBERS and steps):
-            rest = '' if current in TEXTS else f", which has no field '{steps[0]}'"
-            raise SchemaError(f"'{step}' is a {current}{rest or ', not a number'}")
-    if current not in NUMBERS:
-        names = ', '.join(member.name for member in definitions[current])
-        raise SchemaError(f'it ends at a {current}, not at a number: its fields are {names}')
-    return current
-
-
-def _take_element(member: Field, steps: list[str | int | ByName], members: Mapping[str, Field]) -> None:
-    """Remove the next step of a path, which has to choose an element of an array field.
-
-    Args:
-        member: The array field.
-        steps: The rest of the path; changed.
-        members: The fields beside it, by name.
-
-    Raises:
-        SchemaError: There is no such step, or no such element.
-    """
-    index = steps.pop(0) if steps else None
-    name, text = member.name, member.text
-    if isinstance(index, ByName):
-        names = members.get(NAMES)
-        if names is None or names.base != 'string' or not names.array:
-            raise SchemaError(
-                f"'{name}' has no list '{NAMES}' beside it to choose [{index}] by: give a number"
-            )
-        return
-    if not isinstance(index, int):
-        raise SchemaError(f"'{name}' is a {text}: name an element, e.g. {name}[0]")
-    if index >= member.most:
-        raise SchemaError(f"'{name}' is a {text}, which has no element {index}")
 
 
 class Token(NamedTuple):
@@ -689,62 +497,3 @@ class MessageReading(ABC):
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
         """Return the faults of the messages read so far, by request."""
         return dict(pair for topic in self._wanted for pair in topic.faults())
-
-
-_BUILT_IN = Path(__file__).with_name('definitions.txt')
-_RULE = '=' * 80
-
-
-def definition_of(kind: str) -> str | None:
-    """Return the ``ros2msg`` text of a type with the types that it uses; None where one is not known.
-
-    The texts are those of this package, or else of a sourced ROS 2.
-    """
-    parts: dict[str, str] = {}
-    if not _collect_texts(short_name(kind), parts):
-        return None
-    first, *referred = parts.items()
-    return first[1] + ''.join(f'{_RULE}\nMSG: {name}\n{text}' for name, text in referred)
-
-
-def _collect_texts(name: str, parts: dict[str, str]) -> bool:
-    """Add the texts of a type and of the types that it uses; return False where one is not known.
-
-    Args:
-        name: The short name of the type.
-        parts: Takes the texts by short name; incomplete where False is returned.
-    """
-    text = _load_built_in().get(name) or _read_installed_type(name)
-    if text is None:
-        return False
-    parts[name] = text
-    try:
-        bases = [member.base for member in _parse_fields(_strip_comments(text), name)]
-    except SchemaError:
-        return False
-    return all('/' not in base or base in parts or _collect_texts(short_name(base), parts) for base in bases)
-
-
-@cache
-def _load_built_in() -> dict[str, str]:
-    """Return the texts of the types that this package brings, by short name."""
-    _, *parts = re.split(r'^MSG: (.*)\n', _BUILT_IN.read_text('utf-8'), flags=re.MULTILINE)
-    return dict(zip(parts[::2], parts[1::2], strict=True))
-
-
-def _read_installed_type(name: str) -> str | None:
-    """Return the text of a type from the packages of a sourced ROS 2; None where it is not there.
-
-    Args:
-        name: The short name, as ``std_msgs/Float64``; None is returned for any other text.
-    """
-    if not re.fullmatch(r'\w+/\w+', name):
-        return None
-    package, short_name = name.split('/')
-    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
-        path = Path(prefix) / 'share' / package / 'msg' / f'{short_name}.msg'
-        try:
-            return read_file(path, LONGEST_TEXT).decode('utf-8', 'replace').rstrip() + '\n'
-        except OSError:
-            continue
-    return None

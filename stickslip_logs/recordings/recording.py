@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import weakref
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -378,6 +378,12 @@ def missing_topic(topics: Collection[str], name: str) -> str:
     rest = f' and {more} more' if more > 0 else ''
     listed = f'{", ".join(ranked[:MOST_NAMED])}{rest}' if ranked else 'no topics'
     return f"the recording has no topic '{name}': it has {listed}"
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Return up to ten texts in quotation marks, and how many more there are."""
+    more = f' and {len(texts) - MOST_NAMED} more' if len(texts) > MOST_NAMED else ''
+    return ', '.join(f"'{text}'" for text in texts[:MOST_NAMED]) + more
 
 
 def full_name(topic: str, topics: Collection[str]) -> str:

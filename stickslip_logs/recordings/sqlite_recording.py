@@ -23,7 +23,8 @@ from mcap.records import Schema
 
 from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, plural
-from stickslip_logs.recordings.message_fields import MessageReading, TopicNumbers, definition_of
+from stickslip_logs.recordings.message_fields import MessageReading, TopicNumbers
+from stickslip_logs.recordings.message_types import definition_of
 from stickslip_logs.recordings.recording import (
     MOST_NAMED,
     Columns,

@@ -24,7 +24,7 @@ from stickslip_logs.errors import BagError
 from stickslip_logs.files import hold, open_file, sweep
 from stickslip_logs.recordings.chunk_writer import COMPRESSORS, ChunkWriter, Messages
 from stickslip_logs.recordings.mcap_chunks import HEAD
-from stickslip_logs.recordings.message_fields import definition_of
+from stickslip_logs.recordings.message_types import definition_of
 from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT
 
 _LATEST = (1 << 63) - 1

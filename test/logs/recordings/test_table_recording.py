@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stickslip_logs.errors import BagError
-from stickslip_logs.recordings import table_recording
+from stickslip_logs.recordings import table_reading
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.table_file import BLOCK, TextTable
@@ -48,7 +48,7 @@ def test_what_is_kept_in_a_file_comes_back(
 ) -> None:
     (tmp_path / 'scratch').mkdir()
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'scratch'))
-    monkeypatch.setattr(table_recording, '_MAX_KEPT_BYTES', kept_bytes)
+    monkeypatch.setattr(table_reading, '_MAX_KEPT_BYTES', kept_bytes)
     recording = TableRecording(log)
     reading = recording.reading([SPEED, LOAD])
     assert any((tmp_path / 'scratch').iterdir()) == (kept_bytes < 1 << 30)
@@ -66,7 +66,7 @@ def test_a_full_disk_is_told_with_what_to_do(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'none'))
-    monkeypatch.setattr(table_recording, '_MAX_KEPT_BYTES', 0)
+    monkeypatch.setattr(table_reading, '_MAX_KEPT_BYTES', 0)
     with pytest.raises(BagError, match=r"a\.csv' cannot be read: .* '.*none': free some there, or .*TMPDIR"):
         TableRecording(log).reading([SPEED])
 

@@ -20,7 +20,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from stickslip_logs.errors import BagError
-from stickslip_logs.recordings.message_fields import definition_of
+from stickslip_logs.recordings.message_types import definition_of
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.writer import (

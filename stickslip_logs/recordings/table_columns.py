@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The columns of a table of numbers with times: names, units, marks of quality, and what tells rows apart.
+
+What the file does not say is guessed, and reported.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from stickslip_logs.arrays import IntArray
+from stickslip_logs.errors import BagError, did_you_mean
+from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
+from stickslip_logs.recordings.recording import Findings, Recording, TopicInfo, listed
+from stickslip_logs.tables.bus_log import first_name
+from stickslip_logs.tables.cell_times import Cells
+from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
+from stickslip_logs.tables.quality import find_quality, find_quality_columns, is_quality_of
+from stickslip_logs.tables.row_keys import find_key_column, is_same_key
+from stickslip_logs.tables.table_file import open_table, texts_of
+from stickslip_logs.tables.time_columns import Clock, counted_from
+from stickslip_logs.time_order import TimeOrder
+
+_NAME = re.compile(
+    r'(?:tag|var)? ?name|tag|field|pid|variable|signal|point|channel|parameter|series|metric|topic'
+    r'|(?:sensor|parameter|entity) ?id'
+)
+_NINES = re.compile(r'-?(?=.*9.*9)9+(?:[.,]9+)?(?:[.,]?0*)')
+_VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
+_UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
+MAX_LETTERS = 20
+"""Letters that are shown of a cell."""
+# Of 1973: later times are dates, and no time since a trigger [ns].
+_DATES_FROM_NS = 10**17
+# Numbers for each time, from which on most share theirs.
+_SHARED_TIMES = 1.5
+
+
+class TableColumns(Recording):
+    """A table as the recording that it stands for, without the way to its numbers.
+
+    Its topics are its columns, or the names in a table of one value a line, until it is told which of them
+    to deliver as which topics.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.files = path, (path,)
+        self.table = open_table(path)
+        self._ends: Sequence[Cells] = [*self.table.head, *self.table.tail]
+        self._findings = Findings()
+        for text in self.table.remarks:
+            self._findings.note(text)
+        for text in self.table.losses:
+            self._findings.lose(text)
+        self._shift_to_zero()
+        self.names = self._long_columns()
+        """The columns of names and of values of a table of one value a line, else None."""
+        order = TimeOrder()
+        for number, clock in enumerate(self.table.clocks):
+            timed_rows, times = _drop_untimed(self._ends, clock)
+            if times.size:
+                order.add(times, np.full(times.size, number), np.arange(times.size))
+        self._may_lack_names = self._may_miss_names(timed_rows)
+        course = order.course()
+        self.is_unordered = course.is_unordered
+        self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
+        """The columns of numbers."""
+        self.by_topic: dict[str, SourceColumn] = {}
+        """What stands for the topics that are delivered."""
+        self.counts: Counter[str] = Counter()
+        """Numbers that were read, by topic."""
+        self.start_ns, self.end_ns = course.start_ns, course.end_ns
+
+    def _shift_to_zero(self) -> None:
+        """Set the clocks of the table to count from the first time in head and tail, where that is negative.
+
+        Such times begin before a trigger, or before 1970, which is noted. Where any time is a date after
+        1973, the clocks count from 1970. Either way earlier times become none.
+        """
+        times = np.concatenate([_drop_untimed(self._ends, clock)[1] for clock in self.table.clocks])
+        zero_ns = 0
+        if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
+            # A trigger's time before, and what spreadsheets make of a time of day.
+            zero_ns = int(times.min())
+            self._findings.note('times begin before 1970, or before zero: counted from the first one')
+        self.table.clocks = tuple(counted_from(clock, zero_ns) for clock in self.table.clocks)
+
+    def _may_miss_names(self, rows: Sequence[Cells]) -> bool:
+        """Return whether head and tail of a long table may lack names; False for another table.
+
+        They may where each name has its lines one after the other: the head has one name, or the tail others.
+
+        Args:
+            rows: Rows of head and tail.
+        """
+        if self.names is None:
+            return False
+        name = self.names[0]
+        names = {row[name] for row in rows if name < len(row)}
+        head = {row[name] for row in self.table.head if name < len(row)}
+        return len(head) < 2 or not head >= names - {''}
+
+    def _long_columns(self) -> tuple[int, int] | None:
+        """Return the places of the names and the values in a table of one value a line; None for others."""
+        plain = [parse_heading(name).name for name in self.table.names]
+        name = [k for k, text in enumerate(plain) if _NAME.fullmatch(text)]
+        value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]
+        if self.table.names == tuple(f'#{k + 1}' for k in range(len(plain))):
+            name, value = self._guess_columns()
+        elif {'entity id', 'state'} <= set(plain):
+            # As the historian of a home calls them; elsewhere a state is no value.
+            value = [plain.index('state')]
+        return (name[0], value[0]) if name and len(value) == 1 else None
+
+    def _guess_columns(self) -> tuple[list[int], list[int]]:
+        """Guess, in a table without headings, which columns are names and which are numbers, by the head.
+
+        Returns:
+            The places of columns of texts that are about equally frequent, and of columns with a number.
+        """
+        rows, words, numbers = self.table.head, list[int](), list[int]()
+        for k in set(range(len(self.table.names))) - set(self.table.time_columns):
+            cells = Counter(str(row[k]) for row in rows if k < len(row))
+            if any(parse_number(cell) is not None for cell in cells):
+                numbers.append(k)
+            elif len(cells) > 1 and 10 * min(cells.values()) >= max(cells.values()) > 1:
+                words.append(k)
+        return words, numbers
+
+    def _list_columns(self) -> Iterator[LogColumn]:
+        """Yield each column but those of times; of a long table each name, with the unit of most lines.
+
+        A long table is read as a whole where head and tail may lack names.
+        """
+        table = self.table
+        if self.names is None:
+            for k, heading in enumerate(table.names):
+                if k not in table.time_columns:
+                    yield LogColumn(heading, k, unit=table.units[k])
+            return
+        name, value = self.names
+        place = self.unit_place
+        seen: dict[str, Counter[str]] = {}
+        for row in self._rows_of_every_name(name):
+            units = seen.setdefault(row[name], Counter())
+            units[row[place] if place is not None and len(row) > place else ''] += 1
+        for heading_text, units in seen.items():
+            if not heading_text.strip():
+                continue  # a line without a number
+            # The unit of most lines: one line may be damaged.
+            heading, known_unit = with_unit(heading_text, units.most_common(1)[0][0])
+            yield LogColumn(
+                heading,
+                value,
+                heading_text,
+                known_unit,
+                self.is_sent and bool(first := first_name(heading_text)) and first in seen,
+            )
+
+    @property
+    def unit_place(self) -> int | None:
+        """The column of units in a table of one value a line, if there is one."""
+        names = enumerate(self.table.names) if self.names is not None else ()
+        return next((k for k, text in names if _UNIT.fullmatch(parse_heading(text).name)), None)
+
+    def _find_quality_column(self, column: int) -> int | None:
+        """Return the place of the quality marks of a column of numbers; None where there is none."""
+        names = self.table.names
+        for k, heading in enumerate(names):
+            is_beside = k == column + 1 or self.names is not None
+            if k != column and is_quality_of(heading, names[column], is_beside=is_beside):
+                return k if self.quality(k) is not None else None
+        return None
+
+    def quality(self, status: int) -> Callable[[str], bool] | None:
+        """Return a function that is True for a mark by which a number does not count.
+
+        None where the marks of the column, in head and tail, have no known meaning.
+
+        Args:
+            status: The place of the column of marks.
+        """
+        marks = {str(row[status]) for row in self._ends if len(row) > status}
+        return find_quality(self.table.names[status], marks)
+
+    def _rows_of_every_name(self, name: int) -> Iterator[Cells]:
+        """Yield the rows of head and tail, then, where these may lack names, an empty row with each name.
+
+        For the latter the file is read.
+
+        Args:
+            name: The place of the column of names.
+        """
+        yield from (row for row in self._ends if len(row) > name)
+        if self._may_lack_names or self.is_unordered:
+            blank = [''] * len(self.table.names)
+            yield from ([*blank[:name], text, *blank[name + 1 :]] for text in self._read_texts(name))
+
+    def _read_texts(self, column: int) -> list[str]:
+        """Read the whole file for the texts of a column; return each once, in the order of the file."""
+        blocks = self.table.blocks([column], _ignore_progress, _ignore_progress)
+        return list(
+            dict.fromkeys(text for rows in blocks for text in dict.fromkeys(texts_of(rows.columns[0])))
+        )
+
+    @property
+    def topics(self) -> Mapping[str, TopicInfo]:
+        """The topics that are delivered, or else the columns."""
+        if self.by_topic:
+            return {
+                name: TopicInfo(name, FLOAT64, self.counts.get(name, self.table.line_count), 'cdr', '')
+                for name in self.by_topic
+            }
+        return {
+            column.heading: TopicInfo(
+                column.heading,
+                f'column in {column.unit}' if column.unit is not None else 'column, unit not known',
+                self.table.line_count,
+                'table',
+                '',
+                self._first_value(column),
+            )
+            for column in self.all_columns
+        }
+
+    def _first_value(self, column: LogColumn) -> str:
+        """Return the first cell of a column in the head that is not empty, up to 20 letters; else empty."""
+        rows = self._rows_of(column, self.table.head)[0]
+        return str(rows[0][column.place]).strip()[:MAX_LETTERS] if rows else ''
+
+    @property
+    def message_count(self) -> int:
+        """Numbers that were read, or before that the lines."""
+        return self.counts.total() or self.table.line_count
+
+    @property
+    def is_sent(self) -> bool:
+        """Whether its numbers are as sensors sent them, over a bus."""
+        return self.table.is_sent
+
+    def deliver(self, columns: Mapping[str, SourceColumn]) -> None:
+        """Deliver columns as topics from now on, in place of earlier ones; note which have quality marks.
+
+        Args:
+            columns: The source of each topic; its ``status`` is found here.
+        """
+        self.by_topic = {
+            topic: replace(source, status=self._find_quality_column(source.column.place))
+            for topic, source in columns.items()
+        }
+        named = {(source.column.heading, source.status): None for source in self.by_topic.values()}
+        for heading, status in named:
+            if status is not None:
+                self._findings.note(
+                    f"numbers of '{heading}' count where '{self.table.names[status]}' says so"
+                )
+
+    def filler(self, column: LogColumn) -> float | None:
+        """Return the number that stands for "no value" in a column, in its unit; None where there is none.
+
+        Loggers write -99 and the like where an instrument is silent. Such a number is of nines, occurs at
+        least twice in head and tail, and is farther from all others than these are from each other.
+        """
+        cells = [str(row[column.place]).strip() for row in self._rows_of(column, self._ends)[0]]
+        fillers = Counter(cell for cell in cells if _NINES.fullmatch(cell))
+        for text, count in fillers.items():
+            others = self.table.numbers([cell for cell in cells if cell != text]).value
+            others = others[np.isfinite(others)]
+            value = float(self.table.numbers([text]).value[0])
+            if count > 1 and others.size > count and np.abs(others - value).min() > np.ptp(others):
+                return value
+        return None
+
+    def interval(self, column: LogColumn) -> float:
+        """Return the median time between cells of a column in the head [s]; 0 without two different times.
+
+        Cells that share a time count as one.
+        """
+        times = self._rows_of(column, self.table.head)[1]
+        steps = np.abs(np.diff(np.sort(times) if self.is_unordered else times))
+        return float(np.median(steps[steps > 0])) * 1e-9 if steps.any() else 0.0
+
+    def shares_times(self, column: LogColumn) -> bool:
+        """Return whether a column has more than 1.5 cells for each time in the head: the clock is coarse."""
+        times = self._rows_of(column, self.table.head)[1]
+        return bool(times.size > _SHARED_TIMES * np.unique(times).size)
+
+    def _rows_of(self, column: LogColumn, rows: Iterable[Cells]) -> tuple[list[Cells], IntArray]:
+        """Return those of some rows that belong to a column, with a cell in it and a time.
+
+        Returns:
+            The rows, and their times [ns], shape (n,).
+        """
+        keys = self.keys_of(column)
+        last_place = max([column.place, *(place for place, _ in keys)])
+        column_rows = [
+            row
+            for row in rows
+            if len(row) > last_place
+            and str(row[column.place]).strip()
+            and all(is_same_key(row[place], text) for place, text in keys)
+        ]
+        return _drop_untimed(column_rows, self.table.clock_of(column.place))
+
+    def keys_of(self, column: LogColumn) -> tuple[tuple[int, str], ...]:
+        """Return places and texts of the cells by which rows belong to a column; empty where all rows do."""
+        name = () if self.names is None or column.name is None else ((self.names[0], column.name),)
+        return (*name, *column.where)
+
+    def chosen(self, column: LogColumn, where: Mapping[str, str]) -> LogColumn:
+        """Return a copy of the column restricted to rows with given texts in other columns.
+
+        The file is read where head and tail lack a text.
+
+        Args:
+            column: The column.
+            where: The text by the heading, or the number as ``#3``, of each other column.
+
+        Raises:
+            BagError: A column is not there, or has no such text.
+        """
+        pairs = []
+        for heading, text in where.items():
+            plain, names = parse_heading(heading).name, list(enumerate(self.table.names))
+            same = [k for k, name in names if heading in (name, f'#{k + 1}')]
+            matching = same or [k for k, name in names if plain and parse_heading(name).name == plain]
+            if not matching:
+                near = did_you_mean(heading, self.table.names)
+                raise BagError(f"log '{self.path}' has no column '{heading}' to choose rows by{near}")
+            cells = [row[matching[0]].strip() for row in self._ends if len(row) > matching[0]]
+            if not any(is_same_key(cell, text) for cell in set(cells)):
+                cells = [cell.strip() for cell in self._read_texts(matching[0])]
+            if not any(is_same_key(cell, text) for cell in set(cells)):
+                raise BagError(
+                    f"log '{self.path}' has no line with '{text}' in column '{heading}': it has"
+                    f' {listed(cells)}{did_you_mean(text, cells)}'
+                )
+            pairs.append((matching[0], text))
+        return replace(column, where=tuple(pairs))
+
+    def key_of(self, column: LogColumn) -> tuple[str, list[str]] | None:
+        """Return the heading of the column that tells several things apart, such as shafts, and its texts.
+
+        Only head and tail are searched; the texts are each once, in their order. None where the rows of the
+        column are of one thing, or were sent over a bus.
+
+        Args:
+            column: The column of the numbers of these things.
+        """
+        if self.is_sent:
+            return None  # one sender is used, as live
+        rows, time_ns = self._rows_of(column, self._ends)
+        names, status = self.table.names, self._find_quality_column(column.place)
+        taken = {column.place, *self.table.time_columns, *(place for place, _ in self.keys_of(column))}
+        taken |= {*(self.names or ()), *(k for k in (self.unit_place, status) if k is not None)}
+        taken |= find_quality_columns(names)
+        places = [k for k in range(len(names)) if k not in taken]
+        key = find_key_column(rows, time_ns, column.place, self.table.names, places)
+        if key is None:
+            return None
+        return self.table.names[key], list(
+            dict.fromkeys(row[key].strip() for row in rows if key < len(row) and row[key].strip())
+        )
+
+
+def _drop_untimed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], IntArray]:
+    """Return the rows that have a valid time by a clock, and these times [ns], shape (n,)."""
+    last_place = max(clock.columns)
+    long = [row for row in rows if len(row) > last_place]
+    if not long:
+        return [], np.empty(0, np.int64)
+    times, is_timed = clock.read([[row[k] for row in long] for k in clock.columns])
+    return list(itertools.compress(long, is_timed.tolist())), times[is_timed]
+
+
+def _ignore_progress(text: str) -> None:
+    """Drop a sentence of a reading, in place of reporting it."""
+    del text

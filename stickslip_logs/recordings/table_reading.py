@@ -1,0 +1,430 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A pass over a table for numbers of some columns: what each cell counts as, and in which order of time."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import pickle
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
+from stickslip_logs.errors import BagError, plural
+from stickslip_logs.recordings.columns import LogColumn, SourceColumn
+from stickslip_logs.recordings.recording import Fault, Progress, Request, Scratch, Series, listed
+from stickslip_logs.recordings.table_columns import MAX_LETTERS, TableColumns
+from stickslip_logs.senders import SourceAdmission
+from stickslip_logs.tables.bus_log import SOURCE, first_name
+from stickslip_logs.tables.dialect import with_unit
+from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, is_same_key
+from stickslip_logs.tables.table_file import Numbers, Rows, some_cells, texts_of
+from stickslip_logs.time_order import Sorter, TimeCourse, TimeOrder
+from stickslip_logs.units import conversion
+
+# Words in place of numbers that a message lists, and that are counted apart.
+_MAX_WORDS, _MAX_KINDS = 6, 200
+# More lines of one time, where times are so coarse [ns], have lost their times by rounding; a value before
+# and one behind a change share theirs rightly.
+_MAX_ALIKE, _COARSE_NS = 2, 10 * 10**9
+# Blocks of lines without a number that are kept: the last one is whole, and one wrong time is no end.
+_MAX_BLANK_BLOCKS = 2
+# Rows of a sorted table that are yielded at a time at most.
+_STRETCH = 1 << 16
+# The source of all lines, whichever of the columns they fill; else it is a bit for each column, of which
+# a number has so many.
+_ALL_LINES, _BITS = -1, 62
+# Numbers that wait in memory until the order is known (40 MB for a million lines of two) [bytes].
+_MAX_KEPT_BYTES = 64 << 20
+
+Part = tuple[IntArray, BoolArray, FloatArray]
+"""Times of n rows [ns], whether each of k topics has a number in each, shape (k, n), and these, likewise."""
+
+
+class _PartBuffer:
+    """Buffer for the numbers of a table until its order is known: 64 MB in memory, the rest in a file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._scratch = path, Scratch()
+        self._in_memory: list[Part] = []
+        self._bytes = 0
+
+    def add(self, part: Part) -> None:
+        """Append a part.
+
+        Raises:
+            BagError: The temporary file cannot be written, as its disk is full.
+        """
+        self._bytes += sum(array.nbytes for array in part)
+        if self._bytes <= _MAX_KEPT_BYTES:
+            self._in_memory.append(part)
+            return
+        try:
+            with (self._scratch.folder / 'parts').open('ab') as file:
+                pickle.dump(part, file, pickle.HIGHEST_PROTOCOL)
+        except OSError as error:
+            raise BagError(
+                f"log '{self._path}' cannot be read: {error.strerror} in the folder of temporary files"
+                f" '{tempfile.gettempdir()}': free some there, or name another folder by TMPDIR"
+            ) from None
+
+    def __iter__(self) -> Iterator[Part]:
+        """Yield the parts in the order in which they were added."""
+        yield from self._in_memory
+        if self._bytes > _MAX_KEPT_BYTES:
+            with (self._scratch.folder / 'parts').open('rb') as file, contextlib.suppress(EOFError):
+                while True:
+                    yield pickle.load(file)
+
+
+def _filled_columns(is_there: BoolArray) -> IntArray:
+    """Return, for each row, a number whose bits are the topics with a number in the row, shape (n,).
+
+    Bit k is of topic k modulo 62: later topics share a bit. 0 is a row without any.
+
+    Args:
+        is_there: Whether each topic has a number, shape (k, n).
+    """
+    filled = np.zeros(is_there.shape[1], np.int64)
+    for k, is_filled in enumerate(is_there):
+        filled |= is_filled.astype(np.int64) << k % _BITS
+    return filled
+
+
+class TableReading:
+    """A pass over a table for numbers of some columns."""
+
+    def __init__(
+        self,
+        recording: TableColumns,
+        requests: Sequence[Request],
+        columns: Mapping[str, SourceColumn],
+        progress: Progress | None,
+    ) -> None:
+        self._recording, self._requests, self._columns = recording, requests, columns
+        self._progress = progress
+        self._rows, self._last_ns, self._distinct = 0, dict.fromkeys(columns, -1), Counter[str]()
+        self._keys = {topic: recording.keys_of(source.column) for topic, source in columns.items()}
+        places = [source.column.place for source in columns.values()]
+        keys = [place for pairs in self._keys.values() for place, _ in pairs]
+        statuses = {k for source in columns.values() if (k := source.status) is not None}
+        self._unit_place = recording.unit_place
+        units = set() if self._unit_place is None else {self._unit_place} - statuses
+        table = recording.table
+        ends = [] if table.is_sent else find_end_columns(table.head, table.tail, len(table.names))
+        self._steps = KeySteps(ends)
+        self._wanted = list(dict.fromkeys([*places, *keys, *statuses, *units, *self._steps.places]))
+        self._converted: set[str] = set()
+        self._is_bad = {k: is_bad for k in statuses if (is_bad := recording.quality(k)) is not None}
+        self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
+        self._names = {source.column.name for source in columns.values()}
+        self._admissions = {
+            topic: SourceAdmission(source.column.heading, source.timeout, '', recording.note)
+            for topic, source in columns.items()
+            if recording.is_sent and source.timeout is not None and not source.column.is_other
+        }
+        self._wanted += [SOURCE] if self._admissions else []
+        self._buffer = _PartBuffer(recording.path)
+        self._course, self._has_whole_lines = self._judge_order()
+        for text in self._course.notes('the lines are', 'of the lines'):
+            recording.note(text)
+        if self._course.start_ns is not None:
+            recording.start_ns, recording.end_ns = self._course.start_ns, self._course.end_ns
+
+    def _judge_order(self) -> tuple[TimeCourse, bool]:
+        """Read the file, buffer its numbers, and judge the order of time of lines with numbers.
+
+        Reports losses and progress.
+
+        Returns:
+            The course, and whether any line fills all columns: then all lines are one source, else those
+            that fill the same columns are.
+
+        Raises:
+            BagError: A column tells rows of the same times apart, which have to be chosen by it.
+        """
+        recording, row, done = self._recording, 0, 0
+        order, whole, has_whole_lines, has_numbers = TimeOrder(), TimeOrder(), False, False
+        every = _filled_columns(np.ones((len(self._columns), 1), np.bool_))
+
+        def add(time_ns: IntArray, source: IntArray, place: IntArray) -> None:
+            """Add lines to the order of all, and until any line fills all columns to that by source.
+
+            Nothing is added where the arrays, of shape (n,) each, are empty.
+            """
+            if place.size:
+                whole.add(time_ns, np.full(place.size, _ALL_LINES), place)
+            if place.size and not has_whole_lines:
+                order.add(time_ns, source, place)
+
+        # Lines before the first number and behind the last one tell how long the log lasts.
+        blank: list[tuple[IntArray, IntArray, IntArray]] = []
+        for rows in recording.table.blocks(self._wanted, recording.lose, recording.note):
+            part = self._read_rows(rows)
+            self._buffer.add(part)
+            time_ns, source = part[0], _filled_columns(part[1])
+            place, at = np.arange(time_ns.size) + row, np.flatnonzero(source)
+            begin = 0
+            if at.size:
+                if self._steps.places:
+                    self._search_keys(rows, time_ns[at], at)
+                has_whole_lines = has_whole_lines or bool((source == every).any())
+                if not has_numbers:
+                    for block in (*blank, (time_ns[: at[0]], source[: at[0]], place[: at[0]])):
+                        add(*block)
+                has_numbers = True
+                add(time_ns[at], source[at], place[at])
+                blank, begin = [], int(at[-1]) + 1
+            blank = [*blank[1 - _MAX_BLANK_BLOCKS :], (time_ns[begin:], source[begin:], place[begin:])]
+            row += time_ns.size
+            done += rows.time_ns.size
+            if self._progress is not None:
+                self._progress(done, max(done, recording.table.line_count))
+        if (key := self._steps.place) is not None:
+            heading, texts = recording.table.names[key], list(self._steps.texts[key])
+            raise BagError(
+                f"log '{recording.path}': column '{heading}' has {listed(texts)} one after the other, at the"
+                f' same times: choose one beside each input, as in where: {{{heading}: {texts[0]}}}'
+            )
+        for block in blank if has_numbers else ():
+            add(*block)
+        course = (whole if has_whole_lines else order).course()
+        # Lines with a time for each signal are in no order but that of each.
+        course.is_unordered &= course.wait_ns is None or len(recording.table.clocks) == 1
+        return course, has_whole_lines
+
+    def _search_keys(self, rows: Rows, time_ns: IntArray, at: IntArray) -> None:
+        """Add times of rows with numbers, and their texts in candidate columns, to the search for keys.
+
+        Args:
+            rows: A block of rows.
+            time_ns: The times of its rows with numbers [ns], shape (m,).
+            at: The indexes of these among the rows with a time, shape (m,).
+        """
+        row_indexes = np.flatnonzero(rows.is_timed)[at].tolist()
+        texts = {place: texts_of(rows.columns[self._wanted.index(place)]) for place in self._steps.places}
+        self._steps.add(
+            time_ns, {place: [cells[k].strip() for k in row_indexes] for place, cells in texts.items()}
+        )
+
+    def __iter__(self) -> Iterator[dict[Request, Series]]:
+        """Yield the series of one stretch of time after the other, at least once; restart the counts.
+
+        At the end, times that were rounded are reported as a loss.
+        """
+        self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
+        sorter, is_empty = Sorter(self._course.wait_ns), True
+        parts = (sorted_part for part in self._correct_parts() for sorted_part in sorter.add(part))
+        for time_ns, is_there, values in itertools.chain(parts, sorter.rest()):
+            for begin in range(0, time_ns.size, _STRETCH):
+                rows = slice(begin, begin + _STRETCH)
+                is_empty = False
+                yield self._make_series(time_ns[rows], is_there[:, rows], values[:, rows])
+        if is_empty:
+            none = np.empty((len(self._columns), 0))
+            yield self._make_series(np.empty(0, np.int64), none.astype(np.bool_), none)
+        self._report_rounded_times()
+
+    def _report_rounded_times(self) -> None:
+        """Report as a loss the first column with rounded times: more than two numbers for each time.
+
+        Times count as rounded if they are 10 s or more apart on average.
+        """
+        recording = self._recording
+        span_ns = (recording.end_ns or 0) - (recording.start_ns or 0)
+        for topic, distinct in self._distinct.items():
+            count = recording.counts[topic]
+            if count > _MAX_ALIKE * distinct and span_ns >= _COARSE_NS * (distinct - 1):
+                recording.lose(
+                    f'{count} lines have {plural(distinct, "time")} between them: write the file with'
+                    ' whole times, as a spreadsheet may have rounded them'
+                )
+                return
+
+    def faults(self) -> dict[Request, tuple[Fault, ...]]:
+        """Return the faults of each request: words in place of numbers; empty where there were none."""
+        result: dict[Request, tuple[Fault, ...]] = {}
+        for request in self._requests:
+            words = self._words[request.topic]
+            listed = ', '.join(f"'{word}' ({n})" for word, n in words.most_common(_MAX_WORDS))
+            more = ', ...' if len(words) > _MAX_WORDS else ''
+            text = f'no number: {listed}{more}'
+            result[request] = (Fault(words.total(), text, is_nan=True),) if words else ()
+        return result
+
+    def _correct_parts(self) -> Iterator[Part]:
+        """Yield the buffered parts with corrected times, in the order of the file."""
+        row = 0
+        for time_ns, is_there, values in self._buffer:
+            place = np.arange(row, row + time_ns.size)
+            row += time_ns.size
+            source = np.full(place.size, _ALL_LINES) if self._has_whole_lines else _filled_columns(is_there)
+            yield self._course.follow(time_ns, source, place), is_there, values
+
+    def _read_rows(self, rows: Rows) -> Part:
+        """Read the numbers of all topics from a block of rows; count words that stand in their place.
+
+        Numbers are as the sensor sends them, NaN for a word. Rows without a time are dropped. Numbers in
+        other units are converted, those of bad quality become NaN, and those of unused senders are dropped.
+        """
+        time_ns = rows.time_ns[rows.is_timed]
+        is_there = np.zeros((len(self._columns), time_ns.size), np.bool_)
+        values = np.full(is_there.shape, np.nan)
+        number = np.cumsum(rows.is_timed) - 1
+        coded: dict[int, tuple[dict[str, int], IntArray]] = {}
+        for k, (topic, source) in enumerate(self._columns.items()):
+            if not rows.clock.has_column(source.column.place):
+                continue
+            cells, where = rows.columns[self._wanted.index(source.column.place)], None
+            status = source.status
+            marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])
+            if self._keys[topic]:
+                chosen = self._select_rows(rows, topic, coded)
+                cells, where = some_cells(cells, chosen), np.flatnonzero(chosen)
+                marks = some_cells(marks, chosen) if marks else marks
+            if topic in self._admissions and where is not None:
+                where = where[self._are_admitted(topic, cells, rows, where)]
+                chosen = np.isin(np.arange(chosen.size), where)
+                cells = some_cells(rows.columns[self._wanted.index(source.column.place)], chosen)
+            numbers = self._recording.table.numbers(cells)
+            if source.column.name is not None and self._unit_place is not None:
+                texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
+                self._convert_units(numbers, some_cells(texts, chosen), source.column)
+            if status is not None:
+                self._drop_bad_quality(numbers, marks, self._is_bad[status])
+            self._count_words(topic, numbers.words)
+            at = np.flatnonzero(numbers.is_there)
+            row = at if where is None else where[at]
+            keep = rows.is_timed[row]
+            is_there[k, number[row[keep]]] = True
+            values[k, number[row[keep]]] = source.sent(numbers.value[at[keep]])
+        return time_ns, is_there, values
+
+    def _are_admitted(self, topic: str, cells: Any, rows: Rows, where: IntArray) -> BoolArray:
+        """Return which numbers of a topic are of the sender that is used at that time, shape (n,).
+
+        The admissions of the topic advance with each number. As in live operation, a number in a unit of
+        another quantity counts for no sender.
+
+        Args:
+            topic: The topic.
+            cells: The cells of its numbers and of those of other sources.
+            rows: The rows of a block.
+            where: The indexes of the rows of these cells, shape (n,).
+        """
+        sources = rows.columns[self._wanted.index(SOURCE)]
+        numbers = self._recording.table.numbers(cells)
+        is_number = np.isfinite(numbers.value)
+        if self._unit_place is not None:
+            texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
+            self._convert_units(numbers, [texts[k] for k in where], self._columns[topic].column)
+        valid = np.isfinite(numbers.value)
+        is_offered, seconds = (valid | ~is_number).tolist(), (rows.time_ns[where] * 1e-9).tolist()
+        admits = self._admissions[topic].admits
+        offers = zip(where.tolist(), is_offered, seconds, valid.tolist(), strict=True)
+        return np.array(
+            [counts and admits(sources[k], now, valid=good) for k, counts, now, good in offers], np.bool_
+        )
+
+    def _select_rows(
+        self, rows: Rows, topic: str, coded: dict[int, tuple[dict[str, int], IntArray]]
+    ) -> BoolArray:
+        """Return which rows belong to a topic, shape (n,); also those of senders that may stand in.
+
+        Args:
+            rows: A block of rows.
+            topic: The topic.
+            coded: A cache for one block, which is filled: by place of a column, the code of each text and the
+                code of each row, shape (n,).
+        """
+        chosen = np.ones(rows.time_ns.size, np.bool_)
+        for place, text in self._keys[topic]:
+            if place not in coded:
+                texts = texts_of(rows.columns[self._wanted.index(place)])
+                number = {text: k for k, text in enumerate(dict.fromkeys(texts))}
+                coded[place] = number, np.fromiter(map(number.__getitem__, texts), np.int64, len(texts))
+            number, codes = coded[place]
+            same = [k for cell, k in number.items() if is_same_key(cell, text)]
+            if topic in self._admissions:
+                # Another sender stands in under the name that the first one has.
+                other_senders = {cell: k for cell, k in number.items() if cell not in self._names}
+                same += [k for cell, k in other_senders.items() if first_name(cell) == text]
+            chosen &= np.isin(codes, same)
+        return chosen
+
+    def _convert_units(self, numbers: Numbers, units: Sequence[str], column: LogColumn) -> None:
+        """Convert numbers in other units to that of the column; set those in no such unit to NaN; note both.
+
+        Args:
+            numbers: Numbers of a name in a long table; changed.
+            units: The unit in the line of each.
+            column: The column of the name.
+        """
+        name = column.name or ''
+        if column.heading == name and column.unit is None:
+            return  # its first line says no unit: what it is in is a matter of the reader
+        for text in sorted({*units}):
+            heading = with_unit(name, text)
+            if (text.strip(' []()-') == '' and not self._recording.is_sent) or heading == (
+                column.heading,
+                column.unit,
+            ):
+                continue
+            ratio = conversion(heading[1] or '', column.unit or '')
+            rows = np.array([unit == text for unit in units], np.bool_) & numbers.is_there
+            if ratio is None:
+                numbers.value[rows] = np.nan
+                numbers.words[f'in {text.strip()[:17] or "no unit"}'] += int(np.count_nonzero(rows))
+            else:
+                numbers.value[rows] *= ratio
+            remark = f"'{column.heading}' changes its unit: lines in {text.strip() or 'no unit'} are "
+            remark += 'left out' if ratio is None else f'converted to {column.unit}'
+            if remark not in self._converted:
+                self._converted.add(remark)
+                self._recording.note(remark)
+
+    @staticmethod
+    def _drop_bad_quality(numbers: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
+        """Set numbers with a bad quality mark to NaN, and count the marks as words.
+
+        Args:
+            numbers: The numbers; changed.
+            marks: The mark of each.
+            is_bad: Returns whether a number with a mark does not count.
+        """
+        bad = set(filter(is_bad, set(marks)))
+        if bad:
+            chosen = np.array([mark in bad for mark in marks], np.bool_) & numbers.is_there
+            numbers.value[chosen] = np.nan
+            places = np.flatnonzero(chosen).tolist()
+            numbers.words.update(f'quality {marks[k].strip()[:MAX_LETTERS]}' for k in places)
+
+    def _count_words(self, topic: str, words: Counter[str]) -> None:
+        """Add to the words of a topic; of more than 200 kinds the rest are counted as 'others'."""
+        counted = self._words[topic]
+        for word, count in words.items():
+            counted[word if word in counted or len(counted) < _MAX_KINDS else 'others'] += count
+
+    def _make_series(
+        self, time_ns: IntArray, is_there: BoolArray, values: FloatArray
+    ) -> dict[Request, Series]:
+        """Return the series of a sorted part by request; add to the counts of numbers and of distinct times.
+
+        Sequence numbers continue from the part before. The arrays are those of a :data:`Part`.
+        """
+        series: dict[str, Series] = {}
+        for k, topic in enumerate(self._columns):
+            at = np.flatnonzero(is_there[k])
+            sequence = (at + self._rows) * len(self._columns) + k
+            times = time_ns[at]
+            series[topic] = Series(times, times, sequence, values[k, at], ())
+            self._recording.counts[topic] += at.size
+            self._distinct[topic] += int(np.count_nonzero(np.diff(times, prepend=self._last_ns[topic])))
+            self._last_ns[topic] = int(times[-1]) if at.size else self._last_ns[topic]
+        self._rows += time_ns.size
+        return {request: series[request.topic] for request in self._requests}
