@@ -22,7 +22,7 @@ from stickslip_logs.errors import BagError, plural
 from stickslip_logs.recordings.log_times import ask_for_time_unit
 from stickslip_logs.recordings.mcap_chunks import Block, Piece
 from stickslip_logs.recordings.mcap_file import DATED, FilePass, McapFile
-from stickslip_logs.recordings.mcap_times import BlockTimes, CourseOfBlocks
+from stickslip_logs.recordings.mcap_order import BlockTimes, CourseOfBlocks
 from stickslip_logs.recordings.message_fields import FieldReader, MessageReading, TopicNumbers
 from stickslip_logs.recordings.recording import (
     Columns,
