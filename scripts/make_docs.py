@@ -159,7 +159,7 @@ def _number(value: float) -> str:
 def _default(row: Parameter) -> str:
     if row.default is REQUIRED:
         return '*required*'
-    if row.optional:
+    if row.is_optional:
         left_out = {
             'level.threshold': '*its rise*',
             'speed.maximum': '*3000 rpm*',

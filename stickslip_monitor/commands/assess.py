@@ -17,7 +17,7 @@ from stickslip_monitor.commands import options, output
 from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.bearing_records import number
-from stickslip_monitor.monitor.config_questions import asked
+from stickslip_monitor.monitor.config_questions import write_questions
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.statements import warns
 
@@ -44,12 +44,14 @@ def run(args: argparse.Namespace) -> int:
         points.append((item, assess(item.bearing, speed, load, item.belief)))
         warned |= warns(item, points[-1][1])
     if args.json:
-        documents = [to_json(item.name, point) | {'questions': asked(item, load)} for item, point in points]
+        documents = [
+            to_json(item.name, point) | {'questions': write_questions(item, load)} for item, point in points
+        ]
         output.print_json(documents if len(documents) > 1 else documents[0])
     else:
         for item, point in points:
             output.console().print(_build_table(item, point))
-            for question in asked(item, load):
+            for question in write_questions(item, load):
                 output.console().print(f'question: {question}', soft_wrap=True)
     return int(warned)
 

@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.parameters import (
     BearingConfig,
     InputConfig,
     MonitorConfig,
-    filled,
+    build_section,
     parameter,
     rows,
 )
@@ -189,7 +189,7 @@ def _build_signalk(settings: Mapping[str, Any], used: bool) -> SignalKLink | Non
 
     ``used`` says whether inputs come from it.
     """
-    link, example = filled(SignalKLink, 'signalk.', settings), 'http://127.0.0.1:3000'
+    link, example = build_section(SignalKLink, 'signalk.', settings), 'http://127.0.0.1:3000'
     if not link.url:
         require_rule(not (used or link.prefix), 'signalk.url', '', 'given: Signal K is used')
         return None
@@ -208,7 +208,7 @@ def _build_signalk(settings: Mapping[str, Any], used: bool) -> SignalKLink | Non
 
 def _build_nmea(settings: Mapping[str, Any], used: bool) -> NmeaLink | None:
     """Build the NMEA link from checked parameters; ``None`` without a port. ``used``: inputs come from it."""
-    link = filled(NmeaLink, 'nmea.', settings)
+    link = build_section(NmeaLink, 'nmea.', settings)
     for fits, name, rule in (
         (link.listen or not used, 'listen', 'given: inputs come from it'),
         (re.fullmatch('[A-Z][A-Z0-9]', link.talker), 'talker', 'two upper-case letters'),
@@ -259,7 +259,7 @@ def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mappin
             f"parameter '{name}.topic' is missing: {SECTION} brings a {place.name.lower()}"
         )
     times = {'timeout': source.stands_ns * 1e-9, 'hold': source.hold_ns * 1e-9}
-    item = filled(BusInput, '', settings, bearing=bearing.name, place=place, **times)
+    item = build_section(BusInput, '', settings, bearing=bearing.name, place=place, **times)
     if item.bus == SIGNALK:
         _check_unit(source, name, UNITS[place], 'Signal K')
         require_rule(

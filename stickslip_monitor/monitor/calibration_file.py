@@ -33,7 +33,10 @@ _FLOOR = Parameter('floor', 'float', REQUIRED, 'Deviation that no evidence takes
 
 
 def sensor_record(source: InputConfig) -> dict[str, Any]:
-    """Return what a calibration depends on of the source of an input, as its file has it."""
+    """Return topic, field and conversion of an input as a calibration's file records them.
+
+    A calibration holds as long as these stay as they are.
+    """
     record: dict[str, Any] = {'topic': source.topic, 'field': source.field_text}
     record |= {'scale': source.scale, 'offset': source.offset, 'unit': source.unit}
     if isinstance(source, SpeedConfig) and source.gear != 1.0:
@@ -114,9 +117,9 @@ def _parse_calibration(
         UnusableCalibration: The document is damaged.
     """
     try:
-        calibrated = _with_law(bearing, document['parameters'])
+        calibrated = _replace_law(bearing, document['parameters'])
         # Files of 0.3.0 have one bearing for both.
-        believed = _with_law(bearing, document.get('believed', document['parameters']))
+        believed = _replace_law(bearing, document.get('believed', document['parameters']))
         covariance = np.array(document['covariance'], dtype=float)
         np.linalg.cholesky(covariance)
         low, high = _LOADS.checked('loads', document)
@@ -132,8 +135,13 @@ def _parse_calibration(
     return calibrated, Belief(believed, covariance, speed, tolerance.load, (low, high), calibrated=True)
 
 
-def _with_law(bearing: Bearing, values: Mapping[str, Any]) -> Bearing:
-    """Return a bearing with the damping and the friction law that a calibration holds by parameter name."""
+def _replace_law(bearing: Bearing, values: Mapping[str, Any]) -> Bearing:
+    """Return a bearing with damping and friction law of a calibration, by parameter name.
+
+    Raises:
+        ConfigurationError: A parameter is missing or breaks its rule.
+        PhysicsError: The law or the bearing refuses the values.
+    """
     every = (*parameters.LINING_PARAMETERS, *parameters.FRICTION_PARAMETERS)
     rows = {row.name: replace(row, default=REQUIRED) for row in every}
     make, names = LAWS[rows['friction.law'].checked('friction.law', values)]

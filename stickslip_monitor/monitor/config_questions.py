@@ -43,9 +43,9 @@ BREAKAWAY = 0.5
 
 
 def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
-    """Return clauses that ask about a bearing at a load [N], on its ``speed`` and its ``load``.
+    """Return the questions about a bearing at a load [N]: clauses under ``speed`` and ``load``, or none.
 
-    At 0 or below only what needs no load is asked.
+    At a load of 0 or below only what needs no load is asked.
     """
     return {
         'speed': [*_average_questions(config.speed), *_speed_questions(config, load)],
@@ -53,8 +53,11 @@ def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
     }
 
 
-def asked(config: BearingConfig, load: float | None = None) -> list[str]:
-    """Write the :func:`questions` as sentences; without a load at the largest assumed one, if any."""
+def write_questions(config: BearingConfig, load: float | None = None) -> list[str]:
+    """Return the :func:`questions` as sentences, an empty list for none.
+
+    Without a load they are those at the largest assumed load, or without any if the load is measured.
+    """
     if load is None:
         load = 0.0 if config.load.assumed is None else config.load.assumed[1]
     answers = questions(config, load)
@@ -72,7 +75,7 @@ def _average_questions(source: InputConfig) -> Iterator[str]:
 
 
 def _speed_questions(config: BearingConfig, load: float) -> Iterator[str]:
-    """Yield clauses on diameter, speed of rest and friction that cannot be right at a load [N]."""
+    """Yield clauses on diameter, speed of rest and friction that look wrong at a load [N]."""
     diameter, rest = config.bearing.journal_diameter, config.alarm.minimum_speed
     if diameter >= THICKEST:
         yield f'turns a journal of {diameter:g} m: is journal_diameter in metres?'
@@ -93,7 +96,7 @@ def _speed_questions(config: BearingConfig, load: float) -> Iterator[str]:
 
 
 def _load_questions(config: BearingConfig, load: float) -> Iterator[str]:
-    """Yield clauses on mass, stiffness, damping and amplitude limit that cannot be right at a load [N]."""
+    """Yield clauses on mass, stiffness, damping, blades and amplitude limit that look wrong at a load [N]."""
     bearing = config.bearing
     tone = bearing.natural_frequency / math.tau
     if not LOWEST_TONE <= tone <= HIGHEST_TONE:
@@ -123,9 +126,10 @@ def _load_questions(config: BearingConfig, load: float) -> Iterator[str]:
 
 
 def blade_question(bearing: Bearing, load: float) -> str:
-    """Write a clause where a propeller's blades meet a natural frequency near the boundaries; else ''.
+    """Return a clause where a propeller's blades meet a natural frequency near the boundaries; else ''.
 
-    Far from it the mean load counts; there a swing of 5 % moves the onset by a fifth (docs/physics.md).
+    At a load of 0 or below it is ''. Far from the boundaries the mean load counts; near them a swing of 5 %
+    moves the onset by a fifth (docs/physics.md).
     """
     if not load > 0.0:
         return ''
@@ -145,7 +149,7 @@ def blade_question(bearing: Bearing, load: float) -> str:
 
 
 def _friction_questions(config: BearingConfig, load: float) -> Iterator[str]:
-    """Yield clauses on a friction law that cannot be right at a load [N]."""
+    """Yield clauses on a friction law that looks wrong at a load [N]."""
     law = config.bearing.friction
     if isinstance(law, Tabulated) and law.values[0] < BREAKAWAY * law.values[1]:
         yield (
@@ -163,7 +167,10 @@ def _friction_questions(config: BearingConfig, load: float) -> Iterator[str]:
 
 
 def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
-    """Yield a clause where the verdict at a load [N] rests on speeds at which friction was not measured."""
+    """Yield a clause where the verdict at a load [N] rests on speeds at which friction was not measured.
+
+    Nothing is yielded of a law that is no table, nor at a load of 0 or below.
+    """
     law = bearing.friction
     if not isinstance(law, Tabulated) or not load > 0.0:
         return
@@ -188,7 +195,7 @@ def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
 
 
 def note_on_table(bearing: Bearing) -> str:
-    """Write a clause on a measured curve that ends in the midst of its fall; '' of any other."""
+    """Return a clause on a measured curve that ends in the midst of its fall; '' for any other law."""
     law = bearing.friction
     if not isinstance(law, Tabulated) or bearing.damping == 0.0:
         return ''
@@ -208,6 +215,6 @@ def _last_fall(law: Tabulated) -> float:
 
 
 def fold_of(config: BearingConfig, load: float) -> float:
-    """Return the fold that decides at a load [m/s]; ``inf`` where there is none."""
+    """Return the fold speed that decides at a load [m/s]; ``inf`` without a fold or a load above 0."""
     fold = float(end_of_vibration(config.bearing, load)) if load > 0.0 else math.nan
     return fold if math.isfinite(fold) else math.inf

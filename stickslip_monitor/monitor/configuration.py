@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.parameters import (
     LoadConfig,
     MonitorConfig,
     SpeedConfig,
-    filled,
+    build_section,
 )
 from stickslip_monitor.monitor.value_check import REQUIRED, refused
 from stickslip_monitor.physics.bearing import TURNING_UNITS, Bearing
@@ -75,25 +75,31 @@ def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> Monitor
     Traceback (most recent call last):
     stickslip_monitor.errors.ConfigurationError: aft.mass = -1.0 must be a finite number ... kg
     """
-    values = _with_lists_of_where(values)
+    values = _join_where_pairs(values)
     node = {row.name: row.checked(row.name, values) for row in parameters.NODE_PARAMETERS}
     names = bearing_names(values)
     notes = _check_retired(values, names)
     sections = [_Section(name, values, is_live=is_live) for name in names]
     bearings = tuple(section.build() for section in sections)
-    notes += [note for s, bearing in zip(sections, bearings, strict=True) for note in s.unused(bearing)]
+    notes += [note for s, bearing in zip(sections, bearings, strict=True) for note in s.find_unused(bearing)]
     notes += [
         f'{item_config.name}: {note}'
         for item_config in bearings
         if (note := note_on_table(item_config.bearing))
     ]
-    clips = filled(parameters.ClipConfig, 'clips.', node)
+    clips = build_section(parameters.ClipConfig, 'clips.', node)
     faults = tuple(section.fault for section in sections if section.fault)
-    return filled(MonitorConfig, '', node, bearings=bearings, clips=clips, notes=tuple(notes), faults=faults)
+    return build_section(
+        MonitorConfig, '', node, bearings=bearings, clips=clips, notes=tuple(notes), faults=faults
+    )
 
 
-def _with_lists_of_where(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters with all ``where.COLUMN: TEXT`` of an input as one list of pairs."""
+def _join_where_pairs(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters with all ``where.COLUMN: TEXT`` of an input joined to one list of pairs.
+
+    Raises:
+        ConfigurationError: A text is missing: the value is a list, a switch or none.
+    """
     joined = {key: value for key, value in values.items() if _WHERE not in key}
     for key in (key for key in values if _WHERE in key):
         (name, _, column), text = key.partition(_WHERE), values[key]
@@ -105,10 +111,10 @@ def _with_lists_of_where(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the checked list ``bearings``.
+    """Return the checked list ``bearings`` of the parameters, in its order.
 
     Raises:
-        ConfigurationError: It is empty, or a name is invalid or given twice.
+        ConfigurationError: It is missing or empty, or a name is invalid or given twice.
     """
     names: tuple[str, ...] = parameters.BEARINGS.checked('bearings', values)
     if not names:
@@ -125,10 +131,10 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _check_retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
-    """Return a sentence on each parameter that has no effect any more.
+    """Check that all parameters are known; return a sentence on each retired one, which has no effect.
 
     Raises:
-        ConfigurationError: A parameter or section is unknown.
+        ConfigurationError: A parameter or section is unknown; the text suggests a near name.
     """
     allowed, notes = parameters.parameters_of(names), []
     for key in (name for name in values if name not in allowed):
@@ -149,8 +155,15 @@ def _check_retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[st
     return notes
 
 
-def _at_surface(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the parameters with mass, damping and stiffness in place of any torsional values."""
+def _convert_torsional(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the parameters of a bearing with mass, damping and stiffness in place of torsional values.
+
+    Each torsional value is divided by the square of the journal's radius. Without any the parameters
+    come back as they are.
+
+    Raises:
+        ConfigurationError: One is invalid, or is given beside what it stands for.
+    """
     rows = {row.name: row for row in parameters.LINING_PARAMETERS}
     given = [row for row in parameters.TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
     if not given:
@@ -185,11 +198,11 @@ _make_belief = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 
 def load_points(name: str, numbers: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
-    """Return speeds and loads of a table of the load, given as one list of pairs.
+    """Return speeds and loads, in their own units, of a table of the load given as one list of pairs.
 
     Raises:
-        ConfigurationError: There are too few or too many, or the speeds do not rise; the text begins with
-            the name.
+        ConfigurationError: There are fewer than 2 or more than 16 pairs, or the speeds do not rise; the text
+            begins with the name.
     """
     speeds, loads = numbers[::2], numbers[1::2]
     rises = all(low < high for low, high in pairwise(speeds))
@@ -218,17 +231,19 @@ class _Section:
 
     def __init__(self, name: str, values: Mapping[str, Any], *, is_live: bool) -> None:
         self.fault, self._is_live = '', is_live
-        values, rows = _at_surface(name, values), parameters.BEARING_PARAMETERS
+        values, rows = _convert_torsional(name, values), parameters.BEARING_PARAMETERS
         self.name, self._own = name, {row.name: row.checked(f'{name}.{row.name}', values) for row in rows}
 
-    def _show(self, key: str, unit: str = '') -> str:
-        """Write a parameter and its value, as every refusal names them."""
+    def _text_of(self, key: str, unit: str = '') -> str:
+        """Return a parameter as ``aft.mass = 50 kg``, as every refusal names it."""
         value = self._own[key]
         text = f'{value:g} {unit}'.rstrip() if isinstance(value, float) else repr(value)
         return f'{self.name}.{key} = {text}'
 
     def build(self) -> BearingConfig:
-        """Build the configuration of the bearing.
+        """Build the configuration of the bearing; set ``fault`` where its calibration cannot be used.
+
+        A ``speed.maximum`` that is left out is set here, to 3000 rpm but at most 60 m/s.
 
         Raises:
             ConfigurationError: Its parameters contradict one another; the text is one sentence.
@@ -247,12 +262,15 @@ class _Section:
             )
         except PhysicsError as error:
             raise ConfigurationError(f'{name}: {error}') from error
-        alarm = filled(parameters.AlarmConfig, 'alarm.', values)
+        alarm = build_section(parameters.AlarmConfig, 'alarm.', values)
         if math.isnan(values['speed.maximum']):
             fastest = parameters.FASTEST_RPM * float(bearing.speed.factor('rpm'))
             values['speed.maximum'] = min(parameters.FASTEST, fastest)
         if alarm.minimum_speed >= values['speed.maximum']:
-            rest, maximum = (self._show('alarm.minimum_speed', 'm/s'), self._show('speed.maximum', 'm/s'))
+            rest, maximum = (
+                self._text_of('alarm.minimum_speed', 'm/s'),
+                self._text_of('speed.maximum', 'm/s'),
+            )
             raise ConfigurationError(f'{rest} must be below {maximum}')
         speed = self._build_speed(float(bearing.speed.factor(values['speed.unit'])), alarm.minimum_speed)
         load = self._build_load(speed, float(bearing.speed.factor('rpm')))
@@ -273,7 +291,11 @@ class _Section:
     ) -> tuple[Bearing, Belief | None]:
         """Return the bearing by which alarms go, and the belief about it; ``None`` for an exact one.
 
-        A calibration that cannot be used is named in ``fault`` while live, and the bearing goes without.
+        Live, a calibration that cannot be used sets ``fault``, and the bearing goes by its tolerances.
+
+        Raises:
+            UnusableCalibration: It is missing, damaged or of another version, while not live.
+            ConfigurationError: It is of another bearing, or made with other sensors, live or not.
         """
         path = self._own['calibration']
         if path:
@@ -292,11 +314,12 @@ class _Section:
         """Return the friction law with its parameters.
 
         Raises:
-            ConfigurationError: The law needs a parameter that is missing.
+            ConfigurationError: A parameter that the law needs is missing.
+            PhysicsError: The law refuses their values.
         """
         law = self._own['friction.law']
         make, names = LAWS[law]
-        optional = {row.name for row in parameters.FRICTION_PARAMETERS if row.optional}
+        optional = {row.name for row in parameters.FRICTION_PARAMETERS if row.is_optional}
         needed = [key for key in names if f'friction.{key}' in optional]
         for key in needed:
             value = self._own[f'friction.{key}']
@@ -308,7 +331,11 @@ class _Section:
         return make(*(self._own[f'friction.{key}'] for key in names))
 
     def _build_lubrication(self) -> Lubrication | None:
-        """Return the load and the water at which friction was measured; ``None`` where neither matters."""
+        """Return the load and the water at which friction was measured; ``None`` where neither matters.
+
+        Raises:
+            ConfigurationError: Friction depends on one of them, and its value at the measurement is missing.
+        """
         values = self._own
         exponent, water = values['friction.load_exponent'], values['water_temperature.constant']
         source = self._water_key()
@@ -318,7 +345,7 @@ class _Section:
         ):
             if given and math.isnan(values[needed]):
                 raise ConfigurationError(
-                    f"parameter '{self.name}.{needed}' is missing: {self._show(key)} needs the {meaning}"
+                    f"parameter '{self.name}.{needed}' is missing: {self._text_of(key)} needs the {meaning}"
                     ' at which friction was measured'
                 )
         if exponent == 0.0 and not source:
@@ -342,10 +369,10 @@ class _Section:
         keys = ('water_temperature.topic', 'water_temperature.column', 'water_temperature.constant')
         return next((key for key in keys if given[key] and given[key] == given[key]), '')
 
-    def unused(self, config: BearingConfig) -> Iterator[str]:
-        """Yield a sentence on each parameter of friction and probability that is not used.
+    def find_unused(self, config: BearingConfig) -> Iterator[str]:
+        """Yield a sentence on each parameter of friction, load, water and alarms that is set without effect.
 
-        One at its default is passed over: over ROS all of them are declared.
+        A parameter at its default is skipped: over ROS all of them are declared.
         """
         law = self._own['friction.law']
         taken = [f'friction.{key}' for key in LAWS[law][1]]
@@ -357,7 +384,7 @@ class _Section:
         for row in parameters.BEARING_PARAMETERS:
             if row.is_default(self._own[row.name]):
                 continue
-            shown = f'{self._show(row.name, row.unit)} has no effect'
+            shown = f'{self._text_of(row.name, row.unit)} has no effect'
             if row.name in of_load and without_load:
                 yield f'{shown} without friction.load_exponent: friction depends on speed alone'
             elif row.name in of_water and without_water:
@@ -372,13 +399,21 @@ class _Section:
                 yield f'{shown} near the fold: with tolerances caution goes by alarm.caution_probability'
 
     def _build_speed(self, factor: float, rest: float) -> SpeedConfig:
-        """Return the input of the speed, over the gear of an engine; ``factor`` is its unit in m/s."""
+        """Return the input of the speed, over the gear of an engine.
+
+        Args:
+            factor: Surface speed of one unit of the input [m/s].
+            rest: Surface speed below which the shaft is at rest [m/s].
+
+        Raises:
+            ConfigurationError: A gear is given with a scale or a surface speed, or the input is invalid.
+        """
         settings = self._own
         if settings['speed.gear'] != 1.0:
-            gear = self._show('speed.gear')
+            gear = self._text_of('speed.gear')
             if settings['speed.scale'] != 1.0:
                 raise ConfigurationError(
-                    f'{gear} and {self._show("speed.scale")} are both given: a gear takes the place of a'
+                    f'{gear} and {self._text_of("speed.scale")} are both given: a gear takes the place of a'
                     ' scale'
                 )
             if settings['speed.unit'] == 'm/s':
@@ -389,24 +424,29 @@ class _Section:
         return self._build_input(SpeedConfig, 'speed', factor / settings['speed.gear'], rest)
 
     def _build_load(self, speed: InputConfig, per_rpm: float) -> LoadConfig:
-        """Return the input of the load; one that is assumed comes with the messages of the speed.
+        """Return the input of the load; an assumed one has the topic, field and timing of the speed.
 
-        ``per_rpm`` is the surface speed of one revolution a minute [m/s].
+        Args:
+            speed: The input of the speed.
+            per_rpm: Surface speed of one revolution a minute [m/s].
+
+        Raises:
+            ConfigurationError: The load is given in two ways or in none, or is invalid.
         """
         settings, factor = self._own, parameters.LOAD_UNITS[self._own['load.unit']]
         given = [key for key in parameters.ASSUMED_LOADS if not _is_left_out(settings[key])]
         if not given:
             return self._build_input(LoadConfig, 'load', factor)
-        shown = self._show(given[0], settings['load.unit'])
+        shown = self._text_of(given[0], settings['load.unit'])
         for key in (*given[1:], *(key for key in ('load.topic', 'load.column') if settings[key])):
             raise ConfigurationError(
-                f'{shown} and {self._show(key)} are both given: the load is measured, constant, or from a'
+                f'{shown} and {self._text_of(key)} are both given: the load is measured, constant, or from a'
                 ' table'
             )
         table = self._load_table(factor, per_rpm) if settings['load.over_speed'] else ((), ())
         for load in table[1] or (settings['load.constant'] * factor,):
             if not 0.0 < load <= settings['load.maximum']:
-                limit = self._show('load.maximum', 'N')
+                limit = self._text_of('load.maximum', 'N')
                 raise ConfigurationError(f'{shown} must be above 0 and not above {limit}')
         beside = {
             'load.topic': speed.topic,
@@ -420,15 +460,33 @@ class _Section:
             'load.hold': settings['speed.hold'],
         }
         more = {'field': speed.field, 'factor': factor, 'is_assumed': True, 'table': table}
-        return filled(LoadConfig, 'load.', settings | beside, **more)
+        return build_section(LoadConfig, 'load.', settings | beside, **more)
 
     def _load_table(self, factor: float, per_rpm: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return surface speeds [m/s] and the loads there [N] of a load over the shaft speed."""
+        """Return surface speeds [m/s] and the loads there [N] of a load over the shaft speed.
+
+        Args:
+            factor: Newtons in a unit of the load.
+            per_rpm: Surface speed of one revolution a minute [m/s].
+
+        Raises:
+            ConfigurationError: As :func:`load_points`.
+        """
         speeds, loads = load_points(f'{self.name}.load.over_speed', self._own['load.over_speed'])
         return tuple(rpm * per_rpm for rpm in speeds), tuple(load * factor for load in loads)
 
     def _build_input(self, kind: type[_Input], quantity: str, factor: float, deadband: float = 0.0) -> _Input:
-        """Return the configuration of one input, of that dataclass."""
+        """Return the configuration of one input.
+
+        Args:
+            kind: The dataclass to build.
+            quantity: Name of the input, which begins the names of its parameters.
+            factor: SI units in a unit of the input.
+            deadband: Magnitude below which a value counts as 0 [SI].
+
+        Raises:
+            ConfigurationError: Topic, type, field or ``where`` are missing or invalid.
+        """
         name, values = f'{self.name}.{quantity}', self._own
         topic = values[f'{quantity}.topic']
         if not topic and not values[f'{quantity}.column']:
@@ -445,14 +503,14 @@ class _Section:
             check_topic(f'{name}.topic =', topic)
         if not _TYPE.fullmatch(values[f'{quantity}.type']):
             raise ConfigurationError(
-                f'{self._show(f"{quantity}.type")} must be written package/msg/Type, e.g.'
+                f'{self._text_of(f"{quantity}.type")} must be written package/msg/Type, e.g.'
                 ' std_msgs/msg/Float64'
             )
         try:
             path: FieldPath = parse_field(values[f'{quantity}.field'])
         except FieldError as error:
             raise ConfigurationError(f'{name}.field: {error}') from error
-        return filled(kind, f'{quantity}.', values, field=path, factor=factor, deadband=deadband)
+        return build_section(kind, f'{quantity}.', values, field=path, factor=factor, deadband=deadband)
 
     def _require_other_field(
         self, name: str, source: InputConfig, sources: Mapping[str, InputConfig]
@@ -470,10 +528,15 @@ class _Section:
                 )
 
     def _is_measured(self, name: str, subject: str, beside: Sequence[str] = ()) -> bool:
-        """Return whether an input that may be left out is measured; parameters ``beside`` may go without.
+        """Return whether an optional input has a topic or a column.
+
+        Args:
+            name: Name of the input.
+            subject: What it measures, for the error.
+            beside: Its parameters that may be given without a topic.
 
         Raises:
-            ConfigurationError: It has no topic, and another of its parameters is given.
+            ConfigurationError: It has neither, and another of its parameters is given.
         """
         settings = self._own
         if settings[f'{name}.topic'] or settings[f'{name}.column']:
@@ -481,13 +544,17 @@ class _Section:
         for row in parameters.INPUT_PARAMETERS[name]:
             if row.name not in beside and not row.is_default(settings[row.name]):
                 raise ConfigurationError(
-                    f"parameter '{self.name}.{name}.topic' is missing, and {self._show(row.name)} is"
+                    f"parameter '{self.name}.{name}.topic' is missing, and {self._text_of(row.name)} is"
                     f' given: name the topic of {subject}'
                 )
         return False
 
     def _build_water(self, sources: Mapping[str, InputConfig]) -> parameters.WaterConfig | None:
-        """Return the input of the water's temperature; ``None`` where nothing measures it."""
+        """Return the input of the water's temperature; ``None`` where nothing measures it.
+
+        Raises:
+            ConfigurationError: It is invalid, or read from the field of another of the ``sources``.
+        """
         beside = 'water_temperature.constant', 'water_temperature.salinity'
         if not self._is_measured('water_temperature', 'the temperature of the water', beside):
             return None
@@ -496,24 +563,29 @@ class _Section:
         return water
 
     def _build_level(self, sources: Mapping[str, InputConfig]) -> parameters.LevelConfig | None:
-        """Return the input of measured vibration; ``None`` where there is none."""
+        """Return the input of measured vibration; ``None`` where there is none.
+
+        Raises:
+            ConfigurationError: It or its threshold is invalid, or it is read from the field of another of the
+                ``sources``.
+        """
         if not self._is_measured('level', 'the measured vibration'):
             return None
         level = self._build_input(parameters.LevelConfig, 'level', 1.0)
-        threshold = self._show('level.threshold', level.unit)
+        threshold = self._text_of('level.threshold', level.unit)
         if level.threshold <= 0.0 and level.unit != 'dB':
             raise ConfigurationError(
                 f'{threshold} must be above 0, as every RMS value is; for a level in decibels set level.unit'
                 ' to dB'
             )
         if abs(level.threshold) > level.maximum:
-            maximum = self._show('level.maximum', level.unit)
+            maximum = self._text_of('level.maximum', level.unit)
             raise ConfigurationError(f'{threshold} must not be above {maximum}: a value beyond is invalid')
         self._require_other_field('level', level, sources)
         for quantity, source in sources.items():
             if level.topic and level.topic == source.topic and level.type != source.type:
                 raise ConfigurationError(
-                    f'{self._show("level.type")} must be that of {self.name}.{quantity}, {source.type!r}:'
+                    f'{self._text_of("level.type")} must be that of {self.name}.{quantity}, {source.type!r}:'
                     f' both are read from {level.topic}'
                 )
         return level

@@ -33,7 +33,11 @@ class _Loader(yaml.SafeLoader):
     """
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """Refuse an alias, as ROS 2 does."""
+        """Return the next node of the document.
+
+        Raises:
+            MarkedYAMLError: It is an alias, which ROS 2 refuses too.
+        """
         if self.check_event(yaml.AliasEvent):
             event = self.peek_event()  # type: ignore[no-untyped-call]
             raise yaml.MarkedYAMLError(
@@ -43,7 +47,11 @@ class _Loader(yaml.SafeLoader):
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        """Construct a mapping, or raise where a key is given twice."""
+        """Return a mapping.
+
+        Raises:
+            MarkedYAMLError: A key is given twice.
+        """
         seen: set[Any] = set()
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
@@ -84,7 +92,11 @@ class _ParameterLoader(_Loader):
     """Refuses besides what a node refuses: keys without a value, and lists of several types."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        """Construct a mapping, or raise where a key has no value; every key is a text."""
+        """Return a mapping whose keys are texts.
+
+        Raises:
+            MarkedYAMLError: A key has no value, or is given twice.
+        """
         for key_node, value_node in node.value:
             if isinstance(key_node, yaml.ScalarNode):
                 key_node.tag = 'tag:yaml.org,2002:str'  # a bearing called n is no switch
@@ -92,7 +104,11 @@ class _ParameterLoader(_Loader):
         return super().construct_mapping(node, deep)
 
     def construct_sequence(self, node: yaml.SequenceNode, deep: bool = False) -> list[Any]:
-        """Construct a list, or raise where its types differ; numbers in pairs may differ."""
+        """Return a list; whole numbers in a list of pairs become floats.
+
+        Raises:
+            MarkedYAMLError: Its items have several types.
+        """
         tags = {item.tag.rsplit(':', 1)[-1] for item in node.value}
         if tags == {'seq'}:
             # A list of pairs, as no node reads it: whole numbers and others may stand side by side.
@@ -109,7 +125,7 @@ class _ParameterLoader(_Loader):
 
     @staticmethod
     def _refuse_empty(key: yaml.ScalarNode, value: yaml.Node) -> None:
-        """Raise where a key has no value."""
+        """Raise a MarkedYAMLError where a key has no value; quotation marks are one."""
         if isinstance(value, yaml.ScalarNode) and not value.value and value.style is None:
             remedy = (
                 ': in braces a comma separates entries, so write a decimal point'
@@ -122,7 +138,7 @@ class _ParameterLoader(_Loader):
 
 
 def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> object:
-    """Parse one YAML file.
+    """Parse one YAML file of up to a megabyte, and return its document; ``None`` for an empty one.
 
     Raises:
         ConfigurationError: It cannot be read or is not YAML; the text names file, line and fault.
@@ -149,12 +165,14 @@ def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> object:
 
 
 def load_parameters(path: str | Path, node: str | None = None) -> dict[str, Any]:
-    """Load the parameters that a file gives a node, by their dotted names, in the file's order.
+    """Return the parameters that a file gives a node, by their dotted names, in the file's order.
 
-    Without the node's full name it is the only one that the file names.
+    Without the node's full name it is the only one that the file names. Parameters that are null, or that
+    every ROS 2 node has, are left out.
 
     Raises:
-        ConfigurationError: The file cannot be read, or is for several nodes; the text names it.
+        ConfigurationError: The file cannot be read, has no parameters for the node, or is for several nodes;
+            the text names it.
     """
     return _node_parameters(path, load_yaml(path, _ParameterLoader), node)
 
@@ -187,10 +205,10 @@ def _node_parameters(path: str | Path, document: object, node: str | None) -> di
 def _iterate_sections(
     path: str | Path, space: str, content: Mapping[Any, Any]
 ) -> Iterator[tuple[str, Mapping[Any, Any]]]:
-    """Yield the full name of each section, which may be a pattern, with its parameters.
+    """Yield the full name of each section, which may be a pattern, with its parameters, nested or not.
 
     Raises:
-        ConfigurationError: A section has no parameters.
+        ConfigurationError: A section for our node, or for any, has no ``ros__parameters``.
     """
     for key, inside in content.items():
         name = f'{space}/{str(key).strip("/")}'
@@ -256,7 +274,11 @@ def _is_for_node(pattern: str, name: str) -> bool:
 
 
 def load_config(path: str | Path, node: str | None = None, *, is_live: bool = False) -> MonitorConfig:
-    """Read and validate a parameter file; a parameter without effect is logged as a warning.
+    """Read and validate a parameter file, and return its configuration.
+
+    A parameter without effect and a calibration that cannot be used are logged as warnings. Paths of
+    calibrations are relative to the file. An input with neither topic nor column gets the column of the
+    ship's buses, if the file has one.
 
     Args:
         path: The file.
@@ -288,7 +310,10 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
 
 
 def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
-    """Return the column of each input, as ``aft.speed``, in a log of a ship's buses."""
+    """Return the column of each input, as ``aft.speed``, in a log of a ship's buses.
+
+    It is empty where the file has no section of buses.
+    """
     try:
         links = _read_section(path, document, LINKS)
     except ConfigurationError:
@@ -302,19 +327,19 @@ def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
 
 
 def load_section(path: str | Path, section: str) -> dict[str, Any]:
-    """Load the parameters of one section of a parameter file, by their dotted names.
+    """Return the parameters of one section of a parameter file, by their dotted names.
 
     Raises:
-        ConfigurationError: The file cannot be read, or has no such section.
+        ConfigurationError: The file cannot be read, has no such section, or gives a parameter twice.
     """
     return _read_section(path, load_yaml(path, _ParameterLoader), section)
 
 
 def _read_section(path: str | Path, document: object, section: str) -> dict[str, Any]:
-    """Return the parameters of a section by dotted names.
+    """Return the parameters of a section of a document by dotted names.
 
     Raises:
-        ConfigurationError: There is no such section.
+        ConfigurationError: There is no such section, or one is given twice; the text names ``path``.
     """
     content = document.get(section) if isinstance(document, Mapping) else None
     parameters = content.get('ros__parameters') if isinstance(content, Mapping) else None
@@ -324,7 +349,7 @@ def _read_section(path: str | Path, document: object, section: str) -> dict[str,
 
 
 def is_ros_parameter(name: str) -> bool:
-    """Return whether every ROS 2 node has a parameter."""
+    """Return whether a parameter is one that every ROS 2 node has, as ``use_sim_time``."""
     return name in _ROS_OWN or name.startswith('qos_overrides.')
 
 

@@ -36,10 +36,10 @@ def nanoseconds(seconds: float) -> int:
 def parameter(
     default: Any, text: str, unit: str = '', within: tuple[float, float] = (-math.inf, math.inf), **rules: Any
 ) -> Any:
-    """Declare a field of a dataclass that is a configuration parameter.
+    """Return a field of a dataclass that is a configuration parameter, with its rules as metadata.
 
     Args:
-        default: The parameter's default.
+        default: The parameter's default; with :data:`.value_check.REQUIRED` the field is keyword-only.
         text: What it is; ``{input}`` stands for the name of the section.
         unit: Its unit.
         within: Least and largest value.
@@ -54,12 +54,12 @@ def parameter(
 
 
 def duration(default: float, text: str, within: tuple[float, float] = (0.0, WEEK), **rules: Any) -> Any:
-    """Declare a field ``*_ns`` [ns] of a parameter in seconds that goes without the ``_ns``."""
+    """Return a field ``*_ns`` [ns] of a parameter in seconds, whose name goes without the ``_ns``."""
     return parameter(default, text, 's', within, convert=nanoseconds, kind='float', **rules)
 
 
 def rows(section: type[Any], prefix: str = '', **changes: dict[str, Any]) -> tuple[Parameter, ...]:
-    """Return the parameters that a dataclass declares, each name after a prefix.
+    """Return the parameters that a dataclass declares, each name after a prefix, in the order of its fields.
 
     ``changes`` replace attributes of a parameter, by its name without the prefix.
     """
@@ -78,8 +78,11 @@ def _parameter_name(item: Field[Any]) -> str:
     return str(item.metadata.get('name', item.name.removesuffix('_ns')))
 
 
-def filled(section: type[Section], prefix: str, values: Mapping[str, Any], **derived: Any) -> Section:
-    """Build a dataclass from the checked values of its parameters and from ``derived`` other fields."""
+def build_section(section: type[Section], prefix: str, values: Mapping[str, Any], **derived: Any) -> Section:
+    """Return a dataclass made from the checked values of its parameters, by name after a prefix.
+
+    ``derived`` are values of its other fields, or in place of a parameter's.
+    """
     filled_values = {
         item.name: item.metadata['convert'](values[prefix + _parameter_name(item)])
         for item in fields(section)  # type: ignore[arg-type]
@@ -444,7 +447,7 @@ class MonitorConfig:
 
 
 def _declare_optional(name: str, unit: str, text: str, maximum: float, *, above: bool = True) -> Parameter:
-    """Declare a number that is not given as a rule."""
+    """Return a parameter for a number of 0 or more, or with ``above`` of more than 0; ``nan`` if left out."""
     return Parameter(name, 'float', math.nan, text, unit, 0.0, maximum, above_minimum=above)
 
 
@@ -606,6 +609,6 @@ RETIRED = {'alarm.trend_window': 'times to a boundary are not forecast any more'
 
 
 def parameters_of(names: tuple[str, ...]) -> dict[str, Parameter]:
-    """Return the declaration of every full parameter name of these bearings."""
+    """Return the parameters of the node and of these bearings by full name."""
     by_name = {row.name: row for row in NODE_PARAMETERS}
     return by_name | {f'{name}.{row.name}': row for name in names for row in BEARING_PARAMETERS}

@@ -49,7 +49,7 @@ class Parameter:
     fixed: bool = False  # may not be changed at all once the node has started
 
     @property
-    def optional(self) -> bool:
+    def is_optional(self) -> bool:
         """Whether it may be left without a value: its default is none."""
         return self.default == () or (isinstance(self.default, float) and math.isnan(self.default))
 
@@ -76,7 +76,9 @@ class Parameter:
         return ' and '.join([' '.join(words[:2]), *words[2:]]) + f' {self.unit}'.rstrip()
 
     def checked(self, name: str, values: Mapping[str, Any]) -> Any:
-        """Check the value of that full name and return it; the default where it is left out.
+        """Return the value of that full name, checked and converted; the default where it is left out.
+
+        Lists become tuples, and pairs one flat tuple.
 
         Raises:
             ConfigurationError: It is missing, of the wrong type, or breaks its rule; the text
@@ -140,17 +142,21 @@ def _convert_value(kind: str, value: Any) -> Any:
 
 
 def refused(name: str, value: Any, rule: str) -> ConfigurationError:
-    """Return the error of a value that breaks its rule; ``rule`` follows 'must be'."""
+    """Return, not raise, the error of a value that breaks its rule; ``rule`` follows 'must be'."""
     return ConfigurationError(f'{name} = {shown(value)} must be {rule}')
 
 
 def require_rule(is_kept: object, name: str, value: Any, rule: str) -> None:
-    """Raise the error of :func:`refused` unless a value keeps its rule."""
+    """Check that a value keeps its rule.
+
+    Raises:
+        ConfigurationError: ``is_kept`` is false; the text is that of :func:`refused`.
+    """
     if not is_kept:
         raise refused(name, value, rule)
 
 
 def shown(value: Any) -> str:
-    """Return a value as sentences show it: a date as it was written, a long value by its beginning."""
+    """Return a value as sentences show it, in up to 60 characters: a date in ISO 8601, others by ``repr``."""
     text = value.isoformat() if hasattr(value, 'isoformat') else repr(value)
     return text if len(text) <= MAX_SHOWN else f'{text[: MAX_SHOWN - 3]}...'

@@ -30,7 +30,7 @@ from rclpy.subscription import Subscription
 from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, did_you_mean, plural
 from stickslip_monitor.monitor.bearing_records import NodeHealth
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.config_questions import asked
+from stickslip_monitor.monitor.config_questions import write_questions
 from stickslip_monitor.monitor.configuration import QOS_OVERRIDES, bearing_names, build_config
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig, parameters_of
@@ -71,7 +71,7 @@ def declare(node: Node) -> None:
         ConfigurationError: The list of bearings breaks its rule.
     """
     for name, row in parameters_of(bearing_names(values(node))).items():
-        value = None if row.default is REQUIRED or row.optional else row.default
+        value = None if row.default is REQUIRED or row.is_optional else row.default
         if node.has_parameter(name):
             given = _as_written(name, node.get_parameter(name).value)
             value = value if given is None else given
@@ -225,7 +225,7 @@ class MonitorNode(LifecycleNode):
         # ROS itself only logs that it is wrong.
         require_rule(isinstance(simulated, bool), USE_SIM_TIME, simulated, 'true or false')
         self.config = build_config(values(self), is_live=True)
-        questions = chain.from_iterable(map(asked, self.config.bearings))
+        questions = chain.from_iterable(map(write_questions, self.config.bearings))
         for note in (*self.config.notes, *self.config.faults, *questions):
             self.get_logger().warning(note)
         for note in check_overrides(self, self.config):

@@ -233,7 +233,7 @@ ROWS = {p.name: p for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS)}
 
 def test_every_default_keeps_its_own_rule() -> None:
     for row in ROWS.values():
-        if row.default is not REQUIRED and not row.optional:
+        if row.default is not REQUIRED and not row.is_optional:
             assert row.checked(row.name, {row.name: row.default}) == row.default
 
 
