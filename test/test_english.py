@@ -14,7 +14,7 @@ MOST = {
     'stickslip_monitor/commands': 1,
     'stickslip_monitor/dashboard': 2,
     'stickslip_monitor/drawing': 1,
-    'stickslip_monitor/monitor': 6,
+    'stickslip_monitor/monitor': 5,
 }
 
 

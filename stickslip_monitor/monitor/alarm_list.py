@@ -61,7 +61,7 @@ class Flood:
         self._flooding = False
 
     def add(self, now_ns: int) -> None:
-        """Count an alarm that is raised now, and begin a flood where there are more than ten."""
+        """Count an alarm that is raised now; more than ten within ten minutes begin a flood."""
         self._count_recent(now_ns)
         self._times.append(now_ns)
         self._flooding |= len(self._times) > FLOOD_ABOVE
@@ -210,7 +210,7 @@ class Annunciator:
         return changes
 
     def take_event(self, event: Event) -> list[AlarmChange]:
-        """Take a change of a bearing's condition, or an onset; return how the alarms changed."""
+        """Apply a change of a bearing's condition, or an onset, to its alarms; return their changes."""
         name, time_ns = event.bearing, event.time_ns
         self.causes[name].take_event(event, self.now_ns)
         changes = self._update_alarms(name, time_ns)
@@ -331,7 +331,7 @@ class Annunciator:
         return _make_change(alarm, time_ns, Action.SILENCE.value, alarm.state, by)
 
     def _expire_timers(self, alarms: Iterable[LiveAlarm], time_ns: int) -> list[AlarmChange]:
-        """End the shelves and silences of some alarms whose time is up; return the changes."""
+        """Unshelve and unsilence those of some alarms whose time is up; return the changes, in order."""
         changes = []
         for alarm in alarms:
             if alarm.state is AlarmState.SHELVED and self.now_ns >= alarm.shelf_end_ns:
@@ -391,7 +391,10 @@ class Annunciator:
         return None
 
     def _is_acknowledged(self, alarm: LiveAlarm) -> bool:
-        """Return whether a person has acknowledged this alarm, or a worse one, in the same manoeuvre."""
+        """Return whether a person has acknowledged this alarm, or a worse one, in the same manoeuvre.
+
+        Only of stick-slip and the amplitude limit, and within ten minutes of their last sound.
+        """
         is_known = alarm.kind in LATCHING and self.causes[alarm.bearing].is_acknowledged_before(self.now_ns)
         if not is_known or not self._has_sounded(alarm):
             return False

@@ -161,7 +161,7 @@ def row_records(
 def state_record(
     annunciator: Annunciator, time_ns: int, memories: Mapping[str, dict[str, Any]] | None = None
 ) -> dict[str, Any]:
-    """Return what is saved for a restart: the alarms, and the memory of each bearing by name."""
+    """Return the document that is saved for a restart: the alarms, and the memory of each bearing by name."""
     return {
         'schema': STATE_SCHEMA,
         'time': time_ns,
@@ -224,7 +224,7 @@ def _check_saved(name: str, record: object) -> None:
     """Check the saved alarms of a bearing of that name.
 
     Raises:
-        AlarmStateError: They are no record of alarms; the text names what is wrong.
+        AlarmStateError: An alarm, its state or a value is unknown, missing or of another type.
     """
     for kind, saved in _require_entry(record, 'alarms', (dict,), name).items():
         if kind not in {alarm_kind.value for alarm_kind in AlarmKind}:

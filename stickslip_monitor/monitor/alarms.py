@@ -108,9 +108,9 @@ class Causes:
 
     @property
     def recovery_times(self) -> tuple[int, int] | None:
-        """Times at which lost inputs came back, and at which their alarm clears, running time [ns].
+        """Running times [ns] at which lost inputs came back, and at which their alarm clears.
 
-        ``None`` where no input has come back lately.
+        ``None`` where no input has come back within its off-delay.
         """
         until = self._lost_until
         return (until - self.config.alarm.input_off_delay_ns, until) if until else None
@@ -147,8 +147,7 @@ class Causes:
         """Count a sample with an invalid value, or one of two mixed sources, and write the text of its alarm.
 
         One such value is a glitch: the cause of ``input_implausible`` is present when they keep coming,
-        within the off-delay of one another, for the on-delay. It is gone when none has come for the inputs'
-        own off-delay.
+        within the off-delay of one another, for the on-delay. It is gone after the inputs' own off-delay.
 
         Args:
             place: Index of the input in :data:`.signals.INPUTS`.
@@ -238,17 +237,17 @@ class Causes:
         self._update_rest(now_ns)
 
     def _update_implausible(self, now_ns: int) -> None:
-        """End the cause of ``input_implausible``, or its count, once no invalid value has come for long."""
+        """End the cause of ``input_implausible``, or its count, after its off-delay without a fault."""
         alarm = self.config.alarm
         delay = alarm.input_off_delay_ns if self._implausible else alarm.off_delay_ns
         if now_ns - self._implausible_last >= delay:
             self._implausible, self._implausible_since = False, None
 
     def _update_rest(self, now_ns: int) -> bool:
-        """Note that the shaft has come to rest (after the off-delay) or turns (after the on-delay).
+        """Set whether the shaft is at rest (after the off-delay) or turns (after the on-delay).
 
         Returns:
-            Whether that has changed; start-up begins where the shaft turns.
+            Whether that has changed; start-up begins where the shaft starts to turn.
         """
         alarm, resting = self.config.alarm, self._resting_asked
         delay = alarm.off_delay_ns if resting else alarm.on_delay_ns
@@ -345,7 +344,7 @@ TABLE = {
 
 
 def next_state(state: AlarmState, trigger: Trigger, facts: Facts) -> AlarmState:
-    """Return the state of an alarm after a trigger; the same state where the table has no row for both."""
+    """Return the state of an alarm after a trigger, by :data:`TABLE`; the same state without a row there."""
     for fact, target in TABLE.get((state, trigger), ()):
         if not fact or getattr(facts, fact):
             return target

@@ -130,7 +130,11 @@ class _Assessed(Generic[_Number]):
             return as_measured(self.bearing), self.speed / self.scale, self.load / self.scale
 
     def _apply_flat(self, function: Callable[..., FloatArray], *columns: ArrayLike) -> _Number:
-        """Apply a function of flat arrays to columns of one shape; the result has that shape."""
+        """Return a function of flat arrays applied to columns that broadcast, in blocks of rows.
+
+        The result has the shape of the columns; it is a number for numbers. Floating-point warnings are
+        silenced.
+        """
         shape, flat = flatten(*columns)
         with np.errstate(all='ignore'):
             return restore(in_blocks(lambda *parts: (function(*parts),), *flat)[0], shape)
@@ -146,7 +150,12 @@ class _Assessed(Generic[_Number]):
     def _cycle_amplitude(
         self, solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray], *codes: np.int8
     ) -> _Number:
-        """Return an amplitude under averaging at the points of some outcomes, ``nan`` elsewhere."""
+        """Return an amplitude under averaging [m] at the points of some outcomes; ``nan`` elsewhere.
+
+        Args:
+            solve: Returns amplitudes for the bearing as measured, with speeds and loads of shape (n,).
+            *codes: Those outcomes, as indices into :data:`OUTCOMES`.
+        """
         reference, *point = self._reference
 
         def solved(*columns: FloatArray) -> FloatArray:
@@ -348,7 +357,10 @@ class Assessments(_Assessed[FloatArray]):
     def at(self, rows: IndexArray | slice) -> Assessments: ...
 
     def at(self, rows: int | IndexArray | slice) -> Assessment | Assessments:
-        """Return some of the points, of one-dimensional arrays; one of them for a number."""
+        """Return some of the points, with all that is computed of them already.
+
+        It is for one-dimensional arrays: an :class:`Assessment` for a row, :class:`Assessments` for several.
+        """
         single = isinstance(rows, int | np.integer)
         columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
         columns_at = {name: value[rows].item() if single else value[rows] for name, value in columns.items()}
@@ -403,9 +415,11 @@ def assess(
         bearing: The bearing.
         speed: Journal surface speed ``V`` [m/s]; negative astern.
         load: Bearing load ``N`` [N]; broadcasts with ``speed``.
-        belief: What makes probabilities of them, if anything does.
-        table: The bearing's boundaries over the load, where they are known; many points take one.
-        chances: The probabilities by which the rule decided, in place of the first of its own.
+        belief: What probabilities are computed from; without one they are ``nan``.
+        table: The bearing's boundaries over the load, where they are known. Without one more than 64
+            points make and cache one, and fewer are solved one by one.
+        chances: The probabilities by which the rule decided, in the order of :data:`BELIEFS`; they replace
+            those that the belief would give.
         temperature: Of the water [C], of the shape of the points; left out: that of the bearing.
 
     Returns:

@@ -40,7 +40,7 @@ runs on by an eighth of it at most, and an hour takes 57 points."""
 
 
 def repeat_step(age_ns: int) -> int:
-    """Return after how long a value of such an age that stands is repeated again [ns]."""
+    """Return the time [ns] until a value of that age that still stands is repeated again."""
     return max(_FIRST_REPEAT_NS, age_ns // _REPEAT_SHARE)
 
 
@@ -59,16 +59,19 @@ class BearingMonitor(Standing):
         self.counts = np.zeros((len(Input), len(Status)), dtype=np.int64)
 
     def await_inputs(self) -> None:
-        """Forget all times, so that every input is waited for; the lining's memory stays."""
+        """Set all times in the memory back to none, so that every input is waited for; the rest stays.
+
+        The water has its configured temperature again, and no value is repeated.
+        """
         self.state.now = self.state.began = NEVER
         self.state.came = [NEVER] * len(Input)
         rule.use_configured_water(self.state, self.settings.live)
         self._held.clear()
 
     def retune(self, config: BearingConfig) -> None:
-        """Take over new thresholds, delays, scales and timeouts.
+        """Replace configuration and settings by new thresholds, delays, scales and timeouts.
 
-        Values that stand are converted into a new scale; the memory of the lining stays.
+        Speed and load in the memory are converted into a new scale; a level is learned anew.
         """
         old, self.config = self.settings.live, config
         self.settings = settings_of(config)
@@ -105,7 +108,10 @@ class BearingMonitor(Standing):
         return None if self.state.now == NEVER else self.state.now - self.state.shift
 
     def is_lost(self, place: int) -> bool:
-        """Return whether an input is lost at the latest time, or has not been received yet."""
+        """Return whether an input is lost at the latest time, or has not been received yet.
+
+        A level or temperature that is not configured is never lost.
+        """
         if place == Input.LEVEL:
             return self.unknown in (Unknown.NOTHING, Unknown.LOST)
         if place == Input.WATER_TEMPERATURE:
@@ -113,7 +119,7 @@ class BearingMonitor(Standing):
         return self.state.came[place] == NEVER or INPUTS[place] in self.lost()
 
     def excuse(self, held_ns: int) -> None:
-        """Leave a stall of this process [ns] out of the age of every value."""
+        """Leave a stall of this process [ns] out of the age of speed and load, by moving their times on."""
         state = self.state
         for place in (Input.SPEED, Input.LOAD):
             if state.came[place] != NEVER:
@@ -126,7 +132,13 @@ class BearingMonitor(Standing):
         self.state.shift -= step_ns
 
     def update(self, place: int, time_ns: int, number: float, arrival_ns: int | None = None) -> Update:
-        """Take one sample of an :class:`Input`, and count it; arguments as in :class:`Sample`.
+        """Take one sample of an :class:`Input` and count it in ``counts``.
+
+        Arguments are as in :class:`Sample`. A valid value of a source that sends changes only is kept for
+        :meth:`repeats`; an invalid one ends that.
+
+        Returns:
+            Its status; the verdict if it made an operating point; and the events up to its time.
 
         Raises:
             ConfigurationError: The input is not configured.
@@ -161,7 +173,17 @@ class BearingMonitor(Standing):
             yield self._take_sample(place, state.stamp[place], number, state.now - state.shift)
 
     def _take_sample(self, place: int, time_ns: int, number: float, arrival_ns: int) -> Update:
-        """Run the rule on one sample; return its status, and the verdict and events that it made."""
+        """Run the rule on one sample; compute the amplitude of the cycle where that is due.
+
+        Args:
+            place: Index of the input.
+            time_ns: Its stamp [ns].
+            number: The number in the message.
+            arrival_ns: When it came [ns].
+
+        Returns:
+            Its status, and the verdict and events that it made. Level and temperature make none.
+        """
         state, settings = self.state, self.settings
         c = settings.live
         if rule.amplitude_due(state, c):
@@ -239,14 +261,21 @@ class Monitor:
         return bearing.update(place, sample.time_ns, sample.value, sample.arrival_ns)
 
     def advance(self, time_ns: int) -> list[Event]:
-        """Let time pass for every bearing; the first call of all starts the waiting for inputs.
+        """Let time pass for every bearing up to a time [ns]; the first call starts the wait for inputs.
 
         Time does not go back by itself: what lies ahead of the samples leaves their inputs lost.
+
+        Returns:
+            The events of inputs that are lost by then; an empty list for none.
         """
         return [event for b in self.bearings.values() for event in b.advance(time_ns)]
 
     def condition(self, name: str) -> Condition:
-        """Return what the alarm of a bearing says now."""
+        """Return the present condition of a bearing.
+
+        Raises:
+            ConfigurationError: It is not configured.
+        """
         return self._require_bearing(name).condition
 
     def retune(self, config: MonitorConfig) -> None:

@@ -70,7 +70,7 @@ def _with_topic(bearing: BearingConfig, kind: str) -> Iterator[str]:
 
 
 def verdict_value(name: str, verdict: Verdict) -> float | str:
-    """Return what a topic of a bearing, by its last part, says of a verdict."""
+    """Return the word or number that a topic of a bearing, by its last part, has of a verdict."""
     if name == 'measured':
         return str(verdict.measured)
     point = verdict.assessment
@@ -84,7 +84,7 @@ def topic_number(name: str, points: Assessment | Assessments) -> FloatArray:
 
 
 def number(value: float) -> float | None:
-    """Convert a float for JSON, which has no infinity and no NaN; ``None`` for those."""
+    """Return a float for JSON, which has no infinity and no NaN: ``None`` for those."""
     return value if math.isfinite(value) else None
 
 
@@ -103,7 +103,7 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
 
 
 def event_record(event: Event) -> dict[str, Any]:
-    """Return the record of one event; the fields are documented in docs/interfaces.md."""
+    """Return the record of one event as in docs/interfaces.md, with ``measured`` only if there is a level."""
     then = event.standing
     measured = None if then.state.point == NEVER else then.measured
     return {
@@ -126,7 +126,7 @@ def event_record(event: Event) -> dict[str, Any]:
 
 
 def event_json(event: Event) -> str:
-    """Return one event as the text of a message."""
+    """Return the record of one event as JSON text."""
     return json.dumps(event_record(event), allow_nan=False)
 
 
@@ -155,7 +155,7 @@ class BearingState:
 
     @property
     def waiting(self) -> bool:
-        """Whether no operating point has come, and no input is known to be lost."""
+        """Whether there is no operating point yet, and no input is known to be lost."""
         bearing = self.bearing
         return bearing.verdict is None and bearing.condition is not Condition.INPUT_STALE
 
@@ -191,14 +191,17 @@ class BearingState:
 
 
 def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:
-    """Write the records of some bearings as the text of a message."""
+    """Return the records of some bearings as JSON text, with a stamp [ns]."""
     records = [bearing_record(state) for state in states]
     document = {'schema': BEARINGS_SCHEMA, 'time': time_ns, 'bearings': records}
     return json.dumps(document, allow_nan=False)
 
 
 def bearing_record(state: BearingState) -> dict[str, Any]:
-    """Return a bearing as page, metrics, buses and diagnostics read it; see docs/interfaces.md."""
+    """Return the record of a bearing as in docs/interfaces.md, which page, metrics and buses read.
+
+    Numbers are ``None`` without an operating point, while the bearing is not watched, or where not finite.
+    """
     bearing, point, monitoring = state.bearing, state.point, state.monitoring
     time_ns, lost = bearing.now_ns or 0, bearing.lost()
     clears = None if point is None or lost else bearing.clears
@@ -233,7 +236,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
 
 
 def _input_record(state: BearingState, name: str) -> dict[str, Any]:
-    """Return the record of one input: whether it is lost, its age, rate, fault and counts."""
+    """Return the record of one input: whether it is lost, age [s], rate [Hz], fault and counts by status."""
     bearing, place = state.bearing, INPUTS.index(name)
     input_state, counts = state.inputs.get(name, InputState()), bearing.counts[place]
     return {
@@ -246,7 +249,7 @@ def _input_record(state: BearingState, name: str) -> dict[str, Any]:
 
 
 def _is_lost(bearing: BearingMonitor, place: int) -> bool:
-    """Return whether an input is lost; level and temperature only once they have come."""
+    """Return whether an input is lost; level and temperature only after their first value."""
     if place == Input.LEVEL:
         return bearing.unknown is Unknown.LOST
     if place == Input.WATER_TEMPERATURE:
@@ -255,9 +258,10 @@ def _is_lost(bearing: BearingMonitor, place: int) -> bool:
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
-    """Return the diagnostic status of a bearing; the key of each number has its unit.
+    """Return the diagnostic status of a bearing: its text, and values by key, each key with its unit.
 
-    ``node`` is the full name of the node without the leading slash.
+    Only what is known and configured has a key; a number that is missing is nan. ``node`` is the full name
+    of the node without the leading slash.
     """
     bearing, record = state.bearing, bearing_record(state)
     is_known = state.point is not None
@@ -285,7 +289,7 @@ def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
 
 
 def _write_value(value: str | float | None) -> str:
-    """Write a value of a diagnostic status; ``None`` as nan."""
+    """Return a value of a diagnostic status as text: nine digits, true or false, nan for ``None``."""
     if isinstance(value, str):
         return value
     return str(value).lower() if isinstance(value, bool) else f'{math.nan if value is None else value:.9g}'
@@ -341,13 +345,13 @@ class NodeHealth:
     _failures_seen: int = 0
 
     def age(self, steady: float) -> None:
-        """Update ``failing`` at a time of the steady clock [s]: a failure counts for a minute."""
+        """Set ``failing`` at a time of the steady clock [s]: a failure counts for a minute."""
         if self.failures > self._failures_seen:
             self._failures_seen, self._failed_at = self.failures, steady
         self.failing = bool(self.failures) and steady - self._failed_at < FAILURE_PERIOD
 
     def change(self, name: str, before: object, after: object) -> None:
-        """Record that a parameter was changed over ROS; one that is back at its first value is dropped."""
+        """Record a changed parameter in ``changed``; remove one that is back at its first value."""
         before = self.changed.pop(name, (before,))[0]
         if before != after:
             self.changed[name] = before, after

@@ -83,7 +83,10 @@ class ClipRecorder:
         self._done: list[Clip] = []
 
     def add(self, message: ClipMessage) -> None:
-        """Take a message, also into the clip that is being taken; a clip that is full ends."""
+        """Take a message and its time, also into the clip that is being taken, which ends when it is full.
+
+        Older messages are dropped as far as clips reach back and half a clip's size holds.
+        """
         self.advance(message.time_ns)
         self._past.append(message)
         self._past_size += message.size
@@ -105,7 +108,7 @@ class ClipRecorder:
             self._taken_size = self._past_size
 
     def advance(self, time_ns: int) -> None:
-        """Let time pass, which ends a clip after its length.
+        """Let time pass up to a time of the samples [ns], which ends a clip after its length.
 
         A step back by more than a clip's length is a jump of the clock: it ends the clip and drops the past.
         """
@@ -119,12 +122,12 @@ class ClipRecorder:
             self.finish()
 
     def clips(self) -> list[Clip]:
-        """Return the clips that have become whole since the last call."""
+        """Return the clips that ended since the last call, and forget them."""
         done, self._done = self._done, []
         return done
 
     def finish(self) -> None:
-        """End the clip that is being taken, if there is one, with the messages so far."""
+        """End the clip that is being taken, if any, with the messages so far, for :meth:`clips` to return."""
         if self._event is None:
             return
         event, taken = self._event, tuple(self._taken)

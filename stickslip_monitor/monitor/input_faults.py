@@ -169,7 +169,7 @@ class SourceWatch:
         return True
 
     def standing(self, now_ns: int) -> SourceFault | None:
-        """Return the fault at a time [ns], else ``None``; clear it after a minute without evidence."""
+        """Return the fault at a time [ns], else ``None``; a minute without evidence clears it."""
         if now_ns - self._last_ns > HOLD_NS:
             self._weaken_evidence(self._count)
         return self._fault
@@ -201,7 +201,11 @@ class SourceWatch:
             self._fault = None
 
     def _count_evidence(self, now_ns: int, levels: tuple[float, float]) -> SourceFault | None:
-        """Count a return between two levels at a time [ns]; return the fault if this one raises it."""
+        """Count a return between two levels [SI] at a time [ns].
+
+        Returns:
+            The fault, which then stands, if this return raises it; ``None`` otherwise, also while one stands.
+        """
         if not self._count:
             self._since_ns = now_ns
         self._count, self._last_ns = min(self._count + 1, 2 * ENOUGH), now_ns
@@ -422,7 +426,7 @@ class _Track:
         return ('' if cause == _NUMBERS.sub('', before) else fault), False
 
     def look(self, now_ns: int, counts: IntArray) -> None:
-        """Take the counts by status at a time [ns], for the rate and the share of refused samples."""
+        """Record the counts by status at a time [ns]: for the rate, and for the share of refused samples."""
         self.rates.append((now_ns, int(counts[Status.ACCEPTED])))
         if not self.marks:
             self.marks.append((now_ns, counts))
@@ -499,7 +503,7 @@ class InputWatch:
         return track.source.standing(now_ns)
 
     def _judge_fitness(self, name: str) -> None:
-        """Judge the values of a bearing's speed and load since the last time, once there are 256 of them."""
+        """Hand the speeds and loads of a bearing to its fitness watch once there are 256, and forget them."""
         speed, load = (self._values[name, place] for place, _ in enumerate(QUANTITIES))
         if len(speed[0]) + len(load[0]) < _BATCH:
             return
@@ -521,7 +525,7 @@ class InputWatch:
         return mixed_sentence(self._bearings[bearing].config, standing)
 
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
-        """Return the inputs of a bearing by quantity."""
+        """Return age, rate and reported fault of each input of a bearing, by name; times are steady [ns]."""
         return {
             INPUTS[place]: InputState(_value_age(track, now_ns), track.rate(), track.reported)
             for place, track in self._tracks[bearing].items()
@@ -544,7 +548,7 @@ class InputWatch:
         return ' '.join(dict.fromkeys(text for text in texts if text))
 
     def look(self, now_ns: int, *, without_clock: bool) -> list[tuple[str, str, bool]]:
-        """Look at every input, once a second.
+        """Check every input, once a second; ask the graph each fifth time, or each time while one is lost.
 
         Args:
             now_ns: Now, on the steady clock.
@@ -607,7 +611,7 @@ class InputWatch:
 
 
 def _value_age(track: _Track, now_ns: int) -> float:
-    """Return the time since an input's latest valid value [s]; ``inf`` where none has come."""
+    """Return the time since an input's latest valid value [s]; ``inf`` before the first."""
     return math.inf if track.arrived_ns is None else (now_ns - track.arrived_ns) * 1e-9
 
 

@@ -201,7 +201,7 @@ class Scan:
 
 
 def joined(parts: Sequence[Scan]) -> Scan:
-    """Join the verdicts on the successive parts of a recording into one."""
+    """Return the verdicts on the successive parts of a recording as those of one part."""
     columns: dict[str, Any] = {
         column.name: np.concatenate([getattr(part, column.name) for part in parts])
         for column in fields(Scan)
@@ -318,7 +318,7 @@ class BearingScan:
         return np.array([*point, *chances])
 
     def _hold_point(self, made: int, held: int) -> None:
-        """Copy the last point to the front for the next block, if ``held`` is 1."""
+        """Store ``held``; if it is 1, copy the last of ``made`` points to row 0 for the next block."""
         if held:
             for column in self._points.values():
                 column[0] = column[made - 1]
@@ -386,7 +386,7 @@ class BearingScan:
         return made, changes, memories
 
     def _make_standing(self, state: State, count: int) -> Standing:
-        """Return the bearing with a memory, at the latest of some operating points."""
+        """Return the bearing with a memory, and with the verdict on the latest of ``count`` points if any."""
         standing, point = Standing(self.config, self.settings, state), self._latest_point(count)
         if point is not None:
             standing.judge(point.tolist())

@@ -40,7 +40,7 @@ class RecordField(NamedTuple):
 
     @property
     def schema(self) -> dict[str, Any]:
-        """Its JSON schema."""
+        """JSON schema: type, description with unit and note, and any allowed values."""
         kinds = self.kinds.split()
         unit, note = (f' [{self.unit}]' if self.unit else ''), (f'; {self.note}' if self.note else '')
         schema = {'type': kinds if len(kinds) > 1 else kinds[0], 'description': f'{self.text}{unit}{note}'}
@@ -378,7 +378,10 @@ ASSESSMENT = (
 
 
 def schema_of(rows: tuple[RecordField, ...], optional: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return the JSON schema of an object of some fields, of which the optional may be missing."""
+    """Return ``required`` and ``properties`` of the JSON schema of an object with these fields.
+
+    ``optional`` names fields that are not required.
+    """
     return {
         'required': [item.name for item in rows if item.name not in optional],
         'properties': {item.name: item.schema for item in rows},

@@ -149,7 +149,7 @@ def receive_sample(
 
 
 def latest_value(s: State, place: int) -> float:
-    """Return the latest value of an input in SI units; a level is in its own unit."""
+    """Return the latest value of an input: m/s, N or C, a level in its own unit; ``nan`` before the first."""
     if place == WATER:
         return s.water
     return s.level if place == LEVEL else s.value[place]
@@ -168,7 +168,7 @@ def take_level_or_water(s: State, c: RuleNumbers, place: int, time: int, si: flo
 
 
 def use_configured_water(s: State, c: RuleNumbers) -> None:
-    """Set the water to the configured temperature until a measured one has come."""
+    """Set the water's temperature and viscosity ratio as configured, unless a measured one has come."""
     if s.came[WATER] == NEVER:
         s.water, s.viscosity_ratio = c.water, c.viscosity_ratio
 
@@ -273,7 +273,10 @@ def standing_until(s: State, c: RuleNumbers) -> int:
 
 
 def advance(s: State, c: RuleNumbers, now: int) -> None:
-    """Set the latest time [ns], and mark an input as lost since the time at which its value was too old."""
+    """Set the latest time ``s.now`` [ns]; mark an input as lost, since its value was too old, in ``s.lost``.
+
+    The first call starts the wait for inputs.
+    """
     if s.began == NEVER:
         s.began = now
     before, s.now = s.now, now
@@ -314,10 +317,10 @@ def update_means(s: State, place: int, seconds: float, si: float) -> None:
 
 
 def update_pace(s: State, c: RuleNumbers, place: int, gap: int) -> None:
-    """Update the usual gap of an input by the latest gap between two values [ns].
+    """Set the usual gap (``s.pace``) and the latest gap (``s.gap``) of an input by a new gap [ns].
 
-    It is the shorter of the last two gaps, and beyond the time-out it grows by a factor of 2.5 at a time:
-    two drop-outs make no slow sensor.
+    The usual gap is the shorter of the last two, and beyond the time-out it grows by a factor of 2.5 at most
+    each time: two drop-outs make no slow sensor.
     """
     pace = s.gap[place] if PAIRED * gap < s.gap[place] else min(gap, s.gap[place])
     slower = max(int(LATE * s.pace[place]), c.timeout[place])
@@ -385,10 +388,10 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
 def count_elapsed(s: State, c: RuleNumbers, until: int) -> bool:
     """Count the time since the latest point, while its values stood, for growth and for every rung.
 
-    Where they have been lost for longer than the off-delay all medians and means start anew.
+    After a loss longer than the off-delay, medians and means start again from the latest values.
 
     Returns:
-        Whether that is so: then this point decides at once.
+        Whether there was such a loss: then this point decides at once.
     """
     if s.point == NEVER:
         return False
@@ -502,7 +505,7 @@ def comes(s: State, c: RuleNumbers, speed: float, ends: tuple[float, float]) -> 
 
 
 def integrate_growth(s: State, passed: int) -> None:
-    """Add up the growth of a disturbance over a time [ns]; while sticking, count the time towards its end."""
+    """Add the growth of a disturbance over a time [ns], or while sticking count the time towards its end."""
     if s.sticking:
         # Only where a cycle exists does it grow again: an input that drops out keeps none alive.
         again = passed if s.course == WITHIN else 0
@@ -604,7 +607,10 @@ def change_delay(s: State, c: RuleNumbers, rung: int) -> int:
 
 
 def rung_of(s: State) -> int:
-    """Return the index in ``LADDER`` of the worst rung that is raised, 0 for normal."""
+    """Return the index in ``LADDER`` of the worst raised rung, 0 for normal.
+
+    The amplitude limit counts only above stick-slip.
+    """
     top = 0
     for rung in range(RUNGS):
         if s.raised & (1 << rung) and (rung != AMPLITUDE or top == STICK_SLIP + 1):

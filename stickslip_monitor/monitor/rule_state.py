@@ -185,7 +185,7 @@ _EVERY_INPUT = 'stamp', 'came', 'gap', 'pace'
 
 
 def _type_of(owner: type) -> np.dtype[Any]:
-    """Return the record type of numpy that holds the numbers of a dataclass."""
+    """Return the numpy record type of a dataclass of numbers: int64, float64, and arrays for lists."""
     parts = []
     for item in fields(owner):
         size = item.metadata.get('size', len(Input) if 'list' in str(item.type) else 0)
@@ -362,7 +362,7 @@ def settings_of(config: BearingConfig) -> RuleSettings:
 
 
 def _pad_points(points: Sequence[float], end: float) -> list[float]:
-    """Return the points of a table, then ``end`` up to the room there is."""
+    """Return the points of a table, filled up with ``end`` to :data:`.parameters.MAX_LOAD_POINTS`."""
     return [*points, *[end] * (MAX_LOAD_POINTS - len(points))]
 
 

@@ -38,13 +38,13 @@ class Log(Protocol):
     """Log for people: a logger of :mod:`logging` or of rclpy."""
 
     def info(self, text: str, /) -> object:
-        """Something that is as it should be."""
+        """Log what is as it should be."""
 
     def warning(self, text: str, /) -> object:
         """Log what people should look at."""
 
     def error(self, text: str, /) -> object:
-        """Something that does not work."""
+        """Log what does not work."""
 
 
 class Store(Protocol):
@@ -106,12 +106,12 @@ class Sink:
 class Session:
     """The monitor with everything around it.
 
-    Events, input faults, people's actions and what cannot be kept are logged; the clock is for stamps of
-    what people do [ns]. Without a store nothing is kept, without a graph nobody looks for faults of the
-    inputs. The alarms of ``annunciator`` are to be changed through this object only.
+    Events, input faults, people's actions and failures to save are logged. Without a store nothing is saved,
+    without a graph faults of inputs are not looked for. ``clock`` gives the stamps of what people do [ns].
+    The alarms of ``annunciator`` are to be changed through this object only.
 
     Attributes:
-        damage: Why what was kept of the alarms is lost; empty once a person has acknowledged all alarms.
+        damage: Why the saved alarms are lost; empty once a person has acknowledged all alarms.
     """
 
     def __init__(
@@ -138,10 +138,13 @@ class Session:
         self._set_ns: int | None = None
 
     def _restore_alarms(self, store: Store) -> dict[str, State]:
-        """Restore the saved alarms; set a damaged file aside, and log and keep why.
+        """Restore the saved alarms of a store into the annunciator.
+
+        A damaged file is set aside; that is logged, noted and stored in ``damage``. A bearing's memory that
+        cannot be read is logged and skipped.
 
         Returns:
-            The saved memory of each bearing by name, without those that are damaged.
+            The saved memory of each bearing by name; empty without a file or where it is damaged.
         """
         try:
             document = store.read()
@@ -163,14 +166,21 @@ class Session:
         return states
 
     def inherit(self, old: Session) -> None:
-        """Take over alarms, notes and damage of the session before, which had other inputs."""
+        """Take over alarms, notes, damage and count of lists of the session before, which had other inputs.
+
+        The alarms get this configuration; active ones are held until their bearings have been watched for
+        long enough. Both sessions share them from then on.
+        """
         self.annunciator, self._sequence = old.annunciator, old._sequence
         self._notes, self.damage = old._notes, old.damage
         self.annunciator.retune(self.config)
         self.annunciator.restart()
 
     def begin(self) -> None:
-        """Start to watch the bearings and publish all alarms; every input is waited for anew."""
+        """Start to watch the bearings: wait for every input anew, watch for faults if there is a graph.
+
+        The list of alarms is published.
+        """
         self.monitoring = True
         for bearing in self.monitor.bearings.values():
             bearing.await_inputs()
@@ -184,14 +194,18 @@ class Session:
         self._publish_alarms([])
 
     def end(self) -> None:
-        """Stop watching: publish that the bearings are not watched any more, and save the alarms."""
+        """Stop watching: publish the alarms and every bearing as not watched, and save."""
         self.monitoring = False
         self._publish_alarms([])
         self.keep()
         self.show(Moment(0, 0))
 
     def retune(self, config: MonitorConfig) -> None:
-        """Take over new thresholds, delays, scales and timeouts of the same bearings; the state stays."""
+        """Take over new thresholds, delays, scales and timeouts of the same bearings; their states stay.
+
+        Raises:
+            ConfigurationError: The new configuration has other bearings.
+        """
         self.monitor.retune(config)
         self.annunciator.retune(config)
         self.config = config
@@ -199,7 +213,7 @@ class Session:
     def take(
         self, name: str, place: int, time_ns: int, value: float, now: Moment, *, latest: bool = True
     ) -> Update:
-        """Take one number of one input, publish what follows from it, and return it.
+        """Take one number of one input; publish, log and save what follows from it.
 
         Args:
             name: Name of the bearing.
@@ -208,7 +222,10 @@ class Session:
             value: The number in the message.
             now: The present moment.
             latest: No later number of this bearing waits already. A verdict that one will outdate is
-                published only where the condition changes.
+                published only where the condition changes; it waits for :meth:`catch_up` otherwise.
+
+        Returns:
+            Status, verdict and events of this number, not of values that are repeated after it.
         """
         self.follow(now)
         # While simulated time is silent nobody knows when it came.
@@ -259,12 +276,15 @@ class Session:
         return update
 
     def _repeat_values(self, name: str, now: Moment) -> None:
-        """Take and publish the values of a bearing that are due to be counted again, as they still stand."""
+        """Repeat the values of a bearing that still stand and are due, and publish what follows from each."""
         for update in self.monitor.bearings[name].repeats():
             self._take_update(name, update, [], now, latest=True)
 
     def follow(self, now: Moment) -> None:
-        """Shift stamps by a step of the clock, and log it; no delay becomes shorter or longer."""
+        """Follow a step of the clock: shift stamps, log and note it; delays stay as long as they are.
+
+        The first moment after :meth:`begin` is the reference. Without a step nothing happens.
+        """
         step_ns = now.set_ns - (now.set_ns if self._set_ns is None else self._set_ns)
         self._set_ns = now.set_ns
         if not step_ns:
@@ -278,7 +298,7 @@ class Session:
         self.note('node', text)
 
     def advance(self, name: str, time_ns: int, now: Moment) -> None:
-        """Let time pass for a bearing without a sample, up to a time [ns]; publish events."""
+        """Let time pass for a bearing without a sample, up to a time [ns]; publish and save what follows."""
         self.follow(now)
         events = self._explain_events(self.monitor.bearings[name].advance(time_ns), now)
         self._publish_events(events)
@@ -296,9 +316,14 @@ class Session:
             self._publish_verdict(name, now, changed=True)
 
     def tick(self, now: Moment, elapsed_ns: int) -> None:
-        """Let the alarms' running time pass, and look at the inputs once a second; publish, log and save.
+        """Let the alarms' running time pass, and once a second check the inputs.
 
-        ``elapsed_ns`` is the time since :meth:`begin`.
+        Publishes and saves the alarms where one changed, a note waits, or a minute has passed since the last
+        list. Faults of inputs that are new or over are logged, and noted for the next list.
+
+        Args:
+            now: The present moment.
+            elapsed_ns: Time since :meth:`begin`.
         """
         self.follow(now)
         now_ns = self._begun_ns + elapsed_ns
@@ -319,14 +344,23 @@ class Session:
             self.note('input', text)
 
     def note(self, matter: str, text: str) -> None:
-        """Add a note to the next list of alarms.
+        """Add a note to the next list of alarms; of more than 50 the latest stay.
 
         ``matter`` is lifecycle, parameter, input, node or action.
         """
         self._notes.append({'time': self._clock(), 'what': matter, 'text': text})
 
     def act(self, request: alarm_records.ActionRequest) -> list[AlarmChange]:
-        """Carry out a person's request, note its reason, publish and save; return the changes of alarms."""
+        """Carry out a person's request and note its reason; publish and save where it changed an alarm.
+
+        To acknowledge all alarms clears ``damage``, too.
+
+        Returns:
+            The changes of alarms; an empty list where there was nothing to do.
+
+        Raises:
+            ConfigurationError: The bearing is not configured.
+        """
         action, by, bearing, kind = request.action, request.by, request.bearing, request.kind
         if action is Action.ACKNOWLEDGE and bearing is None:
             self.damage = ''
@@ -338,12 +372,12 @@ class Session:
         return changes
 
     def show(self, now: Moment) -> None:
-        """Publish the state of every bearing."""
+        """Publish the state of every bearing; nothing is left for :meth:`flush`."""
         self._changed.clear()
         self._sink.take_states(self.states(self.monitor.bearings, now), whole=True)
 
     def flush(self, now: Moment) -> None:
-        """Publish the state of the bearings that had an event since the last time they were published."""
+        """Publish the state of each bearing that had an event since it was published last."""
         if self._changed:
             states = self.states(sorted(self._changed), now)
             self._changed.clear()
@@ -363,7 +397,10 @@ class Session:
         ]
 
     def _publish_verdict(self, name: str, now: Moment, *, changed: bool) -> None:
-        """Publish the latest verdict that waits: at once if ``changed``, else once in each period."""
+        """Publish the latest verdict of a bearing that waits, if any, and forget it.
+
+        Unless ``changed`` it is dropped if ``publish_period`` has not passed since the last one.
+        """
         verdict = self._unsaid.pop(name, None)
         if verdict is None:
             return
@@ -386,9 +423,9 @@ class Session:
                 self._log.warning(event.text)
 
     def _publish_changes(self, changes: list[AlarmChange], events: list[Event]) -> None:
-        """Apply events to the alarms, and publish and save the alarms where anything changed.
+        """Apply events to the alarms; publish and save the alarms if one changed or an input came back.
 
-        ``changes`` are those so far; those by the events are added.
+        ``changes`` are those so far; those by the events are added to the list.
         """
         changes += [c for event in events for c in self.annunciator.take_event(event)]
         # An input that is back changes no alarm yet, but its row says when it clears.
@@ -397,7 +434,10 @@ class Session:
             self.keep()
 
     def _publish_alarms(self, changes: list[AlarmChange]) -> None:
-        """Publish every alarm with the changes and notes since the last time; log what people did."""
+        """Publish every alarm with the changes and notes since the last list; forget the notes.
+
+        What people and timers changed is logged; changes by the monitor itself are not.
+        """
         self._listed_ns = self.annunciator.now_ns
         self._sequence += 1
         notes, self._notes = self._notes, deque(maxlen=NOTES_KEPT)
@@ -434,7 +474,10 @@ class Session:
                 self._log.error(f'the alarms are not kept: {cause(error)}')
 
     def _explain_events(self, events: list[Event], now: Moment) -> list[Event]:
-        """Return the events, their texts with why an input is lost or from which two sources it comes."""
+        """Return the events, their texts with why an input is lost or from which two sources it comes.
+
+        Without a graph they come back as they are.
+        """
         if self._inputs is None:
             return events
         explained = []

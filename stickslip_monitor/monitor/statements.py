@@ -167,7 +167,9 @@ class Standing:
         return f'not measured for {about(age * 1e-9)}'
 
     def lost(self, now: int | None = None) -> dict[str, float]:
-        """Return the inputs that make points and are lost, with their ages [s]; inf for one never received.
+        """Return the ages [s] of lost inputs, speed and load, by name; ``inf`` for one never received.
+
+        It is empty where neither is lost, and before inputs are waited for.
 
         Args:
             now: A time on the memory's clock [ns]; ``None`` for the latest.
@@ -184,11 +186,11 @@ class Standing:
         return times
 
     def text(self) -> str:
-        """Write what the alarm says now, for a person."""
+        """Return what the alarm says now, for a person, as :func:`describe` writes it."""
         return describe(self, self.lost() if self.state.lost else {})
 
     def judge(self, point: Sequence[float], measured: Measured | None = None) -> Verdict:
-        """Replace the verdict by that on an operating point which the memory has taken already.
+        """Set ``verdict`` to that on an operating point which the memory has taken already, and return it.
 
         Args:
             point: Speed [m/s], load [N], temperature of the water [C], and any probabilities.
@@ -203,7 +205,9 @@ class Standing:
         return self.verdict
 
     def advance(self, time_ns: int) -> list[Event]:
-        """Let time pass without a sample, up to a time [ns]; one before the latest changes nothing.
+        """Let time pass in the memory without a sample, up to a time [ns] on the clock of the samples.
+
+        The first call of all starts the wait for inputs; a time before the latest changes nothing.
 
         Returns:
             The event of an input that is lost by then, as a list of one, else an empty list.
@@ -217,9 +221,12 @@ class Standing:
         return [self.event(before, state.lost_since)] if state.lost > lost else []
 
     def event(self, before: int, time_ns: int, *, onset: bool = False) -> Event:
-        """Return the event that changed the condition from index ``before`` at a time of the memory [ns].
+        """Return the event that changed the condition, with a copy of the memory.
 
-        It holds a copy of the memory. ``onset``: stick-slip has begun with it.
+        Args:
+            before: Index in ``CONDITIONS`` of the condition before.
+            time_ns: When it changed, on the memory's clock [ns].
+            onset: Whether stick-slip has begun with it.
         """
         then = Standing(self.config, self.settings, self.state.copy(), self.verdict)
         lost, was = then.lost(time_ns) if then.state.lost else {}, CONDITIONS[before]
@@ -261,7 +268,7 @@ class Event:
 
 
 def describe(b: Standing, lost: dict[str, float], before: Condition | None = None) -> str:
-    """Write what a condition means, what to do, and where the bearing stands, for a person.
+    """Return the text for a person: what a condition means, what to do, and where the bearing stands.
 
     Args:
         b: The bearing.
@@ -409,7 +416,7 @@ def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
 
 
 def _speed_text(config: BearingConfig, point: Assessment, speed: float) -> str:
-    """Write a magnitude of the surface speed, in the direction in which the shaft turns."""
+    """Return a magnitude of the surface speed [m/s] in rpm, with "astern" where the shaft turns so."""
     rpm = float(config.bearing.speed.from_surface(speed, 'rpm'))
     return f'{rounded(rpm)} rpm' + (' astern' if point.speed < 0.0 else '')
 
@@ -418,18 +425,18 @@ _YEAR = 31_557_600.0  # a Julian year [s]
 
 
 def rounded(number: float, digits: int = 3) -> str:
-    """Write a number to some digits, without an exponent below a thousand million."""
+    """Return a number as text in so many significant digits, without an exponent below 1e9."""
     text = f'{number:.{digits}g}'
     return f'{float(text):.9g}' if 'e' in text and abs(number) < 1e9 else text
 
 
 def age_text(seconds: float) -> str:
-    """Write the age of a value: to three digits below 100 s, above as :func:`about`."""
+    """Return the age of a value [s] as text: in three digits below 100 s, above as :func:`about`."""
     return f'{seconds:.3g} s' if seconds < 99.5 else about(seconds)
 
 
 def about(seconds: float) -> str:
-    """Write a time [s] in s, min, h, days or years, as precisely as matters."""
+    """Return a time [s] as text in s, min, h, days or years, as precisely as matters."""
     if seconds < 20.0:
         return f'{seconds:.0f} s'
     if seconds < 100.0:
@@ -463,7 +470,7 @@ class SpeedOrder:
 
 
 def _is_starting(b: Standing, point: Assessment) -> bool:
-    """Return whether stick-slip is about to start while a milder condition stands."""
+    """Return whether steady sliding is unstable while a condition stands and no stick-slip is predicted."""
     return point.outcome is Outcome.STICK_SLIP and not b.sticking and b.condition is not Condition.NORMAL
 
 
