@@ -18,7 +18,7 @@ from threading import Thread
 from typing import Any
 
 import pytest
-from shared import ROOT, Stickslip, record
+from shared import ROOT, Stickslip, write_recording
 
 from stickslip_monitor import cli
 from stickslip_monitor.commands.options import FileOption
@@ -37,7 +37,7 @@ WAYS: Mapping[str, Callable[[Path, Path], object]] = {
 }
 
 
-def declared(command: str) -> Sequence[FileOption]:
+def list_declared_files(command: str) -> Sequence[FileOption]:
     """Return the files that the options of a command name."""
     parser = argparse.ArgumentParser()
     import_module(cli.module_of(command)).add_arguments(parser)
@@ -46,15 +46,15 @@ def declared(command: str) -> Sequence[FileOption]:
 
 def outputs_of(command: str) -> dict[str, Sequence[str]]:
     """Return the endings of what a command writes, by option."""
-    return {file.dest: list(file.marks) for file in declared(command) if file.marks is not None}
+    return {file.dest: list(file.marks) for file in list_declared_files(command) if file.marks is not None}
 
 
 def inputs_of(command: str) -> list[str]:
     """Return the options by which a command reads files."""
-    return [file.dest for file in declared(command) if file.is_read]
+    return [file.dest for file in list_declared_files(command) if file.is_read]
 
 
-def given(files: Sequence[FileOption], **paths: object) -> argparse.Namespace:
+def make_arguments(files: Sequence[FileOption], **paths: object) -> argparse.Namespace:
     """Arguments with these paths and nothing else."""
     texts = {k: [*map(str, v)] if isinstance(v, list) else str(v) for k, v in paths.items()}
     nothing = {file.dest: None for file in files}
@@ -63,7 +63,7 @@ def given(files: Sequence[FileOption], **paths: object) -> argparse.Namespace:
 
 def refuse_outputs_that_are_inputs(command: str, way: str, folder: Path) -> None:
     """Check that an output of a command that is an input in some way is refused."""
-    files, number = declared(command), 0
+    files, number = list_declared_files(command), 0
     sources = inputs_of(command)
     for output, suffixes in outputs_of(command).items():
         for suffix in suffixes:
@@ -73,7 +73,7 @@ def refuse_outputs_that_are_inputs(command: str, way: str, folder: Path) -> None
                 old.write_text('anything')
                 WAYS[way](new, old)
                 read = new if way == 'itself' else old
-                args = given(files, **{source: [read], output: str(new)})
+                args = make_arguments(files, **{source: [read], output: str(new)})
                 with pytest.raises(OutputError, match=r'is the input'):
                     check_files(args)
                 assert new.read_text() == 'anything'
@@ -97,9 +97,9 @@ def write_files_of_a_user(path: Path) -> None:
     (path / 'short').chmod(0o600)
     shutil.copy(ROOT / 'launch_configs' / 'scenes' / 'coast_down.yaml', path / 'scene.yaml')
     (path / 'open').chmod(0o604)
-    record(path / 'empty', {'/a': ([], [])})
+    write_recording(path / 'empty', {'/a': ([], [])})
     two = [0, 10**9], [1.0, 1.0]
-    record(path / 'bare', {'/shaft/speed': two, '/bearing/aft_stern/load': two})
+    write_recording(path / 'bare', {'/shaft/speed': two, '/bearing/aft_stern/load': two})
 
 
 def refuse_line(line: str, text: str, folder: Path, stickslip: Stickslip) -> None:
@@ -115,7 +115,7 @@ def refuse_line(line: str, text: str, folder: Path, stickslip: Stickslip) -> Non
     assert sorted(folder.iterdir()) == before
 
 
-def numbers(commands: Iterable[str]) -> dict[str, tuple[str, Any]]:
+def list_number_options(commands: Iterable[str]) -> dict[str, tuple[str, Any]]:
     """Each option that takes a number between bounds, by its command."""
     found = {}
     for command in commands:
@@ -150,7 +150,7 @@ def show_on_40_columns(arguments: Sequence[str], folder: Path, monkeypatch: pyte
     monkeypatch.chdir(folder)
     terminal, screen = pty.openpty()
     parts: list[bytes] = []
-    reader = Thread(target=lambda: parts.extend(_read(terminal)))
+    reader = Thread(target=lambda: parts.extend(read_terminal(terminal)))
     reader.start()
     with os.fdopen(screen, 'w') as file, monkeypatch.context() as patch, suppress(SystemExit):
         patch.setattr('sys.stdout', file)
@@ -164,7 +164,7 @@ def show_on_40_columns(arguments: Sequence[str], folder: Path, monkeypatch: pyte
     assert '\N{HORIZONTAL ELLIPSIS}' not in shown
 
 
-def _read(terminal: int) -> Iterator[bytes]:
+def read_terminal(terminal: int) -> Iterator[bytes]:
     """Yield what a terminal shows until the program has ended."""
     with os.fdopen(terminal, 'rb', buffering=0) as file:
         try:

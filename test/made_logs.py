@@ -24,7 +24,7 @@ uint32 nanosec
 """What a definition of messages with a header ends with."""
 
 
-def record(path: Path, columns: Mapping[str, tuple[Any, Any]]) -> Path:
+def write_recording(path: Path, columns: Mapping[str, tuple[Any, Any]]) -> Path:
     """Write a recording of Float64s: log times [ns] and values of each topic."""
     with BagWriter(path) as writer:
         for topic in columns:

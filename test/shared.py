@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from made_logs import START, record  # noqa: F401
+from made_logs import START, write_recording  # noqa: F401
 
 from stickslip_monitor.links.nmea import parse, sentence
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
@@ -205,13 +205,13 @@ def png_size(path: Path) -> tuple[int, int]:
     return width, height
 
 
-def contrast(one: str, other: str) -> float:
+def contrast_ratio(one: str, other: str) -> float:
     """Return the ratio of WCAG 2 between two colours: 4.5 for text, 3 for graphics."""
-    high, low = sorted((luminance(one), luminance(other)), reverse=True)
+    high, low = sorted((relative_luminance(one), relative_luminance(other)), reverse=True)
     return (high + 0.05) / (low + 0.05)
 
 
-def luminance(colour: str) -> float:
+def relative_luminance(colour: str) -> float:
     """Return the relative luminance of WCAG 2 of a colour written #rrggbb."""
     parts = [int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
     red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
@@ -240,7 +240,7 @@ def schema_errors(schema: dict[str, Any], value: Any, path: str = '') -> Iterato
             yield from schema_errors((own or {}).get(name, more), item, f'{path}.{name}')
 
 
-def complaints(name: str, document: Any) -> list[str]:
+def schema_complaints(name: str, document: Any) -> list[str]:
     """Return what an installed schema finds wrong with a document."""
     schema = json.loads((SCHEMAS / f'{name}.json').read_text('utf-8'))
     return list(schema_errors(schema, json.loads(json.dumps(document, allow_nan=False))))

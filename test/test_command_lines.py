@@ -124,13 +124,13 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(ROOT / 'launch_configs' / 'examples' / 'slow_down.yaml', folder)
     rows = ''.join(f'{second},{60 - second / 10},1.0\n' for second in range(500))
     (folder / 'voyage.csv').write_text(f'time [s],shaft speed [rpm],load [kN]\n{rows}')
-    assert start('stickslip simulate slow_down.yaml -o slow_down', folder).wait(timeout=300.0) == 0
+    assert start_line('stickslip simulate slow_down.yaml -o slow_down', folder).wait(timeout=300.0) == 0
     (folder / 'token').write_text('abcdefghijklmnopqrstuvwxyz0123456789\n')
     (folder / 'token').chmod(0o600)
     return folder
 
 
-def start(line: str, folder: Path) -> subprocess.Popen[str]:
+def start_line(line: str, folder: Path) -> subprocess.Popen[str]:
     appended = ' '.join(text for head, text in APPENDED.items() if line.startswith(head))
     path = os.pathsep.join([sysconfig.get_path('scripts'), os.environ.get('PATH', os.defpath)])
     return subprocess.Popen(
@@ -144,9 +144,9 @@ def start(line: str, folder: Path) -> subprocess.Popen[str]:
     )
 
 
-def finish(line: str, folder: Path) -> tuple[int, str]:
+def run_line(line: str, folder: Path) -> tuple[int, str]:
     """Return exit code and output of a command line; a page is left as soon as it is there."""
-    program = start(line, folder)
+    program = start_line(line, folder)
     printed = ''
     if ' dashboard ' in line:
         printed = program.stdout.readline()
@@ -159,7 +159,7 @@ def finish(line: str, folder: Path) -> tuple[int, str]:
 @pytest.mark.slow
 @pytest.mark.parametrize('line', RUN)
 def test_command_line_runs_as_written(line: str, scratch: Path) -> None:
-    code, printed = finish(line, scratch)
+    code, printed = run_line(line, scratch)
     # 1 says that warnings were found.
     assert code in (0, 1), printed
     assert 'Traceback' not in printed
@@ -171,6 +171,6 @@ def test_the_quick_page_leads_to_the_first_alarm(tmp_path: Path) -> None:
     shutil.copy(ROOT / 'launch_configs' / 'examples' / 'slow_down.yaml', tmp_path)
     lines = [line for line in lines_of(QUICK) if line.startswith('stickslip ')]
     # The voyage and the slow-down have warnings.
-    codes, printed = zip(*(finish(line, tmp_path) for line in lines), strict=True)
+    codes, printed = zip(*(run_line(line, tmp_path) for line in lines), strict=True)
     assert codes == tuple(int(' check ' in line) for line in lines), printed
     assert re.search(r'bistable +stick_slip +Stick-slip predicted\.', ''.join(printed))

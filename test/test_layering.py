@@ -56,12 +56,12 @@ PLANTED = (
 )
 
 
-def modules() -> list[Path]:
+def list_modules() -> list[Path]:
     """Return every module of the three packages, by its path in the repository."""
     return sorted(file.relative_to(ROOT) for package in PACKAGES for file in (ROOT / package).rglob('*.py'))
 
 
-def imports(path: Path) -> set[str]:
+def list_imports(path: Path) -> set[str]:
     """Return the full names of all that a module imports, at any depth of its source."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text('utf-8'))):
@@ -106,7 +106,7 @@ def test_a_planted_violation_is_noticed(number: int, report: str) -> None:
 def test_no_class_and_no_module_is_named_twice() -> None:
     classes: dict[str, set[str]] = {}
     stems: dict[str, set[str]] = {}
-    for path in modules():
+    for path in list_modules():
         for node in ast.walk(ast.parse((ROOT / path).read_text('utf-8'))):
             if isinstance(node, ast.ClassDef) and not node.name.startswith('_'):
                 classes.setdefault(node.name, set()).add(str(path))
@@ -122,8 +122,10 @@ def test_no_class_and_no_module_is_named_twice() -> None:
 
 
 def test_the_house_has_two_floors_and_the_formatter_is_right() -> None:
-    assert [path for path in modules() if len(path.parts) > 3] == []
-    lines = [(path, line) for path in modules() for line in (ROOT / path).read_text('utf-8').splitlines()]
+    assert [path for path in list_modules() if len(path.parts) > 3] == []
+    lines = [
+        (path, line) for path in list_modules() for line in (ROOT / path).read_text('utf-8').splitlines()
+    ]
     assert [(path, line) for path, line in lines if len(line) > 110] == []
     assert [(path, line) for path, line in lines if re.search(r'# fmt: *(skip|off)', line)] == []
 
@@ -136,7 +138,7 @@ def test_the_tests_of_a_package_need_none_above_it(folder: str, strangers: tuple
     found = {
         f'{path.relative_to(ROOT)}: {name}'
         for path in (ROOT / 'test' / folder).rglob('*.py')
-        for name in imports(path)
+        for name in list_imports(path)
         if name.partition('.')[0] in strangers
     }
     assert found == set()

@@ -33,22 +33,27 @@ PIP = (sys.executable, '-m', 'pip', '--quiet', '--disable-pip-version-check')
 MADE = ('build', 'dist', 'install', 'log', '*.egg-info', '__pycache__', '.*_cache', 'node_modules')
 
 
-def environment(extra: dict[str, str] | None = None) -> dict[str, str]:
+def clean_environment(extra: dict[str, str] | None = None) -> dict[str, str]:
     """Return the environment without what an outer pytest or another colcon has put there."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(('PYTEST_', 'COLCON_'))}
     tools = os.pathsep.join([sysconfig.get_path('scripts'), kept.get('PATH', os.defpath)])
     return kept | {'PATH': tools} | (extra or {})
 
 
-def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
+def run_command(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
     """Return a command's output; fail unless it went well."""
-    given = {'cwd': cwd, 'env': environment(env), 'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT}
+    given = {
+        'cwd': cwd,
+        'env': clean_environment(env),
+        'stdout': subprocess.PIPE,
+        'stderr': subprocess.STDOUT,
+    }
     done = subprocess.run([str(part) for part in command], **given, text=True, timeout=300)
     assert done.returncode == 0, done.stdout
     return done.stdout
 
 
-def files(folder: str) -> set[Path]:
+def list_files(folder: str) -> set[Path]:
     """All of a folder of the repository, but what Python compiled."""
     own = {path.relative_to(ROOT) for path in (ROOT / folder).rglob('*') if path.is_file()}
     return {path for path in own if '__pycache__' not in path.parts}
@@ -90,7 +95,7 @@ DISTRIBUTIONS: dict[str, tuple[str, str | None]] = {
 }
 
 
-def distributions(name: str) -> tuple[str, str | None]:
+def distribution_names(name: str) -> tuple[str, str | None]:
     """Return the names of an imported package for pip and for rosdep."""
     if name.endswith(('_msgs', '_srvs', '_interfaces')):
         return f'ros-kilted-{name.replace("_", "-")}', name
@@ -105,14 +110,14 @@ def test_every_import_is_a_declared_dependency() -> None:
     tops = {name.split('.')[0] for name in names} - sys.stdlib_module_names - set(PACKAGES)
     manifest = {each.text for each in ElementTree.parse(ROOT / 'package.xml').iter('exec_depend')}
     listed = (ROOT / 'setup.py').read_text('utf-8')
-    found = {name: distributions(name) for name in tops}
+    found = {name: distribution_names(name) for name in tops}
     assert {'numpy', 'mcap', 'rclpy', 'std_msgs'} <= found.keys()
     assert {name: pip for name, (pip, _) in found.items() if f"'{pip}" not in listed} == {}
     assert {name: key for name, (_, key) in found.items() if key not in {None, *manifest}} == {}
 
 
 def test_versions_agree() -> None:
-    printed = run(sys.executable, '-W', 'ignore', 'setup.py', '--version', cwd=ROOT)
+    printed = run_command(sys.executable, '-W', 'ignore', 'setup.py', '--version', cwd=ROOT)
     lines = (ROOT / 'CHANGELOG.rst').read_text('utf-8').splitlines()
     sections = [above for above, below in pairwise(lines) if below and set(below) == {'-'}]
     released = [title.split()[0] for title in sections if re.fullmatch(r'[\d.]+ \(.*\d\)', title)]
@@ -136,7 +141,7 @@ def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not builtin and importlib.util.find_spec('wheel') is None:
         pytest.skip('setuptools before 70.1 builds wheels only with the package "wheel"')
     target = tmp_path_factory.mktemp('wheel')
-    run(*PIP, 'wheel', '--no-deps', '--no-build-isolation', '-w', target, source, cwd=target)
+    run_command(*PIP, 'wheel', '--no-deps', '--no-build-isolation', '-w', target, source, cwd=target)
     (built,) = target.glob('*.whl')
     return built
 
@@ -145,9 +150,9 @@ def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_wheel_holds_the_package_and_its_share_and_no_more(wheel: Path) -> None:
     inside = {Path(name) for name in zipfile.ZipFile(wheel).namelist()}
     for package in PACKAGES:
-        assert {p for p in inside if p.parts[0] == package} == files(package)
+        assert {p for p in inside if p.parts[0] == package} == list_files(package)
     shared = {Path(*p.parts[2:]) for p in inside if p.parts[0].endswith('.data')}
-    assert shared == {MARKER, SHARE / 'package.xml'} | {SHARE / p for p in files('launch_configs')}
+    assert shared == {MARKER, SHARE / 'package.xml'} | {SHARE / p for p in list_files('launch_configs')}
     assert any(path.name == 'LICENSE' for path in inside)
     tops = {path.parts[0].rpartition('.')[2] for path in inside}
     assert tops == {*PACKAGES, 'data', 'dist-info'}
@@ -158,13 +163,13 @@ def test_pip_puts_both_commands_on_the_path_and_launch_files_where_ros_looks(
     wheel: Path, tmp_path: Path
 ) -> None:
     into = ('--no-deps', '--ignore-installed', '--prefix', tmp_path)
-    run(*PIP, 'install', *into, wheel, cwd=tmp_path)
+    run_command(*PIP, 'install', *into, wheel, cwd=tmp_path)
     scripts = {path.name for path in tmp_path.rglob('*bin/*')}
     assert {'monitor', 'stickslip'} <= scripts
     pytest.importorskip('ament_index_python')
     asked = 'from ament_index_python.packages import get_package_share_directory as share'
     prefix = {'AMENT_PREFIX_PATH': str(tmp_path)}
-    found = run(sys.executable, '-c', f"{asked}; print(share('{NAME}'))", cwd=ROOT, env=prefix)
+    found = run_command(sys.executable, '-c', f"{asked}; print(share('{NAME}'))", cwd=ROOT, env=prefix)
     assert (Path(found.strip()) / 'launch_configs' / 'monitor.launch.py').is_file()
 
 
@@ -179,7 +184,7 @@ def test_the_container_is_built_from_what_a_wheel_needs(source: Path, wheel: Pat
     for name in allowed:
         copy = shutil.copytree if (source / name).is_dir() else shutil.copy
         copy(source / name, context / name)
-    run(*PIP, 'wheel', '--no-deps', '--no-build-isolation', '-w', tmp_path, context, cwd=tmp_path)
+    run_command(*PIP, 'wheel', '--no-deps', '--no-build-isolation', '-w', tmp_path, context, cwd=tmp_path)
     (built,) = tmp_path.glob('*.whl')
     assert zipfile.ZipFile(built).namelist() == zipfile.ZipFile(wheel).namelist()
     text = (ROOT / 'Containerfile').read_text('utf-8').replace('\\\n', ' ')
@@ -202,7 +207,7 @@ def workspace(source: Path) -> Path:
     pytest.importorskip('colcon_ros')
     root = source.parents[1]
     start = 'from colcon_core.command import main; raise SystemExit(main())'
-    run(sys.executable, '-c', start, '--log-base', root / 'log', 'build', cwd=root)
+    run_command(sys.executable, '-c', start, '--log-base', root / 'log', 'build', cwd=root)
     return root
 
 
@@ -212,7 +217,7 @@ def test_colcon_installs_what_ros2_run_and_launch_look_for(workspace: Path) -> N
     for executable in ('monitor', 'stickslip'):
         assert os.access(prefix / 'lib' / NAME / executable, os.X_OK)
     assert (prefix / MARKER).is_file()
-    for path in {Path('package.xml')} | files('launch_configs'):
+    for path in {Path('package.xml')} | list_files('launch_configs'):
         assert (prefix / SHARE / path).read_bytes() == (ROOT / path).read_bytes()
     # `ros2 launch` searches the share by name, and refuses a name that it finds twice.
     assert len(list((prefix / SHARE).rglob('monitor.launch.py'))) == 1
@@ -223,7 +228,7 @@ def test_installed_command_runs_in_the_sourced_workspace(workspace: Path) -> Non
     where = f'{sys.executable} -c "import {NAME}; print({NAME}.__file__)"'
     command = f'install/{NAME}/lib/{NAME}/stickslip --help'
     script = f'. install/setup.sh && {where} && {command}'
-    printed = run('sh', '-c', script, cwd=workspace)
+    printed = run_command('sh', '-c', script, cwd=workspace)
     found, _, usage = printed.partition('\n')
     assert Path(found).is_relative_to(workspace / 'install')
     assert 'assess' in usage
@@ -237,7 +242,7 @@ def test_installed_node_comes_up_and_stops_on_ctrl_c(workspace: Path, tmp_path: 
     prefix = Path('install') / NAME
     config = prefix / SHARE / 'launch_configs' / 'reference_bearing.yaml'
     node = f'. install/setup.sh && exec {prefix}/lib/{NAME}/monitor --ros-args --params-file {config}'
-    program = Program(['sh', '-c', node], tmp_path / 'log', cwd=workspace, env=environment(apart))
+    program = Program(['sh', '-c', node], tmp_path / 'log', cwd=workspace, env=clean_environment(apart))
     try:
         program.until(lambda: 'the monitor is active' in program.output)
         assert program.stop() == 0
@@ -289,7 +294,7 @@ def test_launch_starts_the_installed_node_with_the_arguments_it_declares(launch_
     # By default a parameter file that is installed.
     launch_file.FindPackageShare.assert_called_with(NAME)
     _, *inside = launch_file.PathJoinSubstitution.call_args.args[0]
-    assert Path(*inside) in files('launch_configs')
+    assert Path(*inside) in list_files('launch_configs')
 
 
 def test_launch_starts_the_program_of_a_wheel(launch_file: Any, tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ SCENE: dict[str, Any] = {
 }
 
 
-def _bearing(changes: dict[str, Any]) -> dict[str, Any]:
+def bearing_with(changes: dict[str, Any]) -> dict[str, Any]:
     """The reference bearing, with some quantities replaced and some inputs' keys too."""
     return BEARING | {k: BEARING.get(k, {}) | v if isinstance(v, dict) else v for k, v in changes.items()}
 
@@ -63,14 +63,14 @@ def scene_path(tmp_path: Path) -> Callable[..., Path]:
 
     def write(bearings: dict[str, Any] | str | None = None, rate: float = 0.0, **changes: Any) -> Path:
         given = bearings if isinstance(bearings, dict) else KNOWN[bearings]
-        own = {name: _bearing(changes) for name, changes in given.items()}
+        own = {name: bearing_with(changes) for name, changes in given.items()}
         if rate:
             changes['telemetry'] = {'speed': {'rate': rate}, 'load': {'rate': rate}}
         config = {'/**': {'ros__parameters': {'bearings': list(own)} | own}}
-        (tmp_path / 'config.yaml').write_text(_dump(config), 'utf-8')
+        (tmp_path / 'config.yaml').write_text(dump_yaml(config), 'utf-8')
         scene = {k: v for k, v in (SCENE | changes).items() if v is not None}
         path = tmp_path / 'scene.yaml'
-        path.write_text(_dump(scene), 'utf-8')
+        path.write_text(dump_yaml(scene), 'utf-8')
         return path
 
     return write
@@ -81,7 +81,7 @@ class _Plain(yaml.SafeDumper):
         return True
 
 
-def _dump(document: Any) -> str:
+def dump_yaml(document: Any) -> str:
     return str(yaml.dump(document, Dumper=_Plain, sort_keys=False))
 
 

@@ -19,7 +19,7 @@ RPM = BEARING.speed.factor('rpm')
 ONSET, FOLD = 26.0, 40.7231
 
 
-def passage(
+def slow_passage(
     number: int = 0, rate: float = 0.2, *, by: float = 1.0, level: bool = True, knocks: tuple[float, ...] = ()
 ) -> Evidence:
     """The passage at a rate [rpm/s], all speeds ``by`` a factor, with knocks at seconds."""
@@ -33,7 +33,7 @@ def passage(
     course = course_of(f'bag {number}', stamps, speed, np.full(time.size, 1000.0))
     if not level:
         edges = [round(1e9 * (begin + t)) for t in (0.0, on, off, 2.0 * half)]
-        return Evidence(course.name, (course,), reports(edges, 'list'))
+        return Evidence(course.name, (course,), alternating_reports(edges, 'list'))
     noise = np.random.default_rng(number).standard_normal(time.size)
     loud = (time >= on) & (time <= off)
     for knock in knocks:
@@ -43,7 +43,7 @@ def passage(
     return Evidence(course.name, (course,), level=heard)
 
 
-def reports(edges: list[int], source: str, tolerance: float = 2.0) -> tuple[VibrationReport, ...]:
+def alternating_reports(edges: list[int], source: str, tolerance: float = 2.0) -> tuple[VibrationReport, ...]:
     """Quiet, vibration, quiet ... between some times [ns]."""
     return tuple(
         VibrationReport('aft', a, b, bool(k % 2), tolerance, 0.9, f'{source}, line {k + 1}')

@@ -79,18 +79,18 @@ def test_the_median_of_undisturbed_samples_counts(steps, effort, seconds, sample
     assert clocks.wall > effort.sample * effort.min_samples
 
 
-def row(method='KBM', case='a', error=0.1, seconds=1.0, outcome='cycle', points=1) -> Row:
+def make_row(method='KBM', case='a', error=0.1, seconds=1.0, outcome='cycle', points=1) -> Row:
     return Row(method, method, case, 1.0, error, outcome, 3, points, seconds, 5, False)
 
 
 def test_summary_of_a_method():
     rows = [
-        row(case='a', error=-0.3, seconds=2.0),
-        row(case='b', error=0.1, seconds=4.0),
-        row('other', 'a', 0.01, 20.0),
-        row('other', 'b', math.nan, 80.0, 'not_converged'),
-        row('third', 'a', math.nan, math.nan, 'refused'),
-        row('third', 'b', math.nan, math.nan, 'refused'),
+        make_row(case='a', error=-0.3, seconds=2.0),
+        make_row(case='b', error=0.1, seconds=4.0),
+        make_row('other', 'a', 0.01, 20.0),
+        make_row('other', 'b', math.nan, 80.0, 'not_converged'),
+        make_row('third', 'a', math.nan, math.nan, 'refused'),
+        make_row('third', 'b', math.nan, math.nan, 'refused'),
     ]
     base, other, third = summarise(rows, 'KBM')
     assert (base.worst, base.middle, base.ratio) == (0.3, 0.2, 1.0)
@@ -122,7 +122,7 @@ def test_a_measurement_has_the_time_of_a_point_unless_refused(monkeypatch):
 
 
 def test_csv_round_trip_to_the_last_bit(tmp_path):
-    rows = [row(error=1 / 3), row('other', 'b, c', math.nan, math.nan, 'refused')]
+    rows = [make_row(error=1 / 3), make_row('other', 'b, c', math.nan, math.nan, 'refused')]
     rows.append(replace(rows[0], method='third', disturbed=True))
     write_csv(columns(rows), tmp_path / 'a.csv')
     again = read_rows(tmp_path / 'a.csv')
@@ -133,7 +133,7 @@ def test_csv_round_trip_to_the_last_bit(tmp_path):
     ('text', 'words'), [('', 'is no measurement'), ('a,b\n1,2\n', 'is no measurement'), (None, 'no number')]
 )
 def test_what_is_no_measurement_is_refused(tmp_path, text, words):
-    write_csv(columns([row()]), tmp_path / 'a.csv')
+    write_csv(columns([make_row()]), tmp_path / 'a.csv')
     if text is None:
         text = (tmp_path / 'a.csv').read_text().replace('0.1', 'much')
     (tmp_path / 'a.csv').write_text(text)

@@ -25,7 +25,7 @@ PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'scenes.md'
 RATES = {'speed': {'rate': 10.0}, 'load': {'rate': 2.0}, 'level': {'rate': 2.0}}
 
 
-def examples() -> dict[str, Any]:
+def documented_examples() -> dict[str, Any]:
     """The example of each effect in the docs."""
     blocks = re.findall(r'```yaml\n(- .*?)```', PAGE.read_text('utf-8'), flags=re.DOTALL)
     listed = [entry for block in blocks for entry in yaml.safe_load(block)]
@@ -34,7 +34,7 @@ def examples() -> dict[str, Any]:
     return found
 
 
-EXAMPLES = examples()
+EXAMPLES = documented_examples()
 # Of the effects that draw random numbers, the integrator's takes seconds.
 QUICK = [name for name in EXAMPLES if name != 'lining_motion']
 ALL = [{name: EXAMPLES[name]} for name in QUICK]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from slow_passages import BEARING, FOLD, ONSET, RPM, passage, reports
+from slow_passages import BEARING, FOLD, ONSET, RPM, alternating_reports, slow_passage
 
 from stickslip_lab.calibration.calibration import Calibration, Evidence, calibrate, prior_of, read_levels
 from stickslip_monitor.errors import CalibrationError
@@ -22,11 +22,11 @@ SPEED = np.linspace(0.0, 0.6, 40)
 RATES = (0.2, 0.4, 0.15, 0.3, 0.25)
 
 
-def of(evidence: Sequence[Evidence], bearing: Bearing = DRAWN_WRONG) -> Calibration:
+def calibrate_levels(evidence: Sequence[Evidence], bearing: Bearing = DRAWN_WRONG) -> Calibration:
     return calibrate(read_levels('aft', evidence), bearing, EXACT)
 
 
-def fold(found: Calibration, p: float = 0.5) -> float:
+def fold_rpm(found: Calibration, p: float = 0.5) -> float:
     return float(found.belief.fold_speed(1000.0, p)) / RPM
 
 
@@ -40,11 +40,13 @@ def fold(found: Calibration, p: float = 0.5) -> float:
     ],
 )
 def test_five_passages_correct_a_wrong_drawing_of_any_law(law: FrictionLaw) -> None:
-    found = of([passage(k, rate) for k, rate in enumerate(RATES)], replace(DRAWN_WRONG, friction=law))
-    assert fold(found) == pytest.approx(FOLD, rel=0.02)
-    assert fold(found, 0.05) < FOLD < fold(found, 0.95) < 1.1 * fold(found, 0.05)
+    found = calibrate_levels(
+        [slow_passage(k, rate) for k, rate in enumerate(RATES)], replace(DRAWN_WRONG, friction=law)
+    )
+    assert fold_rpm(found) == pytest.approx(FOLD, rel=0.02)
+    assert fold_rpm(found, 0.05) < FOLD < fold_rpm(found, 0.95) < 1.1 * fold_rpm(found, 0.05)
     # The bearing that is used instead has this fold itself.
-    assert fold_speed(found.bearing, 1000.0) / RPM == pytest.approx(fold(found), rel=0.01)
+    assert fold_speed(found.bearing, 1000.0) / RPM == pytest.approx(fold_rpm(found), rel=0.01)
     assert found.episodes == 5
     assert found.warnings == []
     assert any('all evidence is at 1000 to 1000 N' in text for text in found.remarks)
@@ -52,7 +54,7 @@ def test_five_passages_correct_a_wrong_drawing_of_any_law(law: FrictionLaw) -> N
 
 def test_the_bearing_that_is_believed_has_grown_three_e_folds_at_the_onsets() -> None:
     """``G = (c/2m) ((e^(b t) - 1)/b - t)`` on a ramp, t after the Hopf speed, ``b = beta dV/dt``."""
-    found = of([passage(k, rate) for k, rate in enumerate(RATES)])
+    found = calibrate_levels([slow_passage(k, rate) for k, rate in enumerate(RATES)])
     bearing, law = found.belief.bearing, found.belief.bearing.friction
     assert isinstance(law, Stribeck)
     hopf = hopf_speed(bearing, 1000.0) / RPM
@@ -75,44 +77,44 @@ def test_a_value_without_a_tolerance_is_as_uncertain_as_a_drawing() -> None:
 
 @pytest.mark.parametrize(('passages', 'expected'), [(4, False), (5, True)])
 def test_a_faster_alarm_is_recommended_where_the_fold_is_well_known(passages: int, expected: bool) -> None:
-    remarks = of([passage(k, RATES[k]) for k in range(passages)]).remarks
+    remarks = calibrate_levels([slow_passage(k, RATES[k]) for k in range(passages)]).remarks
     assert any('recommended now: alarm.onset_growth: 2,' in text for text in remarks) == expected
 
 
 def test_knocks_move_nothing_and_are_counted() -> None:
-    quiet = of([passage(k) for k in range(2)])
-    knocked = of([passage(k, knocks=(30.0, 350.0)) for k in range(2)])
-    assert fold(knocked) == pytest.approx(fold(quiet), rel=1e-3)
+    quiet = calibrate_levels([slow_passage(k) for k in range(2)])
+    knocked = calibrate_levels([slow_passage(k, knocks=(30.0, 350.0)) for k in range(2)])
+    assert fold_rpm(knocked) == pytest.approx(fold_rpm(quiet), rel=1e-3)
     assert any('4 vibrations of less than 10 s left out' in text for text in knocked.remarks)
 
 
 def test_a_recording_counts_once_whatever_its_name() -> None:
-    one, other = passage(0), passage(1)
+    one, other = slow_passage(0), slow_passage(1)
     course = replace(one.courses[0], name='copy of it')
     copy = replace(one, name='copy of it', courses=(course,))
-    found = of([one, copy, other])
-    assert fold(found) == fold(of([one, other]))
+    found = calibrate_levels([one, copy, other])
+    assert fold_rpm(found) == fold_rpm(calibrate_levels([one, other]))
     assert 'copy of it was given before and counts once' in found.remarks
 
 
 def test_one_end_alone_is_told() -> None:
-    (text,) = of([passage(0)]).warnings
+    (text,) = calibrate_levels([slow_passage(0)]).warnings
     assert text.startswith('all rests on one end of vibration (bag 0, 2)')
 
 
 def test_quiet_alone_says_little_of_the_fold() -> None:
-    one = passage(level=False)
+    one = slow_passage(level=False)
     fast = replace(one.courses[0], speed=np.maximum(one.courses[0].speed, 45.0 * RPM))
     span = [int(fast.time_ns[0]), int(fast.time_ns[-1])]
-    found = calibrate([Evidence('bag', (fast,), reports(span, 'list'))], BEARING, EXACT)
+    found = calibrate([Evidence('bag', (fast,), alternating_reports(span, 'list'))], BEARING, EXACT)
     assert 'no episode was seen' in found.warnings[0]
     # Noise would have grown at 45 rpm, had it been below the Hopf speed.
     assert found.hopf_speeds(1000.0)[2] / RPM < 48.0
-    assert fold(found, 0.95) > 55.0
+    assert fold_rpm(found, 0.95) > 55.0
 
 
 def test_a_false_report_is_named_and_does_little() -> None:
-    made = [passage(k, level=False) for k in range(4)]
+    made = [slow_passage(k, level=False) for k in range(4)]
     before = calibrate(made, BEARING, EXACT)
     (course,) = made[3].courses
     start = int(course.time_ns[5])
@@ -120,34 +122,34 @@ def test_a_false_report_is_named_and_does_little() -> None:
     speed = np.where(course.time_ns > start + 12 * 10**9, 60.0 * RPM, course.speed)
     other = replace(course, name='bag 9', speed=speed)
     edges = [int(course.time_ns[0]), start, start + 14 * 10**9, int(course.time_ns[-1])]
-    false = Evidence('bag 9', (other,), reports(edges, 'squeals.csv'))
+    false = Evidence('bag 9', (other,), alternating_reports(edges, 'squeals.csv'))
     found = calibrate([*made, false], BEARING, EXACT)
-    assert fold(found) == pytest.approx(fold(before), rel=0.01)
+    assert fold_rpm(found) == pytest.approx(fold_rpm(before), rel=0.01)
     (text,) = found.warnings
     assert text.startswith('squeals.csv, line 2: vibration for 14 s')
     assert 'worthless with' in text
 
 
 def test_a_bearing_that_changed_is_noticed_and_forgetting_follows() -> None:
-    made = [passage(k) for k in range(5)] + [passage(k, by=1.15) for k in range(5, 8)]
+    made = [slow_passage(k) for k in range(5)] + [slow_passage(k, by=1.15) for k in range(5, 8)]
     heard = read_levels('aft', made)
     kept = calibrate(heard, BEARING, EXACT)
     assert any('may have changed' in text for text in kept.warnings)
     assert not any('recommended' in text for text in kept.remarks)
     followed = calibrate(heard, BEARING, EXACT, forget=0.1)
-    assert fold(kept) < 1.12 * FOLD < fold(followed) < 1.18 * FOLD
-    steady = of([passage(k, rate) for k, rate in enumerate(RATES)])
+    assert fold_rpm(kept) < 1.12 * FOLD < fold_rpm(followed) < 1.18 * FOLD
+    steady = calibrate_levels([slow_passage(k, rate) for k, rate in enumerate(RATES)])
     assert not steady.has_changed
 
 
 def test_the_level_of_another_bearing_is_refused() -> None:
     # Vibration that ends at 3 and at 5 times the fold is none of this bearing's.
-    far = [passage(0, by=3.5), passage(1, by=9.0)]
+    far = [slow_passage(0, by=3.5), slow_passage(1, by=9.0)]
     with pytest.raises(CalibrationError, match='is the level that of another bearing, or a unit'):
-        of(far, BEARING)
+        calibrate_levels(far, BEARING)
 
 
 def test_without_a_slow_passage_there_is_no_evidence() -> None:
-    one = passage(level=False)
+    one = slow_passage(level=False)
     with pytest.raises(CalibrationError, match='there is no evidence'):
         calibrate([replace(one, reports=())], BEARING, EXACT)

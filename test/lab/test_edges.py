@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from slow_passages import BEARING, FOLD, RPM, passage, reports
+from slow_passages import BEARING, FOLD, RPM, alternating_reports, slow_passage
 
 from stickslip_lab.calibration.edges import Reference, edges_of, outlives, track_of
 from stickslip_lab.calibration.evidence import TelemetryBins
@@ -33,7 +33,7 @@ def test_a_bearing_without_a_fold_cannot_be_calibrated(bearing: object) -> None:
 
 
 def test_an_end_with_rising_speed_is_at_the_fold() -> None:
-    one = passage(level=False)
+    one = slow_passage(level=False)
     found = edges_of([(one.courses[0], one.reports)], REFERENCE)
     (end,) = found.seen
     assert end.middle[0] / RPM == pytest.approx(FOLD, abs=0.3)
@@ -45,13 +45,13 @@ def test_an_end_with_rising_speed_is_at_the_fold() -> None:
 def test_an_onset_on_a_ramp_of_half_a_minute_tells_nothing() -> None:
     """At 26 rpm a fall of 0.2 rpm a second is a factor e in 130 s, one of 2 rpm in 13 s."""
     for rate, told in ((0.2, True), (2.0, False)):
-        one = passage(rate=rate, level=False)
+        one = slow_passage(rate=rate, level=False)
         found = edges_of([(one.courses[0], one.reports)], REFERENCE)
         assert any(each.began for each in found.passages) == told
 
 
 def test_an_end_with_falling_speed_or_without_quiet_is_a_bound() -> None:
-    one = passage(level=False)
+    one = slow_passage(level=False)
     (course,) = one.courses
     before, loud, _ = one.reports
     # It ends on the way down, at 24 rpm, by a disturbance.
@@ -71,7 +71,7 @@ def test_an_end_with_falling_speed_or_without_quiet_is_a_bound() -> None:
 @pytest.mark.parametrize(('tolerance', 'deviation'), [(2.0, 2.0), (8.0, 4.0)])
 def test_half_of_a_wide_tolerance_is_a_deviation(tolerance: float, deviation: float) -> None:
     """At V, rising by r a second, half of ln((V + r s)/(V - r s)) is atanh(r s/V)."""
-    one = passage(level=False)
+    one = slow_passage(level=False)
     given = tuple(replace(report, tolerance=tolerance) for report in one.reports)
     (end,) = edges_of([(one.courses[0], given)], REFERENCE).seen
     expected = math.atanh(0.2 * deviation * RPM / end.middle[0])
@@ -79,20 +79,20 @@ def test_half_of_a_wide_tolerance_is_a_deviation(tolerance: float, deviation: fl
 
 
 def test_an_onset_is_worth_no_more_than_the_vibration_behind_it() -> None:
-    one = passage(level=False)
+    one = slow_passage(level=False)
     before, loud, after = one.reports
     given = before, replace(loud, trust=0.4), after
     assert [each.trust for each in edges_of([(one.courses[0], given)], REFERENCE).passages] == [0.4, 0.9]
 
 
 def test_a_shaft_that_stops_ends_no_episode_at_the_fold() -> None:
-    one = passage(level=False)
+    one = slow_passage(level=False)
     (course,) = one.courses
     stopped = np.where(np.arange(course.speed.size) > 220, 0.0, course.speed)
     still = TelemetryBins(course.name, course.time_ns, stopped, course.load)
     stop = int(course.time_ns[220])
     edges = [int(course.time_ns[0]), int(course.time_ns[170]), stop, int(course.time_ns[-1])]
-    (end,) = edges_of([(still, reports(edges, 'list'))], REFERENCE).ends
+    (end,) = edges_of([(still, alternating_reports(edges, 'list'))], REFERENCE).ends
     assert end.is_bound
 
 
@@ -101,7 +101,7 @@ def test_a_cycle_outlives_the_fold_the_longer_the_faster_the_ramp() -> None:
     # d ln y/dt = (c/2m)(N/N_b(y) - 1) is 0 at the fold itself.
     delays = []
     for rate in (0.2, 2.0):
-        one = passage(rate=rate, level=False)
+        one = slow_passage(rate=rate, level=False)
         track = track_of(one.courses[0], one.reports, REFERENCE)
         assert track is not None
         delays.append(outlives(track, one.reports[1].end_ns * 1e-9, REFERENCE) * rate)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from slow_passages import FOLD, ONSET, passage
+from slow_passages import FOLD, ONSET, slow_passage
 
 from stickslip_lab.calibration.evidence import (
     BIN_NS,
@@ -85,13 +85,13 @@ NOISE = np.random.default_rng(4).standard_normal(4000)
 TIME = np.arange(4000) * 0.25
 
 
-def level(decibels: FloatArray, speed: FloatArray | float = 0.2) -> LevelBins:
+def level_course(decibels: FloatArray, speed: FloatArray | float = 0.2) -> LevelBins:
     return level_over_speed(TIME, decibels, TIME, np.broadcast_to(speed, TIME.shape))
 
 
 def test_a_cycle_stands_out_whatever_its_gain() -> None:
     for gain in (-60.0, 0.0, 40.0):
-        own = passage().level
+        own = slow_passage().level
         assert own is not None
         found = threshold_of([LevelBins(own.time, own.value + gain, own.by_speed)])
         # In vibration the level is the surface speed, 0 dB over it; quiet is 26 dB below the fold's, so
@@ -100,7 +100,7 @@ def test_a_cycle_stands_out_whatever_its_gain() -> None:
 
 
 def test_edges_are_where_the_level_leaves_its_plateau() -> None:
-    own = passage(rate=0.2).level
+    own = slow_passage(rate=0.2).level
     assert own is not None
     found, knocks = level_reports('aft', own, threshold_of([own]), 'bag')
     assert [one.squeal for one in found] == [False, True, False]
@@ -118,7 +118,7 @@ def test_the_lag_of_a_level_is_read_from_its_fall_and_taken_off_its_rise() -> No
     power = np.where(loud, 1.0, 1e-4)
     for k in range(1, power.size):
         power[k] = power[k - 1] + (power[k] - power[k - 1]) * (1.0 - np.exp(-0.125))
-    own = level(10.0 * np.log10(power))
+    own = level_course(10.0 * np.log10(power))
     found, _ = level_reports('aft', own, threshold_of([own]), 'bag')
     assert found[1].start_ns * 1e-9 == pytest.approx(300.0, abs=0.55)  # two bins
     assert found[1].end_ns * 1e-9 == pytest.approx(500.0, abs=0.55)
@@ -126,7 +126,7 @@ def test_the_lag_of_a_level_is_read_from_its_fall_and_taken_off_its_rise() -> No
 
 def test_a_knock_is_no_episode_and_a_gap_is_no_quiet() -> None:
     loud = (TIME % 300.0 < 6.0) | ((TIME > 700.0) & (TIME < 800.0))
-    own = level(np.where(loud, 0.0, -20.0) + 0.3 * NOISE)
+    own = level_course(np.where(loud, 0.0, -20.0) + 0.3 * NOISE)
     keep = (own.time < 500.0) | (own.time > 600.0)
     cut = LevelBins(own.time[keep], own.value[keep], own.by_speed[keep])
     found, knocks = level_reports('aft', cut, threshold_of([cut]), 'bag')
@@ -137,12 +137,12 @@ def test_a_knock_is_no_episode_and_a_gap_is_no_quiet() -> None:
 
 SLOWER = np.where(TIME < 500.0, 1.0, 0.2)
 BAD: dict[str, tuple[Callable[[], LevelBins], str]] = {
-    'silent': (lambda: level(np.full(4000, np.nan)), 'no valid value came while the shaft turned'),
-    'at rest': (lambda: level(NOISE, 0.0), 'no valid value came while the shaft turned'),
-    'stuck': (lambda: level(np.full(4000, -20.0), SLOWER), 'it stays at -20.0 dB'),
-    'noise alone': (lambda: level(NOISE), 'of the values between them'),
-    'another speed': (lambda: level(-20.0 + NOISE, SLOWER), 'of the values between them'),
-    'a drift': (lambda: level(np.linspace(-20.0, 0.0, 4000) + NOISE), 'of the values between them'),
+    'silent': (lambda: level_course(np.full(4000, np.nan)), 'no valid value came while the shaft turned'),
+    'at rest': (lambda: level_course(NOISE, 0.0), 'no valid value came while the shaft turned'),
+    'stuck': (lambda: level_course(np.full(4000, -20.0), SLOWER), 'it stays at -20.0 dB'),
+    'noise alone': (lambda: level_course(NOISE), 'of the values between them'),
+    'another speed': (lambda: level_course(-20.0 + NOISE, SLOWER), 'of the values between them'),
+    'a drift': (lambda: level_course(np.linspace(-20.0, 0.0, 4000) + NOISE), 'of the values between them'),
 }
 
 
@@ -158,6 +158,6 @@ def test_a_clipped_level_still_has_two_modes() -> None:
     speed = np.where(TIME < 500.0, 0.3, 0.15)
     loud = (TIME > 400.0) & (TIME < 700.0)
     decibels = np.where(loud, 20.0 * np.log10(speed), -34.0) + NOISE
-    own = level(np.minimum(decibels, -14.0), speed)
+    own = level_course(np.minimum(decibels, -14.0), speed)
     found, _ = level_reports('aft', own, threshold_of([own]), 'bag')
     assert [one.squeal for one in found] == [False, True, False]

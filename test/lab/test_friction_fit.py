@@ -43,7 +43,7 @@ def curve_of(speed: Array, coefficient: Array, std: Array | None = None) -> Fric
     return FrictionCurve(speed, coefficient, each, lines, 'm/s', 'given')
 
 
-def _noisy(
+def noisy_curve(
     law: Stribeck = LAW, speed: Array = SPEED, scatter: float = SCATTER, seed: int = 1
 ) -> FrictionCurve:
     noise = np.random.default_rng(seed).standard_normal(speed.size)
@@ -51,16 +51,16 @@ def _noisy(
 
 
 @cache
-def _study(
+def fit_many_times(
     law: Stribeck, viscous: Viscous, times: int, points: int, scatter: float
 ) -> tuple[StribeckFit, ...]:
     """The same curve measured many times, with seeds 1000, 1001, ...; tests share the fits."""
     speed = np.linspace(0.0, 0.5, points)
-    return tuple(fit_stribeck(_noisy(law, speed, scatter, 1000 + k), viscous) for k in range(times))
+    return tuple(fit_stribeck(noisy_curve(law, speed, scatter, 1000 + k), viscous) for k in range(times))
 
 
-def _repeated(law: Stribeck, viscous: Viscous, times: int) -> tuple[StribeckFit, ...]:
-    return _study(law, viscous, times, SPEED.size, SCATTER)
+def fit_default_speeds(law: Stribeck, viscous: Viscous, times: int) -> tuple[StribeckFit, ...]:
+    return fit_many_times(law, viscous, times, SPEED.size, SCATTER)
 
 
 def _three_errors(times: int, share: float = 0.95) -> float:
@@ -68,22 +68,22 @@ def _three_errors(times: int, share: float = 0.95) -> float:
     return 3.0 * math.sqrt(share * (1.0 - share) / times)
 
 
-def _covered(fit: StribeckFit) -> NDArray[np.bool_]:
+def covers_truth(fit: StribeckFit) -> NDArray[np.bool_]:
     """Whether the intervals of static, kinetic and decay hold the truth, which is ``LAW``."""
     low, high = fit.intervals[:3].T
-    truth = _values(LAW, fit.names)[:3]
+    truth = coefficients_of(LAW, fit.names)[:3]
     return (low <= truth) & (truth <= high)
 
 
-def _values(law: Stribeck, names: tuple[str, ...]) -> Array:
+def coefficients_of(law: Stribeck, names: tuple[str, ...]) -> Array:
     return np.array([getattr(law, name) for name in names])
 
 
-def _model(v: Array, static: float, kinetic: float, decay: float, viscous: float = 0.0) -> Array:
+def stribeck_curve(v: Array, static: float, kinetic: float, decay: float, viscous: float = 0.0) -> Array:
     return kinetic + (static - kinetic) * np.exp(-decay * v) + viscous * v
 
 
-def _near(fit: StribeckFit, law: Stribeck, relative: float) -> None:
+def assert_fit_near(fit: StribeckFit, law: Stribeck, relative: float) -> None:
     for name in UNITS:
         expected = getattr(law, name)
         scale = 1.0 if name == 'viscous' else expected
@@ -101,19 +101,19 @@ def test_exact_data_give_the_law_back(decay: float, slope: float, viscous: Visco
     law = Stribeck(0.35, 0.08, decay, slope)
     speed = np.concatenate([[0.0], np.geomspace(0.02, 6.0, 15)]) / decay
     fit = fit_stribeck(curve_of(speed, law.coefficient(speed)), viscous)
-    _near(fit, law, 1e-10)
+    assert_fit_near(fit, law, 1e-10)
     assert fit.outliers.size == 0
 
 
 @pytest.mark.parametrize(('law', 'viscous'), [(LAW, 'no'), (RISING, 'yes')])
 def test_it_is_the_weighted_least_squares_solution(law: Stribeck, viscous: Viscous) -> None:
     """An independent solver, given the final weights, finds the same law and correlation."""
-    curve = _noisy(law)
+    curve = noisy_curve(law)
     fit = fit_stribeck(curve, viscous)
     assert np.all(fit.weight > 0.0)
     start = (0.3, 0.1, 8.0, 0.1)[: len(fit.names)]
     found, covariance = curve_fit(
-        _model,
+        stribeck_curve,
         curve.speed,
         curve.coefficient,
         start,
@@ -130,8 +130,8 @@ def test_it_is_the_weighted_least_squares_solution(law: Stribeck, viscous: Visco
 def test_robustness_costs_no_precision_on_clean_data() -> None:
     """Standard errors are those of plain least squares: of 60 curves within 5 % in the mean."""
     ratios = []
-    for fit in _repeated(LAW, 'no', 60):
-        _, plain = curve_fit(_model, fit.curve.speed, fit.curve.coefficient, (0.3, 0.1, 8.0))
+    for fit in fit_default_speeds(LAW, 'no', 60):
+        _, plain = curve_fit(stribeck_curve, fit.curve.speed, fit.curve.coefficient, (0.3, 0.1, 8.0))
         ratios.append(fit.standard_error / np.sqrt(np.diag(plain)))
     np.testing.assert_allclose(np.mean(ratios, axis=0), 1.0, atol=0.05)
 
@@ -139,7 +139,7 @@ def test_robustness_costs_no_precision_on_clean_data() -> None:
 def test_outliers_move_the_estimate_by_less_than_its_standard_errors() -> None:
     """Bad readings 10 to 30 scatters off, not at the two lowest speeds, which nothing checks."""
     moves = []
-    for seed, before in enumerate(_repeated(LAW, 'no', 60)[:10]):
+    for seed, before in enumerate(fit_default_speeds(LAW, 'no', 60)[:10]):
         random = np.random.default_rng(seed)
         mu = before.curve.coefficient.copy()
         bad = 2 + random.choice(mu.size - 2, mu.size // 5, replace=False)
@@ -166,9 +166,9 @@ def test_intervals_are_neither_too_wide_nor_too_narrow() -> None:
     fits = [
         fit
         for viscous, times, points, scatter in COVERAGE
-        for fit in _study(LAW, viscous, times, points, scatter)
+        for fit in fit_many_times(LAW, viscous, times, points, scatter)
     ]
-    share = np.mean([_covered(fit) for fit in fits], axis=0)
+    share = np.mean([covers_truth(fit) for fit in fits], axis=0)
     assert len(fits) == 150
     np.testing.assert_allclose(share, 0.95, atol=_three_errors(150))
 
@@ -177,7 +177,7 @@ def test_intervals_are_neither_too_wide_nor_too_narrow() -> None:
 
 
 def test_order_and_units_do_not_matter() -> None:
-    curve, std = _noisy(), np.linspace(1.0, 2.0, SPEED.size)
+    curve, std = noisy_curve(), np.linspace(1.0, 2.0, SPEED.size)
     fit = fit_stribeck(dataclasses.replace(curve, std=std), 'no')
     order = np.random.default_rng(0).permutation(SPEED.size)
     columns = (1e-6 * curve.speed, 1e4 * curve.coefficient, 50.0 * std)
@@ -193,20 +193,22 @@ def test_order_and_units_do_not_matter() -> None:
 
 def test_auto_takes_the_slope_where_the_data_carry_it() -> None:
     """By chance in no more than the 1 % of the F-test: 1 of 20 is within three errors, 2 not."""
-    used = [sum('viscous' in fit.names for fit in _repeated(law, 'auto', 20)) for law in (LAW, RISING)]
+    used = [
+        sum('viscous' in fit.names for fit in fit_default_speeds(law, 'auto', 20)) for law in (LAW, RISING)
+    ]
     assert used[0] < 20 * (0.01 + _three_errors(20, 0.01))
     assert used[1] > 20 * 0.9
 
 
 def test_the_test_of_the_slope_is_the_f_test() -> None:
-    curve = _noisy(RISING)
+    curve = noisy_curve(RISING)
     fit = fit_stribeck(curve)
     test = fit.viscous_test
     assert test is not None
     assert test.demands_slope
     assert test.slope == pytest.approx(fit.law.viscous, rel=1e-12)
     found, covariance = curve_fit(
-        _model,
+        stribeck_curve,
         curve.speed,
         curve.coefficient,
         (0.3, 0.1, 8.0, 0.1),
@@ -219,7 +221,7 @@ def test_the_test_of_the_slope_is_the_f_test() -> None:
 
 
 def test_a_slope_that_is_negative_by_chance_is_held_at_0() -> None:
-    fits = [fit_stribeck(_noisy(seed=seed), 'yes') for seed in (1, 3, 8)]
+    fits = [fit_stribeck(noisy_curve(seed=seed), 'yes') for seed in (1, 3, 8)]
     for fit in fits:
         assert fit.viscous_test is not None
         assert fit.viscous_test.slope < 0.0
@@ -276,14 +278,14 @@ def test_a_level_below_zero_is_held_at_zero() -> None:
 
 
 def test_warnings_name_what_is_weak() -> None:
-    assert fit_stribeck(_noisy(), 'no').warnings == ()
-    late = fit_stribeck(_noisy(speed=SPEED + 0.15, scatter=0.001), 'no')
+    assert fit_stribeck(noisy_curve(), 'no').warnings == ()
+    late = fit_stribeck(noisy_curve(speed=SPEED + 0.15, scatter=0.001), 'no')
     assert 'static is extrapolated: at the lowest speed, 0.15 m/s' in late.warnings[0]
     lonely = np.array([0.0, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5])
-    alone = fit_stribeck(_noisy(speed=lonely, scatter=0.0005), 'no')
+    alone = fit_stribeck(noisy_curve(speed=lonely, scatter=0.0005), 'no')
     assert unchecked(alone).startswith('the point of line 1, 0 m/s, is not checked by any other')
     assert not alone.warnings
-    mu = _noisy().coefficient
+    mu = noisy_curve().coefficient
     mu[[3, 7, 11, 15, 19, 23]] += 0.1
     (text,) = fit_stribeck(curve_of(SPEED, mu), 'no').warnings
     assert 'of the points count less than half' in text
@@ -292,14 +294,14 @@ def test_warnings_name_what_is_weak() -> None:
 # --- what the uncertainty means -----------------------------------------------------------------
 
 
-def _steps(v: Array) -> Array:
+def stepped_curve(v: Array) -> Array:
     return np.where(v < 0.1, 0.30, np.where(v < 0.2, 0.22, 0.10))
 
 
 @pytest.mark.parametrize(
     ('shape', 'points', 'scatter', 'named'),
     [
-        (_steps, 20, 0.005, True),
+        (stepped_curve, 20, 0.005, True),
         (lambda v: 0.30 - 0.04 * np.log(1.0 + v / 0.005), 100, 0.005, True),
         (lambda v: 0.10 + 0.20 / (1.0 + (v / 0.1) ** 6), 40, 0.002, True),
         # Of so few points no run is long: that the curve goes on falling shows it.
@@ -318,7 +320,7 @@ def test_another_shape_is_named(
 
 @pytest.mark.parametrize('points', [6, 8])
 def test_few_points_of_the_right_law_are_hardly_warned_of(points: int) -> None:
-    fits = _study(LAW, 'auto', 40, points, SCATTER)
+    fits = fit_many_times(LAW, 'auto', 40, points, SCATTER)
     assert sum(bool(fit.warnings) for fit in fits) <= 4
 
 
@@ -345,14 +347,14 @@ def test_friction_that_changes_during_the_measurement_is_named(speed: Array, coe
 
 def test_the_right_shape_is_hardly_ever_doubted() -> None:
     # At the 2 % level; five of 60 fits would be three standard errors more.
-    fits = _repeated(LAW, 'no', 60)
+    fits = fit_default_speeds(LAW, 'no', 60)
     assert sum('has another shape' in text for fit in fits for text in fit.warnings) <= 4
 
 
 @pytest.mark.parametrize('law', [LAW, RISING])
 def test_boundaries_spread_as_those_of_laws_drawn_from_the_fit(law: Stribeck) -> None:
     """Laws from the multivariate t distribution, of ln beta, by the physics: to a tenth of the spread."""
-    fit = fit_stribeck(_noisy(law, scatter=0.004), 'yes' if law.viscous else 'no')
+    fit = fit_stribeck(noisy_curve(law, scatter=0.004), 'yes' if law.viscous else 'no')
     belief = boundary_belief(fit, BENCH, 1000.0)
     drawn = stats.multivariate_t(fit.estimate, fit.covariance, fit.degrees_of_freedom, seed=7).rvs(800)
     drawn[:, 2] = fit.law.decay * np.exp(drawn[:, 2] / fit.law.decay - 1.0)

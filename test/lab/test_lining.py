@@ -40,7 +40,7 @@ RPM = math.pi * 0.1 / 60.0
 Make = Callable[..., Scene]
 
 
-def effects(
+def lining_effects(
     speed: list[list[float]], load: float = 1000.0, deviation: float = 1.0, **motion: Any
 ) -> list[dict[str, Any]]:
     disturbance = {'standard_deviation': deviation, 'unit': 'N'}
@@ -51,7 +51,7 @@ def effects(
     ]
 
 
-def told(scene: Scene, block_length: float = 60.0) -> dict[str, tuple[NDArray[Any], list[Any]]]:
+def truth_by_topic(scene: Scene, block_length: float = 60.0) -> dict[str, tuple[NDArray[Any], list[Any]]]:
     """Times and values of each truth topic of the bearing, by the topic's last part."""
     found: dict[str, tuple[list[float], list[Any]]] = {}
     for block in simulate(scene, block_length):
@@ -64,7 +64,7 @@ def told(scene: Scene, block_length: float = 60.0) -> dict[str, tuple[NDArray[An
     return {name: (np.array(times), values) for name, (times, values) in found.items()}
 
 
-def events(found: dict[str, tuple[NDArray[Any], list[Any]]], scene: Scene) -> dict[str, list[float]]:
+def event_times(found: dict[str, tuple[NDArray[Any], list[Any]]], scene: Scene) -> dict[str, list[float]]:
     """Seconds of each kind of event."""
     kinds: dict[str, list[float]] = {}
     for text in found['events'][1]:
@@ -77,9 +77,9 @@ def events(found: dict[str, tuple[NDArray[Any], list[Any]]], scene: Scene) -> di
 def test_the_cycle_is_the_exact_one(make_scene: Make) -> None:
     """From rest in a second to 20 rpm; numbers of the exact cycle from the reference table."""
     scene = make_scene(
-        effects=effects([[0, 0], [1, 20]], deviation=0.0, amplitude={'rate': 2.0}), duration=12.0
+        effects=lining_effects([[0, 0], [1, 20]], deviation=0.0, amplitude={'rate': 2.0}), duration=12.0
     )
-    found = told(scene)
+    found = truth_by_topic(scene)
     times, values = found['amplitude']
     assert np.array_equal(times, np.arange(1, 25) / 2.0)
     assert values[-4:] == pytest.approx([0.556755e-3] * 4, rel=1e-4)
@@ -97,7 +97,7 @@ def test_a_level_is_the_effective_value_of_the_exact_cycle(
     """Of a harmonic motion with half the peak to peak, 0.556755 mm at 20 rpm."""
     own = {'aft': {'level': {'topic': '/aft/level', 'unit': unit}}}
     rates = {name: {'rate': 2.0} for name in ('speed', 'load', 'level')}
-    listed = effects([[0, 0], [1, 20]], deviation=0.0)
+    listed = lining_effects([[0, 0], [1, 20]], deviation=0.0)
     sent = messages_of(make_scene(own, effects=listed, duration=8.0, telemetry=rates))['/aft/level'].raw
     assert sent[-4:] == pytest.approx([0.556755e-3 * of_amplitude / math.sqrt(2.0)] * 4, rel=1e-4)
 
@@ -105,9 +105,11 @@ def test_a_level_is_the_effective_value_of_the_exact_cycle(
 def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None:
     """White noise on a grid, joined linearly, has density ``sigma^2 dt sinc^4(omega dt/2)``."""
     rpm, sigma = 60.0, 5.0
-    scene = make_scene(effects=effects([[0, rpm]], deviation=sigma, motion={'rate': 50.0}), duration=80.0)
+    scene = make_scene(
+        effects=lining_effects([[0, rpm]], deviation=sigma, motion={'rate': 50.0}), duration=80.0
+    )
     speed = rpm * RPM
-    found = told(scene)
+    found = truth_by_topic(scene)
     x = np.array(found['displacement'][1])
     mu = KINETIC + DROP * math.exp(-DECAY * speed)
     step = 1.0 / 128.0
@@ -122,7 +124,7 @@ def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None
     assert x.mean() == pytest.approx(1000.0 * mu / STIFFNESS, rel=1e-3)
     # Some 80 s * sigma = 3 per second of independent energy: 10 % in the standard deviation.
     assert x.std() == pytest.approx(math.sqrt(variance), rel=0.2)
-    assert events(found, scene) == {'start': [0.0], 'end': [80.0]}
+    assert event_times(found, scene) == {'start': [0.0], 'end': [80.0]}
     assert found['stick'][1] == []
 
 
@@ -130,8 +132,10 @@ def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None
 def test_a_knock_beyond_the_threshold_starts_stick_slip(make_scene: Make, part: float, sticks: bool) -> None:
     """At 34 rpm the unstable cycle's amplitude is 0.592815 mm; a blow J gives ``J/(m omega)``."""
     impulse = part * 0.592815e-3 * MASS * OMEGA
-    scene = make_scene(effects=effects([[0, 34]], deviation=0.0, knocks=[[1.005, impulse]]), duration=8.0)
-    kinds = events(told(scene), scene)
+    scene = make_scene(
+        effects=lining_effects([[0, 34]], deviation=0.0, knocks=[[1.005, impulse]]), duration=8.0
+    )
+    kinds = event_times(truth_by_topic(scene), scene)
     assert ('first_stick' in kinds) is sticks
     assert 'last_stick' not in kinds
 
@@ -139,14 +143,14 @@ def test_a_knock_beyond_the_threshold_starts_stick_slip(make_scene: Make, part: 
 def test_a_shaft_at_rest_is_no_stick_slip(make_scene: Make) -> None:
     """It stops with the lining stuck to it, and that is told as sticking, not as an episode."""
     scene = make_scene(
-        effects=effects([[0, 60], [4, 60], [5, 0], [8, 0]], motion={'rate': 10.0}), duration=8.0
+        effects=lining_effects([[0, 60], [4, 60], [5, 0], [8, 0]], motion={'rate': 10.0}), duration=8.0
     )
-    found = told(scene)
+    found = truth_by_topic(scene)
     ends, lengths = found['stick']
     assert ends[-1] == 8.0
     assert lengths[-1] == pytest.approx(3.0, abs=0.1)
     assert found['sticking'][1][-20:] == [True] * 20
-    kinds = events(found, scene)
+    kinds = event_times(found, scene)
     if 'first_stick' in kinds:  # the last cycles before the stop, which is at 5 s
         assert kinds['last_stick'][0] <= 5.0
 
@@ -160,7 +164,7 @@ def assert_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
 
 def test_the_outcome_does_not_depend_on_the_blocks(make_scene: Make) -> None:
     """Bit for bit, with a disturbance, a knock, a drift, and an end off every grid."""
-    listed = effects(
+    listed = lining_effects(
         [[0, 40], [4, 24], [9, 46]],
         knocks=[[5.0, 0.5], [6.123, -0.3]],
         amplitude={'rate': 3.0},
@@ -169,21 +173,21 @@ def test_the_outcome_does_not_depend_on_the_blocks(make_scene: Make) -> None:
     listed.append({'friction_drift': {'parameter': 'static', 'points': [[1, 0.3], [8, 0.34]]}})
     listed.append({'operating_point': {'rate': 3.0}})
     scene = make_scene(effects=listed, duration=9.777)
-    whole = told(scene, 100.0)
+    whole = truth_by_topic(scene, 100.0)
     for length in (60.0, 7.3, 0.37):
-        assert_same(told(scene, length), whole)
+        assert_same(truth_by_topic(scene, length), whole)
 
 
 @pytest.mark.skipif(find_spec('numba') is None, reason='compares with numba')
 def test_with_and_without_numba_the_bits_are_the_same(
     make_scene: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    listed = effects([[0, 30], [8, 20]], motion={'rate': 100.0}, amplitude={'rate': 2.0})
+    listed = lining_effects([[0, 30], [8, 20]], motion={'rate': 100.0}, amplitude={'rate': 2.0})
     listed.append({'friction_drift': {'parameter': 'decay', 'points': [[0, 10], [8, 14]]}})
     scene = make_scene(effects=listed, duration=8.0)
-    compiled = told(scene)
+    compiled = truth_by_topic(scene)
     monkeypatch.setattr(integrator, 'is_compiled', lambda _: False)
-    plain = told(scene)
+    plain = truth_by_topic(scene)
     assert len(plain['stick'][1]) > 50
     assert_same(compiled, plain)
 
@@ -191,7 +195,7 @@ def test_with_and_without_numba_the_bits_are_the_same(
 # Episodes, with a gap of one second allowed.
 
 
-def watch(*sticks: tuple[float, float], until: float = 100.0) -> list[EpisodeEvent]:
+def episodes_of(*sticks: tuple[float, float], until: float = 100.0) -> list[EpisodeEvent]:
     episodes = Episodes(1.0)
     events: list[EpisodeEvent] = []
     for start, end in sticks:
@@ -201,7 +205,7 @@ def watch(*sticks: tuple[float, float], until: float = 100.0) -> list[EpisodeEve
     return events + episodes.passed(until)
 
 
-def last(known: float, time: float, sticks: int, sticking: float) -> EpisodeEvent:
+def last_stick_event(known: float, time: float, sticks: int, sticking: float) -> EpisodeEvent:
     return EpisodeEvent(known, 'last_stick', time, {'sticks': sticks, 'sticking': sticking})
 
 
@@ -212,7 +216,7 @@ def last(known: float, time: float, sticks: int, sticking: float) -> EpisodeEven
         (
             [(10.0, 10.25), (11.0, 11.25), (12.25, 12.5)],
             100.0,
-            [(11.0, 'first_stick', 10.0, {}), last(13.5, 12.5, 3, 0.75)],
+            [(11.0, 'first_stick', 10.0, {}), last_stick_event(13.5, 12.5, 3, 0.75)],
         ),
         # A longer gap parts two.
         (
@@ -220,9 +224,9 @@ def last(known: float, time: float, sticks: int, sticking: float) -> EpisodeEven
             100.0,
             [
                 (11.0, 'first_stick', 10.0, {}),
-                last(12.25, 11.25, 2, 0.5),
+                last_stick_event(12.25, 11.25, 2, 0.5),
                 (13.0, 'first_stick', 12.5, {}),
-                last(14.5, 13.5, 2, 0.75),
+                last_stick_event(14.5, 13.5, 2, 0.75),
             ],
         ),
         # Single sticks are none.
@@ -235,7 +239,7 @@ def last(known: float, time: float, sticks: int, sticking: float) -> EpisodeEven
 def test_sticks_are_joined_to_episodes(
     sticks: list[tuple[float, float]], until: float, expected: list[Any]
 ) -> None:
-    assert watch(*sticks, until=until) == expected
+    assert episodes_of(*sticks, until=until) == expected
 
 
 # Instants and windows of a motion.
@@ -261,7 +265,7 @@ def test_memory_does_not_grow_with_the_duration(make_scene: Make) -> None:
     """A day-long scene is simulated block by block, and written as it is made."""
     peaks = []
     for duration in (300.0, 1200.0):
-        parts = effects([[0.0, 60.0], [100.0, 50.0]], amplitude={'rate': 5.0})
+        parts = lining_effects([[0.0, 60.0], [100.0, 50.0]], amplitude={'rate': 5.0})
         scene = make_scene(effects=parts, duration=duration)
         tracemalloc.start()
         for _ in simulate(scene):
@@ -282,7 +286,7 @@ def test_peaks_between_samples_are_found_to_the_order_of_the_cubic() -> None:
 SPEEDS = np.linspace(-0.5, 0.5, 11)
 
 
-def drift(parameter: str, points: list[list[float]], **more: Any) -> dict[str, Any]:
+def drift_effect(parameter: str, points: list[list[float]], **more: Any) -> dict[str, Any]:
     return {'friction_drift': {'parameter': parameter, 'points': points} | more}
 
 
@@ -303,13 +307,13 @@ def test_the_factor_multiplies_the_whole_coefficient(law: Any) -> None:
 def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None:
     """With beta halved and the drop doubled ``v_H = -ln(kappa)`` stays, and ``V_H`` doubles."""
     listed = [
-        *effects([[0, 0], [1, 60]])[:2],
+        *lining_effects([[0, 0], [1, 60]])[:2],
         {'operating_point': {'rate': 2.0}},
-        drift('decay', [[4, 10], [5, 5]]),
-        drift('static', [[4, 0.3], [5, 0.5]]),
+        drift_effect('decay', [[4, 10], [5, 5]]),
+        drift_effect('static', [[4, 0.3], [5, 0.5]]),
     ]
     scene = make_scene(effects=listed, duration=10.0)
-    found = {name: values for name, (_, values) in told(scene, 3.3).items()}
+    found = {name: values for name, (_, values) in truth_by_topic(scene, 3.3).items()}
     assert {len(values) for values in found.values()} == {21}
     # The fold that decides is exact, that beside it of averaging.
     hopf, fold, fold_kbm = 30.7380, 40.7179, 40.7231

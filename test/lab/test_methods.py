@@ -28,17 +28,17 @@ pytestmark = pytest.mark.filterwarnings('error')
 LIGHT = [method for method in METHODS if not method.slow]
 
 
-def rpm(value: float) -> float:
+def surface_speed(value: float) -> float:
     return float(BENCH.speed.to_surface(value, 'rpm'))
 
 
-def error(method, speed: float, *settings) -> float:
+def relative_error(method, speed: float, *settings) -> float:
     """Relative error of a method at the bench."""
-    amplitude = method(*settings, BENCH, rpm(speed), 1000.0).amplitude
-    return amplitude / exact_cycle(BENCH, rpm(speed), 1000.0).amplitude - 1.0
+    amplitude = method(*settings, BENCH, surface_speed(speed), 1000.0).amplitude
+    return amplitude / exact_cycle(BENCH, surface_speed(speed), 1000.0).amplitude - 1.0
 
 
-def order(errors: list[float], ratio: float) -> float:
+def order_of_convergence(errors: list[float], ratio: float) -> float:
     """Slope of an error under refinement by a ratio, from the last two."""
     return math.log(abs(errors[-2] / errors[-1])) / math.log(ratio)
 
@@ -83,38 +83,38 @@ def test_averaging_is_of_second_order_without_a_second_order_term():
         cycle = exact_cycle(bearing, 1.5, eta / 0.2)
         assert cycle.kind is CycleKind.OVERTAKING
         errors.append(averaging(1, bearing, 1.5, eta / 0.2).amplitude / cycle.amplitude - 1.0)
-    assert order(errors, 10.0) == pytest.approx(2.0, abs=2e-3)
+    assert order_of_convergence(errors, 10.0) == pytest.approx(2.0, abs=2e-3)
 
 
 # PHYSICS.md: -1.4 %, -0.2 %, -0.03 % at 20 rpm, double at 10 rpm.
 @pytest.mark.parametrize(('width', 'bias'), [(1e-3, -1.4e-2), (1e-4, -2e-3), (1e-5, -3e-4)])
 def test_the_bias_of_smoothing(width, bias):
-    at_20, at_10 = (error(smoothed, speed, width, True) for speed in (20, 10))
+    at_20, at_10 = (relative_error(smoothed, speed, width, True) for speed in (20, 10))
     assert at_20 == pytest.approx(bias, rel=0.15)
     assert at_10 / at_20 == pytest.approx(2.1, abs=0.15)
 
 
 @pytest.mark.parametrize('speed', [2, 20, 38])
 def test_tight_switching_is_exact_away_from_grazing(speed):
-    assert abs(error(switching, speed, True, math.inf)) < 1e-11
+    assert abs(relative_error(switching, speed, True, math.inf)) < 1e-11
 
 
 def test_the_restick_trap():
     """At 40 rpm the contact is stepped over and a cycle of twice the period comes out."""
-    trapped = switching(True, math.inf, BENCH, rpm(40), 1000.0)
+    trapped = switching(True, math.inf, BENCH, surface_speed(40), 1000.0)
     assert trapped.amplitude * 1e3 == pytest.approx(1.05199, abs=1e-5)
-    assert abs(error(switching, 40, True, 0.1)) < 1e-12
+    assert abs(relative_error(switching, 40, True, 0.1)) < 1e-12
 
 
 def test_switching_follows_a_lining_that_overtakes_the_belt():
     weak = Bearing(50.0, 40.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.1)
-    amplitude = switching(True, 0.1, weak, rpm(30), 100.0).amplitude
+    amplitude = switching(True, 0.1, weak, surface_speed(30), 100.0).amplitude
     # Ten cycles do not forget the start altogether: there is no stick to do so.
-    assert amplitude == pytest.approx(exact_cycle(weak, rpm(30), 100.0).amplitude, rel=1e-3)
+    assert amplitude == pytest.approx(exact_cycle(weak, surface_speed(30), 100.0).amplitude, rel=1e-3)
 
 
 @pytest.mark.parametrize('speed', [10, 30])
 def test_many_harmonics_approach_the_exact_cycle(speed):
     # The error changes its sign on the way: no single step down is certain.
-    few = max(abs(error(harmonic_balance, speed, h)) for h in (3, 7, 15))
-    assert abs(error(harmonic_balance, speed, 63)) < min(0.2 * few, 2e-3)
+    few = max(abs(relative_error(harmonic_balance, speed, h)) for h in (3, 7, 15))
+    assert abs(relative_error(harmonic_balance, speed, 63)) < min(0.2 * few, 2e-3)

@@ -15,7 +15,7 @@ import pytest
 from shared import CONFIG, ROOT
 
 
-def stickslip(folder: Path, *arguments: str) -> str:
+def run_stickslip(folder: Path, *arguments: str) -> str:
     """The output of a command in a process that has added the law."""
     code = 'import sys, own_law; from stickslip_monitor.cli import main; sys.exit(main())'
     paths = os.pathsep.join([str(ROOT / 'test'), str(ROOT)])
@@ -45,18 +45,18 @@ def test_commands_take_it_as_they_take_stribecks(tmp_path: Path) -> None:
         (folder / 'scene.yaml').write_text(
             scene.replace('../reference_bearing.yaml', 'bearing.yaml'), 'utf-8'
         )
-        stickslip(folder, 'simulate', 'scene.yaml', '-o', 'bag')
-        check = json.loads(stickslip(folder, 'check', 'bag', '-c', 'bearing.yaml', '--json'))
-        stickslip(folder, 'map', '-c', 'bearing.yaml', '-o', 'map.csv')
+        run_stickslip(folder, 'simulate', 'scene.yaml', '-o', 'bag')
+        check = json.loads(run_stickslip(folder, 'check', 'bag', '-c', 'bearing.yaml', '--json'))
+        run_stickslip(folder, 'map', '-c', 'bearing.yaml', '-o', 'map.csv')
         columns = np.genfromtxt(folder / 'map.csv', delimiter=',', skip_header=1)
         found[law] = check, columns
     (known, boundaries), (own, own_boundaries) = found['stribeck'], found['own']
     assert own_boundaries == pytest.approx(boundaries, rel=1e-5, nan_ok=True)
-    assert [changes(report) for report in (own, known)] == [changes(known)] * 2
-    assert changes(known)
+    assert [condition_changes(report) for report in (own, known)] == [condition_changes(known)] * 2
+    assert condition_changes(known)
 
 
-def changes(report: dict[str, Any]) -> list[tuple[str, str]]:
+def condition_changes(report: dict[str, Any]) -> list[tuple[str, str]]:
     """From what to what the condition changed in a check's report."""
     events = next(iter(report['bearings'].values()))['events']
     return [(event['from'], event['to']) for event in events]

@@ -19,7 +19,7 @@ from stickslip_monitor.physics.lubrication import viscosity
 LOADS = (500.0, 1000.0, 3000.0)
 
 
-def made(
+def make_bench(
     exponent: float, noise: float, seed: int = 0, *, told: bool = True, order: str = 'curves'
 ) -> FrictionCurve:
     """A bench at three loads: the reference bearing's law at 1 kN, its speeds in proportion to N^g."""
@@ -32,7 +32,7 @@ def made(
     return FrictionCurve(speed[row], mu[row], np.ones(36), line, 'm/s', '', load[row] if told else None)
 
 
-def pooled(curve: FrictionCurve) -> PooledFit:
+def fit_pooled(curve: FrictionCurve) -> PooledFit:
     """The fit of a curve with a column of loads or temperatures."""
     fit = fit_curve(curve)
     assert isinstance(fit, PooledFit)
@@ -41,7 +41,7 @@ def pooled(curve: FrictionCurve) -> PooledFit:
 
 @pytest.mark.parametrize('exponent', [0.0, 0.5, 1.0])
 def test_exact_curves_give_the_law_and_the_exponent(exponent: float) -> None:
-    fit = pooled(made(exponent, 0.0))
+    fit = fit_pooled(make_bench(exponent, 0.0))
     assert fit.load == pytest.approx(1500.0 ** (1 / 3) * 1e6 ** (1 / 3), rel=1e-9)
     assert fit.exponent == pytest.approx(exponent, abs=1e-4)
     assert fit.law.decay == pytest.approx(10.0 / (fit.load / 1000.0) ** exponent, rel=1e-4)
@@ -54,7 +54,7 @@ def test_a_temperature_alone_is_taken_out() -> None:
     ratio = viscosity(water) / viscosity(15.0)
     mu = 0.1 + 0.2 * np.exp(-10.0 * speed * ratio)
     curve = FrictionCurve(speed, mu, np.ones(36), np.arange(36), 'm/s', '', None, water)
-    fit = pooled(curve)
+    fit = fit_pooled(curve)
     assert not fit.has_exponent
     assert fit.temperature == pytest.approx(50.0 / 3.0)
     expected = 10.0 * float(viscosity(fit.temperature) / viscosity(15.0))
@@ -64,20 +64,20 @@ def test_a_temperature_alone_is_taken_out() -> None:
 
 def test_the_sentence_says_what_the_load_does() -> None:
     assert re.fullmatch(
-        r'the load explains it \(g = (0.9|1.0)\d \+- 0.0\d+\)', pooled(made(1.0, 0.002)).sentence
+        r'the load explains it \(g = (0.9|1.0)\d \+- 0.0\d+\)', fit_pooled(make_bench(1.0, 0.002)).sentence
     )
-    assert pooled(made(0.0, 0.002, 3)).sentence.startswith('no effect')
+    assert fit_pooled(make_bench(0.0, 0.002, 3)).sentence.startswith('no effect')
 
 
 @pytest.mark.parametrize('order', ['curves', 'mixed'])
 def test_pooled_curves_without_their_loads_are_asked_about(order: str) -> None:
-    assert SEVERAL_LOADS in fit_curve(made(1.0, 0.004, told=False, order=order)).warnings
-    assert not fit_curve(made(1.0, 0.004, order=order)).warnings
+    assert SEVERAL_LOADS in fit_curve(make_bench(1.0, 0.004, told=False, order=order)).warnings
+    assert not fit_curve(make_bench(1.0, 0.004, order=order)).warnings
 
 
 def test_errors_of_the_coefficients_contain_that_of_the_exponent() -> None:
     """By the spread of many benches: errors at a known exponent are too small."""
-    fits = [pooled(made(0.8, 0.004, seed)) for seed in range(40)]
+    fits = [fit_pooled(make_bench(0.8, 0.004, seed)) for seed in range(40)]
     decays = np.log([fit.law.decay for fit in fits])
     stated = np.mean([fit.standard_error[2] / fit.law.decay for fit in fits])
     # The standard deviation of 40 is known to 11 %.
@@ -90,14 +90,14 @@ def test_errors_of_the_coefficients_contain_that_of_the_exponent() -> None:
 def test_the_interval_holds_the_exponent_in_95_of_100_benches() -> None:
     inside = 0
     for seed in range(200):
-        low, high = pooled(made(0.7, 0.004, seed)).exponent_interval
+        low, high = fit_pooled(make_bench(0.7, 0.004, seed)).exponent_interval
         inside += low <= 0.7 <= high
     assert inside >= 182  # of 190 expected, less 2.6 of their 3.1
 
 
 def test_boundaries_follow_the_load() -> None:
     bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
-    belief = boundary_belief(fit_curve(made(1.0, 1e-6)), bearing, 3000.0)
+    belief = boundary_belief(fit_curve(make_bench(1.0, 1e-6)), bearing, 3000.0)
     true = 3.0 * float(fold_speed(bearing, 1000.0))
     assert fold_speed(belief.bearing, 3000.0) == pytest.approx(true, rel=1e-3)
 

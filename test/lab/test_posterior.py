@@ -17,7 +17,7 @@ PRIOR = np.array([[0.09, -0.09], [-0.09, 0.30]])
 REPORT = VibrationReport('aft', 0, 10**11, True, 1.0, 0.999, 'level, 1')
 
 
-def edges(*speeds: float, load: float = 1000.0) -> Edges:
+def make_edges(*speeds: float, load: float = 1000.0) -> Edges:
     """Ends at some speeds [m/s], each of a recording of its own, on a slow passage."""
     column = np.full(20, load)
     track = ReportedCourse('bag', (REPORT,), np.arange(20.0), np.full(20, 0.2), column, np.ones(20))
@@ -28,12 +28,12 @@ def edges(*speeds: float, load: float = 1000.0) -> Edges:
     return Edges(ends, [], [track])
 
 
-def fold(speed_factor: float) -> float:
+def scaled_fold(speed_factor: float) -> float:
     return speed_factor * float(np.exp(REFERENCE.fold(np.log([1000.0]))[0]))
 
 
 def test_without_an_end_the_prior_is_left() -> None:
-    found = infer(edges(), REFERENCE, PRIOR, Spreads()).by_ends
+    found = infer(make_edges(), REFERENCE, PRIOR, Spreads()).by_ends
     slope = REFERENCE.slope(math.log(1000.0))
     by = np.array([1.0, slope])
     assert found.middle == pytest.approx((0.0, 0.0), abs=0.04)
@@ -45,7 +45,7 @@ def test_without_an_end_the_prior_is_left() -> None:
 def test_ends_are_averaged_as_normal_numbers_are() -> None:
     # Four ends 10 % above: the fold is there, within the prior's scatter of 2 % of the load and
     # the bias of the load of 3 % between recordings, by the slope of the fold, over sqrt(4).
-    found = infer(edges(*[fold(1.1)] * 4), REFERENCE, PRIOR, Spreads(load=0.03)).by_ends
+    found = infer(make_edges(*[scaled_fold(1.1)] * 4), REFERENCE, PRIOR, Spreads(load=0.03)).by_ends
     assert found.middle[0] == pytest.approx(math.log(1.1), abs=0.004)
     wanted = math.hypot(0.02, 0.03) * REFERENCE.slope(math.log(1000.0)) / 2.0
     assert math.sqrt(found.covariance[0, 0]) == pytest.approx(wanted, rel=0.2)
@@ -53,13 +53,13 @@ def test_ends_are_averaged_as_normal_numbers_are() -> None:
 
 def test_what_agrees_with_the_configuration_changes_nothing() -> None:
     """The prior's best is at (0, 0), and ends at the configured fold do not move it off there."""
-    found = infer(edges(*[fold(1.0)] * 5), REFERENCE, PRIOR, Spreads()).by_ends
+    found = infer(make_edges(*[scaled_fold(1.0)] * 5), REFERENCE, PRIOR, Spreads()).by_ends
     assert found.middle == pytest.approx((0.0, 0.0), abs=0.01)
 
 
 def test_a_bound_pushes_the_fold_up() -> None:
-    own = edges(fold(1.0))
-    bound = End(REPORT, 'bag 9', 9.0, np.array([[fold(1.3), 1000.0]]), 0.0)
+    own = make_edges(scaled_fold(1.0))
+    bound = End(REPORT, 'bag 9', 9.0, np.array([[scaled_fold(1.3), 1000.0]]), 0.0)
     only = Edges([bound], [], own.tracks)
     found = infer(only, REFERENCE, PRIOR, Spreads()).by_ends
     low = float(found.quantiles(np.tile(found.u[:, None], found.log_q.size), [0.05])[0])
@@ -67,15 +67,15 @@ def test_a_bound_pushes_the_fold_up() -> None:
 
 
 def test_forgetting_follows_the_newest_ends() -> None:
-    speeds = [fold(1.0)] * 4 + [fold(1.1)] * 2
+    speeds = [scaled_fold(1.0)] * 4 + [scaled_fold(1.1)] * 2
     kept, followed = (
-        infer(edges(*speeds), REFERENCE, PRIOR, Spreads(forget=forget)).by_ends.middle[0]
+        infer(make_edges(*speeds), REFERENCE, PRIOR, Spreads(forget=forget)).by_ends.middle[0]
         for forget in (0.0, 0.1)
     )
     assert kept < 0.06 < 0.08 < followed
 
 
-def onset(rate: float, seconds: float, began: bool = True) -> Passage:
+def make_onset(rate: float, seconds: float, began: bool = True) -> Passage:
     """Down from the Hopf speed at a rate [rpm/s] for some seconds, then over by the tolerance."""
     time = np.arange(0.0, seconds + 3.25, 0.25)
     speed = math.log(5.0) / 10.0 - rate * RPM * time
@@ -83,7 +83,7 @@ def onset(rate: float, seconds: float, began: bool = True) -> Passage:
     return Passage(seconds, speed, np.full(time.size, 1000.0), step, began, 1.0, 0.99)
 
 
-def at(passage: Passage, log_q: FloatArray) -> FloatArray:
+def likelihood_at(passage: Passage, log_q: FloatArray) -> FloatArray:
     """Likelihood of a passage along ln q, e-folds summed over by their prior, without a lag."""
     found = log_passage(passage, REFERENCE, np.zeros(log_q.size), log_q)
     weight = np.exp(-0.5 * np.linspace(-2.2, 2.2, found.shape[1]) ** 2)
@@ -98,11 +98,11 @@ def test_an_onset_is_likeliest_where_noise_has_grown_three_e_folds() -> None:
     grown = 400.0 / 100.0 * ((np.exp(b * time) - 1.0) / b - time)
     seconds = float(time[np.argmin(np.abs(grown - 3.0))])
     log_q = np.linspace(-0.3, 0.3, 121)
-    likely = at(onset(rate, seconds), log_q)
+    likely = likelihood_at(make_onset(rate, seconds), log_q)
     assert log_q[np.argmax(likely)] == pytest.approx(0.0, abs=0.05)
 
 
 def test_quiet_bounds_how_far_noise_can_have_grown() -> None:
     log_q = np.array([-0.5, 0.0, 0.5])
-    steady, middle, wild = at(onset(0.3, 12.0, began=False), log_q)
+    steady, middle, wild = likelihood_at(make_onset(0.3, 12.0, began=False), log_q)
     assert steady > middle > wild

@@ -79,7 +79,7 @@ def test_the_cut_recording_is_whole_up_to_its_cut() -> None:
 def test_lost_inputs_are_told_and_given_back() -> None:
     """NaN for 12 s at a speed that is safe; ten seconds without the load; a timeout of 5 s."""
     for name, from_s, to_s in (('sensor_values', 200.0, 212.0), ('sensor_clocks', 170.0, 180.0)):
-        _, start_ns, found = scan(name)
+        _, start_ns, found = scan_single_bearing(name)
         stale = [
             ((event.time_ns - start_ns) * 1e-9, str(event.after) == 'input_stale')
             for event in found.events
@@ -116,7 +116,7 @@ def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
 
 
 @functools.cache
-def scans(name: str) -> list[tuple[BearingConfig, int, Scan]]:
+def scan_recording(name: str) -> list[tuple[BearingConfig, int, Scan]]:
     """The monitor over a recording: each bearing, when it starts [ns], its scan."""
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
     kept = Kept()
@@ -125,13 +125,13 @@ def scans(name: str) -> list[tuple[BearingConfig, int, Scan]]:
     return [(each, start_ns, kept.scan(each.name)) for each in config.bearings]
 
 
-def scan(name: str) -> tuple[BearingConfig, int, Scan]:
+def scan_single_bearing(name: str) -> tuple[BearingConfig, int, Scan]:
     """The same of a recording of one bearing."""
-    (only,) = scans(name)
+    (only,) = scan_recording(name)
     return only
 
 
-def rungs(before: str, after: str) -> list[tuple[str, bool]]:
+def changed_rungs(before: str, after: str) -> list[tuple[str, bool]]:
     """The rungs of the alarm's ladder that a change raises (True) or clears."""
     low, high = sorted((LADDER.index(before), LADDER.index(after)))
     return [(name, after == LADDER[high]) for name in LADDER[low + 1 : high + 1]]
@@ -140,17 +140,17 @@ def rungs(before: str, after: str) -> list[tuple[str, bool]]:
 @pytest.mark.parametrize('name', PLAIN)
 def test_monitor_gives_every_alarm_when_it_is_due_and_no_other(name: str) -> None:
     """Rung by rung: on its way down the alarm may rest for a moment where noise holds it."""
-    for bearing, start_ns, found in scans(name):
+    for bearing, start_ns, found in scan_recording(name):
         due = [
             (*rung, event['earliest'], event['latest'])
             for event in ENTRIES[name]['events']
             if event['bearing'] == bearing.name
-            for rung in rungs(event['before'], event['after'])
+            for rung in changed_rungs(event['before'], event['after'])
         ]
         given = [
             (*rung, (event.time_ns - start_ns) * 1e-9)
             for event in found.events
-            for rung in rungs(str(event.before), str(event.after))
+            for rung in changed_rungs(str(event.before), str(event.after))
         ]
         for condition in LADDER[1:]:
             expected = [row for row in due if row[0] == condition]
@@ -171,7 +171,7 @@ def test_the_pair_differs_in_its_history_only() -> None:
     assert ENTRIES['history_above']['episodes'] == []
     (episode,) = ENTRIES['history_below']['episodes']
     assert episode['last_stick'] == 120.0
-    last = {name: scan(name)[2].sticking[-1] for name in ('history_above', 'history_below')}
+    last = {name: scan_single_bearing(name)[2].sticking[-1] for name in ('history_above', 'history_below')}
     assert last == {'history_above': False, 'history_below': True}
 
 
@@ -237,7 +237,7 @@ TOLD = [
 
 
 @functools.cache
-def judged(name: str) -> dict[str, Quality]:
+def judge_recording(name: str) -> dict[str, Quality]:
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
     found = judge_bag(BAGS / name, config)
     return {voyage.bearing: voyage.rules[OURS] for voyage, _ in found}
@@ -250,7 +250,7 @@ LATE = {'cold_start': 1, 'manoeuvring': 1, 'crash_stop': 1, 'sensor_values': 1}
 
 @pytest.mark.parametrize('name', TOLD)
 def test_no_episode_is_missed_and_no_alarm_is_false(name: str) -> None:
-    for bearing, quality in judged(name).items():
+    for bearing, quality in judge_recording(name).items():
         episodes = [e for e in ENTRIES[name]['episodes'] if e['bearing'] == bearing]
         assert (quality.episodes, quality.missed, quality.false) == (len(episodes), 0, 0)
         late = sum(lead < 0.0 for lead in quality.leads)
@@ -266,7 +266,7 @@ def test_the_docs_say_what_the_library_shows() -> None:
     rows = re.findall(r'^\| `(\w+)` \| (\d+) \|(.*?)\|(.*?)\|(.*?)\|', page, flags=re.MULTILINE)
     assert {row[0] for row in rows} == set(TOLD)
     for name, episodes, *figures in rows:
-        total = pooled(judged(name).values())
+        total = pooled(judge_recording(name).values())
         assert int(episodes) == total.episodes
         wrong = [total.unfounded + total.unalarmed]
         for text, values in zip(figures, (total.leads, total.alarm_leads, wrong), strict=True):

@@ -18,7 +18,7 @@ from stickslip_monitor.errors import SceneError, StickslipError
 MakeScene = Callable[..., Scene]
 
 
-def rows(table: str) -> list[tuple[str, str]]:
+def parse_refusals(table: str) -> list[tuple[str, str]]:
     """What is wrong, in YAML, and what is said of it, from lines with an arrow between."""
     return [
         (text.strip(), sentence)
@@ -27,7 +27,7 @@ def rows(table: str) -> list[tuple[str, str]]:
 
 
 # What stands in the scene's file in place of its own keys (~: left out).
-SCENES = rows("""
+SCENES = parse_refusals("""
 {durations: 3} => unknown key 'durations' = 3; did you mean 'duration'?
 {scene: ~} => not a scene file: it must begin with 'scene: stickslip_monitor/scene/1'
 {effects: ~} => key 'effects' is missing:
@@ -58,7 +58,7 @@ SCENES = rows("""
   => effects: entry 1 is unknown effect 'sped_profile'; did you mean 'speed_profile'?
 """)
 # An effect, or two with a dash between them.
-EFFECTS = rows("""
+EFFECTS = parse_refusals("""
 speed_profile: {unit: rpm, points: [[0, 1]]} - speed_profile: {unit: rpm, points: [[0, 1]]}
   => effect 'speed_profile' is listed twice for topic /shaft/speed
 speed_profile: {unit: rpm, pionts: []} => unknown key 'pionts' = [] in speed_profile; did you mean
@@ -160,7 +160,7 @@ def test_a_wrong_table_is_told_with_its_line(
         make_scene(effects=[effect])
 
 
-INPUTS = rows("""
+INPUTS = parse_refusals("""
 {aft: {speed: {type: sensor_msgs/msg/JointState, field: 'velocity[0]'}}}
   => aft.speed is of type sensor_msgs/msg/JointState in the configuration: a scene can write std
 {aft: {load: {type: geometry_msgs/msg/WrenchStamped, field: header.seq}}}
@@ -239,7 +239,7 @@ def test_a_jump_out_of_the_range_of_stamps_is_named(
     make_scene({'aft': {}}, start=late)
 
 
-TOO_MUCH = rows("""
+TOO_MUCH = parse_refusals("""
 {aft: {speed: {maximum: 1.0}},
     fwd: {load: {topic: /fwd}, journal_diameter: 0.2, speed: {maximum: 1.0}}} +
   speed_profile: {unit: rpm, points: [[0, 90], [40, 130]]}

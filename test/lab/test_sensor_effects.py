@@ -47,11 +47,11 @@ FAST = {'speed_profile': {'unit': 'rpm', 'points': [[0, 99]]}}
 SECONDS = np.arange(101.0)
 
 
-def filtering(**time_constant: float) -> dict[str, Any]:
+def filtering_effect(**time_constant: float) -> dict[str, Any]:
     return {'filtering': {q: {'time_constant': t} for q, t in time_constant.items()}}
 
 
-def averaging(**window: float) -> dict[str, Any]:
+def averaging_effect(**window: float) -> dict[str, Any]:
     return {'averaging': {q: {'window': w} for q, w in window.items()}}
 
 
@@ -60,7 +60,7 @@ def test_filter_lags_behind_a_ramp(send: Send, tau: float) -> None:
     """y = 60 - 0.5 (s - tau (1 - exp(-s/tau))), s the time since the ramp began."""
     since = np.maximum(SECONDS - 20.0, 0.0)
     expected = 60.0 - 0.5 * (since - tau * (1.0 - np.exp(-since / tau)))
-    found, _ = send(CORNER, filtering(speed=tau), rate=1.0)
+    found, _ = send(CORNER, filtering_effect(speed=tau), rate=1.0)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -70,14 +70,14 @@ def test_mean_averages_ripple_instead_of_aliasing_it(send: Send, window: float) 
     omega = 2.0 * math.pi * 99.0 / 60.0 * 9.0
     x = 0.5 * omega * window
     expected = 99.0 + 9.9 * math.sin(x) / x * np.cos(omega * SECONDS - x)
-    found, _ = send(FAST, BLADES, averaging(speed=window), rate=1.0)
+    found, _ = send(FAST, BLADES, averaging_effect(speed=window), rate=1.0)
     rate = max(100.0, 20.0 / window)
     np.testing.assert_allclose(found, expected, atol=3.0 * (omega / rate) ** 2 / x)
 
 
 def test_filter_comes_before_the_mean_and_both_see_no_blocks(send: Send) -> None:
     """On a long ramp the lag of both together: tau + window/2."""
-    both = [filtering(speed=2.0), averaging(speed=3.0)]
+    both = [filtering_effect(speed=2.0), averaging_effect(speed=3.0)]
     one, _ = send(CORNER, *both, rate=1.0)
     other, _ = send(*reversed(both), CORNER, rate=1.0, length=7.3)
     assert one.tolist() == other.tolist()

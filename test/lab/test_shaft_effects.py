@@ -118,11 +118,11 @@ WAVES: dict[str, Any] = {
 STEADY = {'load_profile': {'unit': 'N', 'points': [[0, 5000]]}}
 
 
-def sea(gamma: float, seed: int = 1) -> Sea:
+def make_sea(gamma: float, seed: int = 1) -> Sea:
     return Sea.of(HEIGHT, PERIOD, gamma, np.random.default_rng(seed))
 
 
-def jonswap(omega: float, gamma: float) -> float:
+def jonswap_spectrum(omega: float, gamma: float) -> float:
     """DNV-RP-C205, 3.5.5.1, with its fit 1 - 0.287 ln(gamma) of the normalising factor."""
     x = omega / PEAK
     width = 0.07 if x <= 1.0 else 0.09
@@ -134,14 +134,14 @@ def jonswap(omega: float, gamma: float) -> float:
 def test_spectrum_of_the_record_is_jonswap() -> None:
     """Energy in bands, by Welch's method, against the integral of the formula."""
     rate, gamma = 2.0, 3.3
-    record = sea(gamma, 5).elevation(np.arange(200_000) / rate)
+    record = make_sea(gamma, 5).elevation(np.arange(200_000) / rate)
     frequency, density = welch(record, rate, nperseg=1024)
     for low, high in ((0.6, 0.85), (0.85, 1.0), (1.0, 1.15), (1.15, 1.6), (1.6, 2.5)):
         inside = (frequency >= low / PERIOD) & (frequency < high / PERIOD)
         edges = frequency[inside][0], frequency[inside][-1]
         half = 0.5 * (frequency[1] - frequency[0])
         omegas = 2.0 * math.pi * (edges[0] - half), 2.0 * math.pi * (edges[1] + half)
-        expected = quad(jonswap, *omegas, args=(gamma,))[0]
+        expected = quad(jonswap_spectrum, *omegas, args=(gamma,))[0]
         found = density[inside].sum() * 2.0 * half
         assert found == pytest.approx(expected, rel=0.12, abs=0.003 * HEIGHT**2 / 16.0)
 

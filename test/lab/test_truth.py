@@ -23,12 +23,14 @@ SECOND = 1_000_000_000
 EVENTS = '/truth/aft/events'
 
 
-def event(name: str, second: float, **more: Any) -> str:
+def truth_event(name: str, second: float, **more: Any) -> str:
     record = {'schema': 'stickslip_monitor/truth/1', 'bearing': 'aft', 'event': name}
     return json.dumps(record | {'time': round(second * SECOND)} | more)
 
 
-def write(path: Path, events: Sequence[tuple[float, str]], kind: str = 'std_msgs/msg/String') -> Path:
+def write_truth_bag(
+    path: Path, events: Sequence[tuple[float, str]], kind: str = 'std_msgs/msg/String'
+) -> Path:
     """A bag of 100 s with events told at some seconds, and speed on a topic of its own."""
     with BagWriter(path) as writer:
         writer.add_topic('/shaft/speed', 'std_msgs/msg/Float64')
@@ -39,19 +41,22 @@ def write(path: Path, events: Sequence[tuple[float, str]], kind: str = 'std_msgs
     return path
 
 
-def read(path: Path) -> TruthRecord:
+def read_truth_bag(path: Path) -> TruthRecord:
     return read_truth(open_bag(path), 'aft')
 
 
-SPAN = [(0, event('start', 0)), (90, event('end', 90))]
-FIRST = [(11, event('first_stick', 10.5)), (21, event('last_stick', 20.25, sticks=7, sticking=0.3))]
+SPAN = [(0, truth_event('start', 0)), (90, truth_event('end', 90))]
+FIRST = [
+    (11, truth_event('first_stick', 10.5)),
+    (21, truth_event('last_stick', 20.25, sticks=7, sticking=0.3)),
+]
 
 
 @pytest.mark.parametrize(
     ('told', 'end', 'episodes'),
     [
         (
-            [*SPAN, *FIRST, (50, event('first_stick', 49)), (60, event('last_stick', 59.5))],
+            [*SPAN, *FIRST, (50, truth_event('first_stick', 49)), (60, truth_event('last_stick', 59.5))],
             90.0,
             [(10.5, 20.25), (49.0, 59.5)],
         ),
@@ -63,7 +68,7 @@ FIRST = [(11, event('first_stick', 10.5)), (21, event('last_stick', 20.25, stick
 def test_episodes_and_span(
     tmp_path: Path, told: Any, end: float, episodes: list[tuple[float, float]]
 ) -> None:
-    truth = read(write(tmp_path / 'a.mcap', sorted(told)))
+    truth = read_truth_bag(write_truth_bag(tmp_path / 'a.mcap', sorted(told)))
     assert (truth.start_ns, truth.end_ns) == (0, end * SECOND)
     assert truth.episodes == tuple((a * SECOND, b * SECOND) for a, b in episodes)
     assert truth.amplitude.value.size == truth.fold_margin.time_ns.size == 0
@@ -74,18 +79,18 @@ def test_each_number_is_read_from_its_topic(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap'
     with BagWriter(path) as writer:
         writer.add_topic(EVENTS, 'std_msgs/msg/String')
-        writer.write(EVENTS, 5, encode_string(event('start', 0)))
+        writer.write(EVENTS, 5, encode_string(truth_event('start', 0)))
         for name, column in columns.items():
             writer.add_topic(f'/truth/aft/{name}', 'std_msgs/msg/Float64')
             writer.write_float64s({f'/truth/aft/{name}': ([5, 9], column)})
-    truth = read(path)
+    truth = read_truth_bag(path)
     for name, column in columns.items():
         assert getattr(truth, name).time_ns.tolist() == [5, 9]
         assert getattr(truth, name).value.tolist() == column
 
 
 def test_no_truth_is_named(tmp_path: Path) -> None:
-    path = write(tmp_path / 'a.mcap', [(0, event('start', 0))])
+    path = write_truth_bag(tmp_path / 'a.mcap', [(0, truth_event('start', 0))])
     assert not has_truth(open_bag(path), 'fore')
     with pytest.raises(BagError) as caught:
         read_truth(open_bag(path), 'fore')
@@ -106,15 +111,15 @@ def test_no_truth_is_named(tmp_path: Path) -> None:
     ],
 )
 def test_events_of_another_kind_are_named(tmp_path: Path, text: str) -> None:
-    path = write(tmp_path / 'a.mcap', [(0, text)])
+    path = write_truth_bag(tmp_path / 'a.mcap', [(0, text)])
     with pytest.raises(BagError) as caught:
-        read(path)
+        read_truth_bag(path)
     assert str(caught.value) == (
         f"topic '{EVENTS}' of bag '{path}' holds an event that is no stickslip_monitor/truth/1"
     )
 
 
 def test_events_of_another_type_are_named(tmp_path: Path) -> None:
-    path = write(tmp_path / 'a.mcap', [], 'std_msgs/msg/Float64')
+    path = write_truth_bag(tmp_path / 'a.mcap', [], 'std_msgs/msg/Float64')
     with pytest.raises(BagError, match=r'is no std_msgs/msg/String$'):
-        read(path)
+        read_truth_bag(path)

@@ -24,19 +24,19 @@ NAN = math.nan
 T0 = datetime(2026, 4, 13, 10, 0, tzinfo=timezone.utc)
 
 
-def ns(time: datetime) -> int:
+def epoch_ns(time: datetime) -> int:
     return (time - datetime(1970, 1, 1, tzinfo=timezone.utc)) // timedelta(microseconds=1) * 1000
 
 
-def after(*seconds: float) -> list[int]:
-    return [ns(T0) + round(s * 1e9) for s in seconds]
+def times_after_start(*seconds: float) -> list[int]:
+    return [epoch_ns(T0) + round(s * 1e9) for s in seconds]
 
 
 def since(*seconds: float) -> list[int]:
     return [round(s * 1e9) for s in seconds]
 
 
-def sentence(body: str) -> str:
+def nmea_sentence(body: str) -> str:
     """Return a sentence of NMEA 0183 with its checksum, the exclusive or of its characters."""
     return f'${body}*{reduce(xor, body.encode()):02X}'
 
@@ -45,7 +45,7 @@ class Log(NamedTuple):
     """A log and what is read of it; '@0' stands for 2026-04-13T10:00:00Z, '~1' for 2026-04-13 10:00:01."""
 
     data: str | bytes
-    times: Sequence[int] = after(0, 1)
+    times: Sequence[int] = times_after_start(0, 1)
     speed: Sequence[float] = (30, 31)
     load: Sequence[float] = (900, 901)
     says: str = ''
@@ -98,38 +98,38 @@ LOGS = {
     ),
     'epoch in s with nanoseconds': Log(
         'time,speed,load\n1776074400.000000001,30,900\n1776074401.123456789,31,901\n',
-        times=[ns(T0) + 1, ns(T0) + 1_123_456_789],
+        times=[epoch_ns(T0) + 1, epoch_ns(T0) + 1_123_456_789],
         says='s since 1970',
     ),
     'epoch in ms': Log(
         'time,speed,load\n1776074400000,30,900\n1776074400250,31,901\n',
-        times=after(0, 0.25),
+        times=times_after_start(0, 0.25),
         says='ms since 1970',
     ),
     'epoch in us': Log(
         'time,speed,load\n1776074400000000,30,900\n1776074400000250,31,901\n',
-        times=[ns(T0), ns(T0) + 250_000],
+        times=[epoch_ns(T0), epoch_ns(T0) + 250_000],
         says='us since 1970',
     ),
     'epoch in ns': Log(
         'time,speed,load\n1776074400000000000,30,900\n1776074400000000003,31,901\n',
-        times=[ns(T0), ns(T0) + 3],
+        times=[epoch_ns(T0), epoch_ns(T0) + 3],
         says='ns since 1970',
     ),
     # 2026-04-13 is day 46125 of a spreadsheet: 1899-12-30 and 46,125 days.
     'days of a spreadsheet': Log(
         'Date;n [rpm];F [N]\n46125,5;30;900\n46125,75;31;901\n',
-        times=after(2 * 3600, 8 * 3600),
+        times=times_after_start(2 * 3600, 8 * 3600),
         says='days of a spreadsheet',
     ),
     'days of a spreadsheet under another heading, a line a second': Log(
         'Time,speed,load\n46125.5,30,900\n46125.5000115741,31,901\n',
-        times=[ns(T0) + 7200 * 10**9, ns(T0) + 7_201_000_002_240],
+        times=[epoch_ns(T0) + 7200 * 10**9, epoch_ns(T0) + 7_201_000_002_240],
         says='days of a spreadsheet',
     ),
     'a line a minute in days': Log(
         'Time,speed,load\n46125.5,30,900\n46125.500694444,31,901\n',
-        times=[ns(T0) + 7200 * 10**9, ns(T0) + 7_259_999_961_600],
+        times=[epoch_ns(T0) + 7200 * 10**9, epoch_ns(T0) + 7_259_999_961_600],
         says='days of a spreadsheet',
     ),
     'seconds of the day, 1000 lines each': Log(
@@ -143,42 +143,42 @@ LOGS = {
     # datenum('1970-01-01') is 719529.
     'days of MATLAB': Log(
         'datenum,speed,load\n740085.5,30,900\n740085.75,31,901\n',
-        times=after(2 * 3600, 8 * 3600),
+        times=times_after_start(2 * 3600, 8 * 3600),
         says='days of MATLAB',
     ),
     # 134,774 days, 719,162 days and 24,107 days before 1970.
     'file times of Windows': Log(
-        f'time,speed,load\n{(ns(T0) // 100 + 134_774 * 864 * 10**9)},30,900\n'
-        f'{(ns(T0) // 100 + 134_774 * 864 * 10**9) + 10**7},31,901\n',
+        f'time,speed,load\n{(epoch_ns(T0) // 100 + 134_774 * 864 * 10**9)},30,900\n'
+        f'{(epoch_ns(T0) // 100 + 134_774 * 864 * 10**9) + 10**7},31,901\n',
         says='100 ns since 1601',
     ),
     'ticks of .NET': Log(
-        f'time,speed,load\n{(ns(T0) // 100 + 719_162 * 864 * 10**9)},30,900\n'
-        f'{(ns(T0) // 100 + 719_162 * 864 * 10**9) + 10**7},31,901\n',
+        f'time,speed,load\n{(epoch_ns(T0) // 100 + 719_162 * 864 * 10**9)},30,900\n'
+        f'{(epoch_ns(T0) // 100 + 719_162 * 864 * 10**9) + 10**7},31,901\n',
         says='100 ns since the year 1',
     ),
     'seconds of LabVIEW': Log(
-        f'time,speed,load\n{ns(T0) // 10**9 + 24_107 * 86_400},30,900\n'
-        f'{ns(T0) // 10**9 + 24_107 * 86_400 + 1},31,901\n',
+        f'time,speed,load\n{epoch_ns(T0) // 10**9 + 24_107 * 86_400},30,900\n'
+        f'{epoch_ns(T0) // 10**9 + 24_107 * 86_400 + 1},31,901\n',
         says='s since 1904',
     ),
     'a leap second in many lines': Log(
         'time,speed,load\n2016-12-31T23:59:60Z,30,900\n' + '2017-01-01T00:00:00Z,31,901\n' * 600,
-        times=[ns(datetime(2017, 1, 1, tzinfo=timezone.utc))] * 601,
+        times=[epoch_ns(datetime(2017, 1, 1, tzinfo=timezone.utc))] * 601,
         speed=[30] + [31] * 600,
         load=[900] + [901] * 600,
         lost='601 lines have 1 time between them',
     ),
     'seconds in a column of their own': Log(
         'date,time,s,speed,load\n' + ''.join(f'2026-04-13,10:0{k // 5},{k % 5},30,900\n' for k in range(10)),
-        times=after(*[0] * 5, *[60] * 5),
+        times=times_after_start(*[0] * 5, *[60] * 5),
         speed=[30] * 10,
         load=[900] * 10,
         lost='10 lines have 2 times between them',
     ),
     'the newest first, with minutes alone': Log(
         'time,speed,load\n' + '2026-04-13 10:01,31,901\n' * 3 + '2026-04-13 10:00,30,900\n' * 3,
-        times=after(0, 0, 0, 60, 60, 60),
+        times=times_after_start(0, 0, 0, 60, 60, 60),
         speed=[30] * 3 + [31] * 3,
         load=[900] * 3 + [901] * 3,
         lost='6 lines have 2 times between them',
@@ -198,7 +198,7 @@ LOGS = {
     ),
     'days of a spreadsheet under Date/Time': Log(
         'Date/Time,speed,load\n46125.5,30,900\n46125.500125,31,901\n',
-        times=after(7200, 7210.8),
+        times=times_after_start(7200, 7210.8),
         says='days of a spreadsheet',
     ),
     'units behind commas without quotation marks': Log(
@@ -232,7 +232,7 @@ LOGS = {
     'an arrival that changes seldom': Log(
         'Time,ETA UTC,speed,load\n'
         + ''.join(f'~{k},2026-04-2{k // 5} 00:00:00,{30 + k},{900 + k}\n' for k in range(10)),
-        times=after(*range(10)),
+        times=times_after_start(*range(10)),
         speed=range(30, 40),
         load=range(900, 910),
     ),
@@ -246,10 +246,10 @@ LOGS = {
             f'{line}\n'
             for k in (0, 1)
             for line in (
-                sentence(f'GPZDA,10000{k}.00,13,04,2026,00,00'),
-                sentence(f'IIRPM,S,1,{30 + k}.0,,A'),
-                sentence(f'GNRMC,10000{k}.00,A,5300.0,N,00800.0,E,5.0,90.0,270806,,,A'),
-                sentence(f'IIXDR,N,{900 + k}.0,N,LOAD'),
+                nmea_sentence(f'GPZDA,10000{k}.00,13,04,2026,00,00'),
+                nmea_sentence(f'IIRPM,S,1,{30 + k}.0,,A'),
+                nmea_sentence(f'GNRMC,10000{k}.00,A,5300.0,N,00800.0,E,5.0,90.0,270806,,,A'),
+                nmea_sentence(f'IIXDR,N,{900 + k}.0,N,LOAD'),
             )
         )
     ),
@@ -295,7 +295,8 @@ LOGS = {
     'a flow Q beside': Log('time,speed,Q,load\n@0,30,100,900\n@1,31,200,901\n'),
     'ISO 8601 without separators': Log('time,speed,load\n20260413T100000Z,30,900\n20260413T100001Z,31,901\n'),
     'digits alone, milliseconds behind': Log(
-        'time,speed,load\n20260413100000250,30,900\n20260413100001500,31,901\n', times=after(0.25, 1.5)
+        'time,speed,load\n20260413100000250,30,900\n20260413100001500,31,901\n',
+        times=times_after_start(0.25, 1.5),
     ),
     'a statistic above the headings': Log(
         'Statistic,speed,load\nMin,29,899\nMax,31,901\n\ntime,speed,load\n@0,30,900\n@1,31,901\n'
@@ -347,14 +348,15 @@ LOGS = {
     'no heading': Log('~0,30,900\n~1,31,901\n'),
     'date and time apart': Log(
         'Date,Time,speed,load\n13/04/2026,10:00:00,30,900\n13/04/2026,10:00:01.5,31,901\n',
-        times=after(0, 1.5),
+        times=times_after_start(0, 1.5),
     ),
     'month first, with a half of the day': Log(
         'time,speed,load\n04/13/2026 10:00:00 AM,30,900\n04/13/2026 01:00:00 PM,31,901\n',
-        times=after(0, 3 * 3600),
+        times=times_after_start(0, 3 * 3600),
     ),
     'day or month first, told by the last line': Log(
-        'time,speed,load\n12/04/2026 10:00:00,30,900\n13/04/2026 10:00:00,31,901\n', times=after(-86400, 0)
+        'time,speed,load\n12/04/2026 10:00:00,30,900\n13/04/2026 10:00:00,31,901\n',
+        times=times_after_start(-86400, 0),
     ),
     'name of the month': Log('time,speed,load\n13-Apr-2026 10:00:00,30,900\n13-Apr-2026 10:00:01,31,901\n'),
     'a zone': Log('time,speed,load\n2026-04-13T12:00:00+02:00,30,900\n2026-04-13T12:00:01+02:00,31,901\n'),
@@ -368,7 +370,7 @@ LOGS = {
     ),
     'words and empty cells': Log(
         'time,speed [rpm],load [N]\n@0,30,900\n@1,Bad,901\n@2,I/O Timeout,902\n@3,---,903\n',
-        times=after(0, 1, 2, 3),
+        times=times_after_start(0, 1, 2, 3),
         speed=[30, NAN, NAN, NAN],
         load=[900, 901, 902, 903],
     ),
@@ -405,7 +407,7 @@ LOGS = {
     'the separator named for spreadsheets': Log('sep=;\ntime;speed;load\n~0;30;900\n~1;31;901\n'),
     'newest first': Log(
         'time,speed,load\n@2,32,902\n@1,31,901\n@0,30,900\n',
-        times=after(0, 1, 2),
+        times=times_after_start(0, 1, 2),
         speed=[30, 31, 32],
         load=[900, 901, 902],
         says='the lines are in no order of time: sorted by time',
@@ -431,7 +433,7 @@ LOGS = {
     ),
     'one value a line, units that change': Log(
         'time,tag,value,unit\n@0,n,30,rpm\n@0,F,0.9,kN\n@1,n,0.5,Hz\n@1,F,1100,N\n@2,n,31,rpm\n@2,F,2,\n',
-        times=after(0, 1, 2),
+        times=times_after_start(0, 1, 2),
         speed=[30, 30, 31],
         load=[900, 1100, 2000],
         says="'F' changes its unit: lines in N are converted to kN",
@@ -488,7 +490,7 @@ LOGS = {
         '@1 $IIXDR,N,901.0,N,LOAD*6E\n'
         '@2 $IIRPM,S,1,32.0*1E\n'
         '@2 $IIXDR,N,902.0,N,LOAD*6D\n',
-        times=after(0, 1, 2),
+        times=times_after_start(0, 1, 2),
         speed=[30, NAN, NAN],
         load=[900, 901, 902],
     ),
@@ -648,7 +650,7 @@ LOGS = {
     ),
     'no heading, a status in words': Log(
         '@0,RUN,30\n@1,STOP,31\n@2,RUN,32\n@3,STOP,33\n',
-        times=after(0, 1, 2, 3),
+        times=times_after_start(0, 1, 2, 3),
         speed=[30, 31, 32, 33],
         load=[30, 31, 32, 33],
     ),
@@ -700,8 +702,11 @@ LOGS = {
         '$IIXDR,N,901.0,N,LOAD*6E\n'
     ),
     'NMEA 0183: times of the day alone': Log(
-        f'10:00:00.000 {sentence("IIRPM,S,0,30,,A")}\n10:00:00.000 {sentence("IIXDR,N,900,N,load")}\n'
-        f'10:00:01.000 {sentence("IIRPM,S,0,31,,A")}\n10:00:01.000 {sentence("IIXDR,N,901,N,load")}\n',
+        ''.join(
+            f'10:00:0{k}.000 {nmea_sentence(f"IIRPM,S,0,{30 + k},,A")}\n'
+            f'10:00:0{k}.000 {nmea_sentence(f"IIXDR,N,{900 + k},N,load")}\n'
+            for k in (0, 1)
+        ),
         times=since(36000, 36001),
     ),
     'NMEA 0183: times of two kinds': Log(
@@ -752,7 +757,7 @@ COLUMNS = {
 }
 
 
-def opened(folder: Path, data: str | bytes) -> TableRecording:
+def open_log(folder: Path, data: str | bytes) -> TableRecording:
     """A log of some text."""
     (folder / 'voyage.csv').write_bytes(Log(data).raw)
     recording = open_bag(folder / 'voyage.csv')

@@ -66,7 +66,7 @@ def test_a_path_that_leads_to_no_number(path: Any, error: type[Exception]) -> No
         NumberField(path).read(MESSAGE)
 
 
-def joints(names: list[str], speeds: list[float]) -> SimpleNamespace:
+def joint_states(names: list[str], speeds: list[float]) -> SimpleNamespace:
     return SimpleNamespace(name=names, velocity=speeds)
 
 
@@ -74,16 +74,16 @@ def test_an_element_is_chosen_by_its_name_wherever_it_stands() -> None:
     path = parse_field('velocity[port/shaft.1]')
     assert path == ('velocity', ByName('port/shaft.1'))
     field = NumberField(path)
-    assert field.read(joints(['port/shaft.1', 'rudder'], [6.0, 0.1])) == 6.0
-    assert field.read(joints(['rudder', 'port/shaft.1'], [0.1, 7.0])) == 7.0
+    assert field.read(joint_states(['port/shaft.1', 'rudder'], [6.0, 0.1])) == 6.0
+    assert field.read(joint_states(['rudder', 'port/shaft.1'], [0.1, 7.0])) == 7.0
     with pytest.raises(NoSuchElementError) as error:
-        field.read(joints(['rudder'], [0.1]))
+        field.read(joint_states(['rudder'], [0.1]))
     assert error.value.names == ('rudder',)
 
 
 def test_a_place_that_becomes_another_element_is_a_fault() -> None:
     field = NumberField(parse_field('velocity[0]'))
-    assert field.read(joints(['shaft', 'rudder'], [6.0, 0.1])) == 6.0
+    assert field.read(joint_states(['shaft', 'rudder'], [6.0, 0.1])) == 6.0
     with pytest.raises(LookupError):
-        field.read(joints(['rudder', 'shaft'], [0.1, 6.0]))
-    assert field.read(joints(['shaft', 'rudder'], [7.0, 0.1])) == 7.0
+        field.read(joint_states(['rudder', 'shaft'], [0.1, 6.0]))
+    assert field.read(joint_states(['shaft', 'rudder'], [7.0, 0.1])) == 7.0

@@ -18,37 +18,39 @@ Rows = list[tuple[float, float, int]]
 """Time that was written and true time [s], and the source."""
 
 
-def voyage() -> Rows:
+def two_sources() -> Rows:
     """Ten minutes of two sources, one of them 1 ms later, twice a second."""
     return [(k / 2 + source / 1000, k / 2 + source / 1000, source) for k in range(COUNT) for source in (0, 1)]
 
 
-def written(clock: Callable[[float], float]) -> Rows:
+def under_clock(clock: Callable[[float], float]) -> Rows:
     """Return the voyage under another clock."""
-    return [(clock(time), time, source) for _, time, source in voyage()]
+    return [(clock(time), time, source) for _, time, source in two_sources()]
 
 
-def moved(begin: int, count: int, by: int) -> Rows:
+def write_rows_late(begin: int, count: int, by: int) -> Rows:
     """Return the voyage with some rows written so many rows later."""
-    rows = voyage()
+    rows = two_sources()
     late = rows[begin : begin + count]
     return [*rows[:begin], *rows[begin + count : begin + count + by], *late, *rows[begin + count + by :]]
 
 
 def a_year_ahead() -> Rows:
     """Return the voyage with one message a year ahead."""
-    rows = voyage()
+    rows = two_sources()
     time, true, source = rows[400]
     return [*rows[:400], (time + 365 * 86_400, true, source), *rows[401:]]
 
 
-def disordered(seconds: float) -> Rows:
+def write_disordered(seconds: float) -> Rows:
     """Return the voyage, each row written up to some time late."""
     order = np.random.default_rng(5).uniform(0.0, seconds, 2 * COUNT)
-    return [row for _, row in sorted(zip(order + [row[0] for row in voyage()], voyage(), strict=True))]
+    return [
+        row for _, row in sorted(zip(order + [row[0] for row in two_sources()], two_sources(), strict=True))
+    ]
 
 
-def judged(rows: Rows) -> tuple[TimeCourse, IntArray, IntArray]:
+def judge_rows(rows: Rows) -> tuple[TimeCourse, IntArray, IntArray]:
     """Judge rows in batches; return the course, and the times and true times in the order that results."""
     time_ns, true_ns = (np.array([START + round(row[k] * SECOND) for row in rows]) for k in (0, 1))
     source, place = np.array([row[2] for row in rows]), np.arange(len(rows)) * 7
@@ -69,46 +71,46 @@ def judged(rows: Rows) -> tuple[TimeCourse, IntArray, IntArray]:
 SET_BACK = 'the clock of it was set back {}, by {} s at most'
 SORTED = 'they are in no order of time'
 FAULTS: dict[str, tuple[Rows, str, float]] = {
-    'none': (voyage(), '', 0.0),
+    'none': (two_sources(), '', 0.0),
     **{
         f'set back by {back} s': (
-            written(lambda t, back=back: t - back * (t >= 300)),
+            under_clock(lambda t, back=back: t - back * (t >= 300)),
             SET_BACK.format('once', back),
             0.0,
         )
         for back in (3, 200, 3600)
     },
-    'set back by half a second': (written(lambda t: t - 0.5 * (t >= 300)), '', 0.5),
+    'set back by half a second': (under_clock(lambda t: t - 0.5 * (t >= 300)), '', 0.5),
     'set back twice': (
-        written(lambda t: t - 200 * (t >= 200) - 200 * (t >= 400)),
+        under_clock(lambda t: t - 200 * (t >= 200) - 200 * (t >= 400)),
         SET_BACK.format('2 times', 200),
         0.0,
     ),
     'an hour ahead, and right again': (
-        written(lambda t: t + 3600 * (250 <= t < 350)),
+        under_clock(lambda t: t + 3600 * (250 <= t < 350)),
         'the clock of it leapt ahead and back: 400 times',
         0.0,
     ),
-    'one message late': (moved(400, 1, 25), '', 0.0),
-    'one moment late': (moved(400, 2, 24), '', 0.0),
-    'ten moments late': (moved(400, 20, 24), '', 0.0),
+    'one message late': (write_rows_late(400, 1, 25), '', 0.0),
+    'one moment late': (write_rows_late(400, 2, 24), '', 0.0),
+    'ten moments late': (write_rows_late(400, 20, 24), '', 0.0),
     'one message a year ahead': (a_year_ahead(), 'the clock of it leapt ahead and back: 1 time', 0.25),
-    'newest first': (voyage()[::-1], SORTED, 0.0),
-    'source by source': (sorted(voyage(), key=lambda row: row[2]), SORTED, 0.0),
+    'newest first': (two_sources()[::-1], SORTED, 0.0),
+    'source by source': (sorted(two_sources(), key=lambda row: row[2]), SORTED, 0.0),
     'blocks reversed': (
-        [row for begin in range(2 * COUNT - 240, -1, -240) for row in voyage()[begin : begin + 240]],
+        [row for begin in range(2 * COUNT - 240, -1, -240) for row in two_sources()[begin : begin + 240]],
         SORTED,
         0.0,
     ),
-    'unordered within 2 s': (disordered(2.0), '', 0.0),
-    'unordered within half a second': (disordered(0.5), '', 0.0),
+    'unordered within 2 s': (write_disordered(2.0), '', 0.0),
+    'unordered within half a second': (write_disordered(0.5), '', 0.0),
 }
 
 
 @pytest.mark.parametrize('name', FAULTS)
 def test_each_row_has_the_time_at_which_it_happened(name: str) -> None:
     rows, says, error = FAULTS[name]
-    course, time_ns, true_ns = judged(rows)
+    course, time_ns, true_ns = judge_rows(rows)
     assert (np.diff(time_ns) >= 0).all()
     assert time_ns.size == 2 * COUNT
     assert np.abs(time_ns - true_ns).max() <= error * SECOND + 2 * 10**6
@@ -129,7 +131,7 @@ def test_late_moments_are_sorted_in_silence_at_any_rate(rate: int, late: int, by
     begin, end = 200 * rate, 200 * rate + late
     gone = {'': None, 'before': every[begin - 1], 'ahead': every[end]}[lost]
     order = [*every[:begin], *every[end : end + ahead], *every[begin:end], *every[end + ahead :]]
-    course, time_ns, true_ns = judged([(t, t, source) for t in order if t != gone for source in (0, 1)])
+    course, time_ns, true_ns = judge_rows([(t, t, source) for t in order if t != gone for source in (0, 1)])
     np.testing.assert_array_equal(time_ns, true_ns)
     assert list(course.notes('they are', 'of it')) == []
 
@@ -146,15 +148,15 @@ def test_rows_that_are_put_in_order_elsewhere_are_kept_by_blocks() -> None:
 
 
 def test_the_clock_of_one_sender_shifts_its_rows_only() -> None:
-    rows = [(t - 200 * (s == 1 and t >= 300), t, s) for _, t, s in voyage()]
-    course, time_ns, true_ns = judged(rows)
+    rows = [(t - 200 * (s == 1 and t >= 300), t, s) for _, t, s in two_sources()]
+    course, time_ns, true_ns = judge_rows(rows)
     np.testing.assert_array_equal(time_ns, true_ns)
     assert course.steps_ns == [200 * SECOND]
 
 
 def test_a_slow_source_that_cannot_show_the_step_is_shifted_too() -> None:
-    rows = [(t, t, s) for _, t, s in voyage() if s == 0 or (int(t) % 60 == 5 and t % 1 < 0.1)]
-    course, time_ns, true_ns = judged([(t - 30 * (u >= 300), u, s) for t, u, s in rows])
+    rows = [(t, t, s) for _, t, s in two_sources() if s == 0 or (int(t) % 60 == 5 and t % 1 < 0.1)]
+    course, time_ns, true_ns = judge_rows([(t - 30 * (u >= 300), u, s) for t, u, s in rows])
     np.testing.assert_array_equal(time_ns, true_ns)
     assert course.steps_ns == [30 * SECOND]
 
@@ -187,11 +189,11 @@ def test_long_recordings_take_no_memory_for_their_rows() -> None:
 def test_one_time_read_wrong_at_an_end_is_reported(at: int, days: float) -> None:
     rows = [(k / 2, k / 2, 0) for k in range(COUNT)]
     rows[at] = (rows[at][0] + days * 86_400, *rows[at][1:])
-    course = judged(rows)[0]
+    course = judge_rows(rows)[0]
     text = f'a gap of {abs(days):.4g} days, and last {(COUNT - 2) / 2:.4g} s without it: one may be wrong'
     assert list(course.notes('the lines are', 'of the lines')) == [f'the times of the lines have {text}']
 
 
 def test_a_pause_of_some_days_between_voyages_of_days_is_not_reported() -> None:
     times = [*range(0, 400_000, 10), *range(1_000_000, 1_400_000, 10)]
-    assert judged([(time, time, 0) for time in times])[0].gap_ns == 0
+    assert judge_rows([(time, time, 0) for time in times])[0].gap_ns == 0

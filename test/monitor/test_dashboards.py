@@ -49,7 +49,7 @@ def foxglove() -> dict[str, Any]:
     return dict(json.loads((FOLDER / 'foxglove.json').read_text('utf-8')))
 
 
-def values(path: str, recording: Recording) -> list[Any]:
+def values_at_path(path: str, recording: Recording) -> list[Any]:
     """What a message path, with its fields and filters, leads to in all messages of its topic."""
     match = re.fullmatch(r'(/[\w/]+)((?:\.\w+(?:\[:\])?(?:\{\w+=="[^"]*"\})?)+)', path)
     assert match, f'{path} is no message path'
@@ -80,12 +80,12 @@ def test_foxglove_shows_every_topic_by_paths_that_lead_to_values(
     asked = ' '.join(path for _, path in paths)
     assert all(topic in asked for topic in recording)
     (alarm,) = [path for _, path in paths if '"reason"' in path]
-    assert {'normal', 'caution', 'bistable', 'stick_slip'} <= set(values(alarm, recording))
+    assert {'normal', 'caution', 'bistable', 'stick_slip'} <= set(values_at_path(alarm, recording))
     for panel, path in paths:
         if panel == 'DiagnosticSummary':
             assert path in recording
         elif path != '0':  # a plot's line at a number
-            found = values(path, recording)
+            found = values_at_path(path, recording)
             assert found, path
             kind = str if panel in ('StateTransitions', 'RawMessages') else (int, float)
             assert all(isinstance(item, kind) for item in found), path
@@ -94,7 +94,7 @@ def test_foxglove_shows_every_topic_by_paths_that_lead_to_values(
 # --- PlotJuggler -------------------------------------------------------------------------------
 
 
-def series(recording: Recording) -> set[str]:
+def series_names(recording: Recording) -> set[str]:
     """Names of the numeric series as PlotJuggler makes them from these messages."""
     names = set()
     for topic, messages in recording.items():
@@ -113,7 +113,7 @@ def test_plotjuggler_curves_exist(recording: Recording) -> None:
     root = ElementTree.parse(FOLDER / 'plotjuggler.xml').getroot()
     curves = [str(curve.get('name')) for curve in root.iter('curve')]
     assert len(curves) == len(set(curves)) == 9
-    assert set(curves) <= series(recording)
+    assert set(curves) <= series_names(recording)
 
 
 # --- diagnostic_aggregator ---------------------------------------------------------------------

@@ -45,7 +45,7 @@ def test_what_is_not_json_is_named_and_set_aside(tmp_path: Path, content: bytes)
     assert file.read() is None
 
 
-def pipe(folder: Path) -> str:
+def make_pipe(folder: Path) -> str:
     os.mkfifo(folder / 'pipe')
     return str(folder / 'pipe')
 
@@ -53,7 +53,7 @@ def pipe(folder: Path) -> str:
 @pytest.mark.parametrize(
     ('path', 'words'),
     [
-        (pipe, 'must be a file, but is a device, pipe or socket'),
+        (make_pipe, 'must be a file, but is a device, pipe or socket'),
         (lambda folder: '/dev/full', 'must be a file, but is a device, pipe or socket'),
         (lambda folder: str(folder / ('n' * 250)), 'cannot be used: File name too long'),
         (lambda folder: str(folder / 'no' / 'state.json'), "no/state.json': there is no folder"),

@@ -37,7 +37,7 @@ def wrong(tmp_path: Path) -> Path:
     return path
 
 
-def middle(document: dict[str, Any]) -> dict[str, float]:
+def middle_boundaries(document: dict[str, Any]) -> dict[str, float]:
     """Hopf and fold speed in the middle of the loads: 5, 50, 95 % [rpm]."""
     _, *speeds = document['boundaries'][len(document['boundaries']) // 2]
     names = [f'{name}_{p}' for name in ('hopf', 'fold') for p in (5, 50, 95)]
@@ -57,7 +57,7 @@ def test_one_recording_corrects_a_wrong_drawing(wrong: Path, tmp_path: Path, sti
     assert 'no measurement of friction' in text
     assert picture.stat().st_size > 10_000
     document = json.loads(result.read_text())
-    found = middle(document)
+    found = middle_boundaries(document)
     assert found['fold_50'] == pytest.approx(40.72, rel=0.05)
     assert found['fold_5'] < 40.72 < found['fold_95']
     assert found['hopf_5'] < 30.74 < found['hopf_95']
@@ -98,7 +98,7 @@ def test_an_operator_and_a_level_are_evidence_too(wrong: Path, tmp_path: Path, s
         wrong.read_text().replace('      speed: {', '      level: {topic: /level}\n      speed: {')
     )
     for arguments in ([COAST_DOWN, '--reports', reports, '-c', wrong], [copy, '-c', configured]):
-        found = middle(stickslip('calibrate', *arguments, '--json').json)
+        found = middle_boundaries(stickslip('calibrate', *arguments, '--json').json)
         assert found['fold_50'] == pytest.approx(40.72, rel=0.06)
 
 

@@ -11,10 +11,10 @@ import pytest
 from command_cases import (
     OF_LAB,
     WAYS,
-    declared,
-    given,
     inputs_of,
-    numbers,
+    list_declared_files,
+    list_number_options,
+    make_arguments,
     outputs_of,
     refuse_line,
     refuse_numbers_out_of_bounds,
@@ -67,10 +67,10 @@ def test_an_output_that_is_an_input_is_refused(command: str, way: str, tmp_path:
 def test_a_calibration_may_be_renewed_where_the_configuration_names_it(tmp_path: Path) -> None:
     (tmp_path / 'own.json').write_text('{"schema": "stickslip_monitor/calibration/1"}')
     (tmp_path / 'own.yaml').write_text('a: own.json')
-    files, output = declared('calibrate'), str(tmp_path / 'own.json')
-    check_files(given(files, output=output, config=tmp_path / 'own.yaml', add=output))
+    files, output = list_declared_files('calibrate'), str(tmp_path / 'own.json')
+    check_files(make_arguments(files, output=output, config=tmp_path / 'own.yaml', add=output))
     with pytest.raises(OutputError, match='is the input'):
-        check_files(given(files, fragment=output, config=tmp_path / 'own.yaml'))
+        check_files(make_arguments(files, fragment=output, config=tmp_path / 'own.yaml'))
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_what_cannot_be_written_is_told_before_the_work(
         for option, path in paths.items()
     }
     with pytest.raises(OutputError, match=text):
-        check_files(given(declared('fit'), **filled))
+        check_files(make_arguments(list_declared_files('fit'), **filled))
 
 
 @pytest.mark.parametrize('line', REFUSED)
@@ -109,15 +109,15 @@ def test_what_is_refused_is_told_in_one_sentence(
 
 def test_options_with_bounds_have_them() -> None:
     """As in the docs and the help of each command."""
-    assert {name: action.rule for name, (_, action) in numbers(OF_LAB).items()} == {
+    assert {name: action.rule for name, (_, action) in list_number_options(OF_LAB).items()} == {
         'calibrate --forget': (0, 1, False),
         'fit --journal-diameter': (0, math.inf, True),
     }
 
 
-@pytest.mark.parametrize('name', numbers(OF_LAB))
+@pytest.mark.parametrize('name', list_number_options(OF_LAB))
 def test_a_number_out_of_its_bounds_is_refused(name: str, stickslip: Stickslip) -> None:
-    refuse_numbers_out_of_bounds(name, *numbers(OF_LAB)[name], stickslip)
+    refuse_numbers_out_of_bounds(name, *list_number_options(OF_LAB)[name], stickslip)
 
 
 @pytest.mark.parametrize('command', OF_LAB)

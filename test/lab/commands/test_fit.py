@@ -20,7 +20,7 @@ LAW = Stribeck(0.3, 0.1, 10.0)
 PAGE = ROOT / 'docs' / 'fit.md'
 
 
-def _write(path: Path, speed: Any, coefficient: Any, heading: str = 'speed [m/s],mu') -> str:
+def write_curve(path: Path, speed: Any, coefficient: Any, heading: str = 'speed [m/s],mu') -> str:
     rows = [f'{float(v)!r},{float(mu)!r}' for v, mu in zip(speed, coefficient, strict=True)]
     path.write_text('\n'.join([heading, *rows]) + '\n', encoding='utf-8')
     return str(path)
@@ -71,7 +71,7 @@ def test_the_fragment_is_a_configuration(viscous: str, tmp_path: Path, stickslip
     noise = 1e-3 * np.random.default_rng(0).standard_normal(41)
     mu = law.coefficient(speed) + noise
     path = tmp_path / 'part.yaml'
-    arguments = [_write(tmp_path / 'c.csv', speed, mu, 'v,mu'), '--viscous', viscous]
+    arguments = [write_curve(tmp_path / 'c.csv', speed, mu, 'v,mu'), '--viscous', viscous]
     done = stickslip('fit', *arguments, '--fragment', path, '--json')
     assert done.code == 0
     document = done.json
@@ -108,7 +108,7 @@ def test_points_as_csv(tmp_path: Path, stickslip: Stickslip) -> None:
 
 def test_a_warning_is_exit_code_1(tmp_path: Path, stickslip: Stickslip) -> None:
     speed = np.linspace(0.2, 0.8, 30)
-    path = _write(tmp_path / 'late.csv', speed, LAW.coefficient(speed))
+    path = write_curve(tmp_path / 'late.csv', speed, LAW.coefficient(speed))
     done = stickslip('fit', path)
     assert done.code == 1
     assert 'warning: static is extrapolated' in done.out

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from shared import CONFIG as REFERENCE_FILE
-from slow_passages import BEARING, FOLD, ONSET, passage
+from slow_passages import BEARING, FOLD, ONSET, slow_passage
 
 from stickslip_lab.calibration.calibration import Evidence, calibrate, read_levels
 from stickslip_lab.drawing.studies import draw_calibration
@@ -27,7 +27,7 @@ def lines_of(found: list[Evidence]) -> dict[str, Any]:
 
 
 def test_a_level_is_coloured_by_what_it_was_taken_for_and_its_ends_are_marked() -> None:
-    lines = lines_of(read_levels('aft', [passage(k) for k in range(3)]))
+    lines = lines_of(read_levels('aft', [slow_passage(k) for k in range(3)]))
     # In vibration the level is the surface speed, 0 dB over it; quiet is 26 dB below that at the fold.
     assert np.median(lines['vibration'][1]) == pytest.approx(0.0, abs=0.3)
     assert np.median(lines['quiet'][1]) < -20.0
@@ -39,9 +39,9 @@ def test_a_level_is_coloured_by_what_it_was_taken_for_and_its_ends_are_marked() 
 
 
 def test_reports_are_drawn_as_passages_and_a_bound_as_what_it_is() -> None:
-    whole = passage(level=False)
+    whole = slow_passage(level=False)
     # The list ends in the middle of the vibration.
-    found = [whole, replace(passage(1, level=False), reports=passage(1, level=False).reports[:2])]
+    found = [whole, replace(slow_passage(1, level=False), reports=slow_passage(1, level=False).reports[:2])]
     lines = lines_of(found)
     assert lines['vibration reported'][1].tolist() == [1.0] * lines['vibration reported'].shape[1]
     assert lines['end at the fold'][1].tolist() == [1.0]

@@ -34,7 +34,7 @@ def test_the_bytes_are_those_of_the_writer_of_messages_one_by_one(seed: int) -> 
             assert one_by_one.register_schema(topic, 'ros2msg', text) == schema
             channels.append(writer.add_channel(topic, 'cdr', schema, {'key': 'value'}))
             assert one_by_one.register_channel(topic, 'cdr', schema, {'key': 'value'}) == channels[-1]
-        columns = [_column(rng, channel) for channel in channels if rng.random() < 0.7]
+        columns = [make_column(rng, channel) for channel in channels if rng.random() < 0.7]
         rows = [(t, own, m) for own, time, data in columns for t, m in zip(time.tolist(), data, strict=True)]
         for time, own, message in sorted(rows, key=lambda row: row[0]):
             one_by_one.add_message(own, time, bytes(message), time, counts.get(own, 0))
@@ -47,7 +47,7 @@ def test_the_bytes_are_those_of_the_writer_of_messages_one_by_one(seed: int) -> 
     assert writer.counts == counts
 
 
-def _column(rng: np.random.Generator, channel: int) -> Column:
+def make_column(rng: np.random.Generator, channel: int) -> Column:
     """Messages of some sizes, or of one, at times of which some are equal and some go back."""
     time = rng.integers(0, 60, rng.integers(1, 40))
     if rng.random() < 0.5:

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 import zstandard
-from made_logs import record
-from nasty_logs import sentence
+from made_logs import write_recording
+from nasty_logs import nmea_sentence
 
 from stickslip_logs.recordings.folders import find_bags, left_out
 from stickslip_logs.recordings.reader import open_bag
@@ -25,7 +25,7 @@ from stickslip_logs.recordings.table_recording import TableRecording
 T0 = datetime(2026, 5, 4, 6, 0, tzinfo=timezone.utc)
 TIMES = [f'{T0 + timedelta(seconds=k):%Y-%m-%dT%H:%M:%SZ}' for k in range(40)]
 CSV = 'time,rpm,load\n' + ''.join(f'{time},30.5,900.25\n' for time in TIMES)
-NMEA = ''.join(f'{time} {sentence("IIRPM,S,1,136.0,30.0,A")}\r\n' for time in TIMES)
+NMEA = ''.join(f'{time} {nmea_sentence("IIRPM,S,1,136.0,30.0,A")}\r\n' for time in TIMES)
 SIGNAL_K = ''.join(
     f'{{"updates": [{{"timestamp": "{time}", "values": [{{"path": "shaft.revolutions", "value": 0.5}}]}}]}}\n'
     for time in TIMES
@@ -65,7 +65,7 @@ DATA = {
     'unknown.dat': bytes(range(256)) * 20,
     'historian.db': b'SQLite format 3\0' + bytes(4000),
     'own.jsonl': ''.join(json.dumps({'ts': time, 'rpm': 30.5}) + '\n' for time in TIMES).encode(),
-    'no_times.nmea': (f'{sentence("IIRPM,S,1,136.0,30.0,A")}\r\n' * 40).encode(),
+    'no_times.nmea': (f'{nmea_sentence("IIRPM,S,1,136.0,30.0,A")}\r\n' * 40).encode(),
 }
 
 
@@ -105,14 +105,14 @@ def test_every_log_of_a_folder_is_checked_and_all_are_named_beside_a_recording(t
     for name, data in (LOGS | NO_DATA).items():
         (tmp_path / name).write_bytes(data)
     assert {path.name for path in find_bags([tmp_path])} == {*LOGS}
-    record(tmp_path / 'bag', {'/a': ([0, 10**9], [1.0, 2.0])})
+    write_recording(tmp_path / 'bag', {'/a': ([0, 10**9], [1.0, 2.0])})
     found = find_bags([tmp_path])
     assert found == [tmp_path / 'bag']
     assert left_out([tmp_path], found).startswith(f'{len(LOGS)} files not checked')
 
 
 def test_a_recording_is_known_by_its_content(tmp_path: Path) -> None:
-    record(tmp_path / 'bag', {'/a': ([0, 10**9], [1.0, 2.0])})
+    write_recording(tmp_path / 'bag', {'/a': ([0, 10**9], [1.0, 2.0])})
     (file,) = (tmp_path / 'bag').glob('*.mcap')
     file.rename(tmp_path / 'voyage.bin')
     (tmp_path / 'bag' / 'metadata.yaml').unlink()

@@ -52,7 +52,7 @@ class Whole:
         return offsets
 
 
-def make(compression: str, chunks: int, per_chunk: int, **options: object) -> Whole:
+def make_mcap(compression: str, chunks: int, per_chunk: int, **options: object) -> Whole:
     stream = io.BytesIO()
     size = {'chunk_size': 1 << 30, 'compression': COMPRESSIONS[compression]}
     writer = Writer(stream, **{**size, **options})  # type: ignore[arg-type]
@@ -88,7 +88,7 @@ def lz4_prefix(part: bytes) -> bytes:
 PREFIXES: dict[str, Callable[[bytes], bytes]] = {'': bytes, 'lz4': lz4_prefix, 'zstd': zstd_prefix}
 
 
-def saved(whole: Whole, compression: str, cut: int) -> int:
+def count_saved(whole: Whole, compression: str, cut: int) -> int:
     """How many messages lie before a cut in or behind the last chunk."""
     before = whole.per_chunk * (len(whole.chunks) - 1)
     begin = whole.last.chunk_start_offset
@@ -101,13 +101,13 @@ def saved(whole: Whole, compression: str, cut: int) -> int:
 @pytest.mark.parametrize('compression', ['zstd', *SLOW])
 def test_cut_in_the_tail(tmp_path: Path, compression: str) -> None:
     """On both sides of where every record begins, and inside of the records."""
-    whole = make(compression, chunks=3, per_chunk=8)
+    whole = make_mcap(compression, chunks=3, per_chunk=8)
     path, begin = tmp_path / 'a.mcap', whole.last.chunk_start_offset - 20
     beside = {at + step for at in whole.boundaries for step in (-1, 0, 1)}
     for cut in sorted({*range(begin, len(whole.data), 7), *beside & {*range(begin, len(whole.data))}}):
         path.write_bytes(whole.data[:cut])
         bag = open_bag(path)
-        count = 16 if cut < whole.last.chunk_start_offset else saved(whole, compression, cut)
+        count = 16 if cut < whole.last.chunk_start_offset else count_saved(whole, compression, cut)
         assert read_times(bag) == whole.times[:count]
         assert bag.message_count == count
         (report,) = bag.cuts
@@ -122,14 +122,14 @@ def test_cut_in_the_tail(tmp_path: Path, compression: str) -> None:
 @pytest.mark.parametrize('compression', COMPRESSIONS)
 def test_messages_inside_a_cut_chunk_are_saved(tmp_path: Path, compression: str) -> None:
     # Large enough for several compressed blocks in one chunk.
-    whole = make(compression, chunks=2, per_chunk=12_000)
+    whole = make_mcap(compression, chunks=2, per_chunk=12_000)
     path = tmp_path / 'a.mcap'
     inside = np.linspace(0.02, 0.98, 13) * whole.last.chunk_length
     counts = []
     for cut in (whole.last.chunk_start_offset + inside).astype(int).tolist():
         path.write_bytes(whole.data[:cut])
         bag = open_bag(path)
-        counts.append(saved(whole, compression, cut))
+        counts.append(count_saved(whole, compression, cut))
         series = bag.read(REQUESTS)
         assert (
             sorted(time for part in series.values() for time in part.log_time_ns.tolist())
@@ -211,7 +211,7 @@ def test_cut_of_a_file_without_chunks(tmp_path: Path) -> None:
 @pytest.mark.parametrize('compression', COMPRESSIONS)
 @pytest.mark.parametrize('with_summary', [True, False])
 def test_a_damaged_chunk_is_skipped(tmp_path: Path, compression: str, with_summary: bool) -> None:
-    whole = make(compression, chunks=3, per_chunk=8)
+    whole = make_mcap(compression, chunks=3, per_chunk=8)
     middle = whole.chunks[1]
     spot = middle.chunk_start_offset + middle.chunk_length - 30
     data = bytearray(whole.data)
@@ -232,7 +232,7 @@ def test_a_damaged_chunk_is_skipped(tmp_path: Path, compression: str, with_summa
 
 def test_zeros_in_the_middle_cost_the_chunks_that_they_touch(tmp_path: Path) -> None:
     """The index of chunks leads on where the heads of records do not."""
-    whole = make('zstd', chunks=6, per_chunk=8)
+    whole = make_mcap('zstd', chunks=6, per_chunk=8)
     begin, end = (whole.chunks[k].chunk_start_offset + 5 for k in (1, 3))
     path = tmp_path / 'a.mcap'
     path.write_bytes(whole.data[:begin] + bytes(end - begin) + whole.data[end:])

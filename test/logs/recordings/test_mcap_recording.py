@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from made_logs import HEADER_DEFINITION, record
+from made_logs import HEADER_DEFINITION, write_recording
 from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
@@ -89,7 +89,7 @@ class Cdr:
         return bytes([0, self.order == '<', 0, 0]) + bytes(self.data)
 
 
-def encode(type_name: str, rng: np.random.Generator, big_endian: bool) -> bytes:
+def encode_message(type_name: str, rng: np.random.Generator, big_endian: bool) -> bytes:
     cdr = Cdr(big_endian)
 
     def header() -> None:
@@ -172,12 +172,14 @@ def write_file(path: Path, options: dict[str, Any], messages: list[Written]) -> 
         writer.finish()
 
 
-def build(rows: list[tuple[int, int, str, bool]], rng: np.random.Generator, start: int) -> list[Written]:
+def build_messages(
+    rows: list[tuple[int, int, str, bool]], rng: np.random.Generator, start: int
+) -> list[Written]:
     time, result = start, []
     for topic, step, kind, big_endian in rows:
         time += step
         type_name = TYPES[topic % len(TYPES)]
-        data = encode(type_name, rng, big_endian)
+        data = encode_message(type_name, rng, big_endian)
         if kind == 'cut':
             data = data[: rng.integers(0, len(data))]
         elif kind == 'noise':
@@ -189,7 +191,7 @@ def build(rows: list[tuple[int, int, str, bool]], rng: np.random.Generator, star
     return result
 
 
-def decode(message: Written) -> Any:
+def decode_by_reference(message: Written) -> Any:
     schema = Schema(1, DEFINITIONS[message.type].encode(), 'ros2msg', message.type)
     decoder = DecoderFactory().decoder_for('cdr', schema)
     try:
@@ -198,7 +200,7 @@ def decode(message: Written) -> Any:
         return None
 
 
-def expected(
+def expect_by_reference(
     ordered: list[Written], topics: set[str], request: Request
 ) -> tuple[list[tuple[int, int, int, float]], int, int]:
     """What the reference decoder gives, with the counts of undecoded and short messages."""
@@ -208,7 +210,7 @@ def expected(
     for sequence, message in enumerate(asked):
         if message.topic != request.topic:
             continue
-        decoded, value, stamp = decode(message), math.nan, 0
+        decoded, value, stamp = decode_by_reference(message), math.nan, 0
         undecoded += decoded is None
         if decoded is not None:
             if hasattr(decoded, 'header'):
@@ -233,7 +235,7 @@ def test_reads_what_the_reference_decodes(
     everything: list[Written] = []
     with tempfile.TemporaryDirectory() as folder:
         for number, (options, rows) in enumerate(files):
-            messages = build(rows, rng, 1000 + 20 * number)
+            messages = build_messages(rows, rng, 1000 + 20 * number)
             write_file(Path(folder, f'bag_{number}.mcap'), options, messages)
             everything += messages
         ordered = sorted(everything, key=lambda message: message.log_time_ns)
@@ -251,7 +253,7 @@ def test_reads_what_the_reference_decodes(
         topics = {request.topic for request in requests}
         series = bag.read(requests)
         for request in requests:
-            known, undecoded, short = expected(ordered, topics, request)
+            known, undecoded, short = expect_by_reference(ordered, topics, request)
             got = series[request]
             log_time, stamp, sequence, value = map(list, zip(*known, strict=True))
             assert got.log_time_ns.tolist() == log_time
@@ -280,7 +282,7 @@ def test_the_message_written_first_names_the_elements(tmp_path: Path) -> None:
     np.testing.assert_array_equal(series.value, [math.nan, 6.0])
 
 
-def joints(time: int, **speeds: float) -> Written:
+def joint_message(time: int, **speeds: float) -> Written:
     cdr = Cdr(False).put('i', 0).put('I', 0).text('').names(list(speeds)).sequence('d', list(speeds.values()))
     return Written('/joints', 'ship_msgs/msg/Joints', time, cdr.message())
 
@@ -288,10 +290,10 @@ def joints(time: int, **speeds: float) -> Written:
 def test_messages_of_other_elements_are_for_others_and_no_fault(tmp_path: Path) -> None:
     """As on ``/joint_states``, where each controller publishes its own joints; live they are skipped, too."""
     messages = [
-        joints(1000, shaft=6.0),
-        joints(2000, rudder=0.1),
-        joints(3000, rudder=0.2, shaft=math.nan),
-        joints(4000, rudder=0.3, shaft=8.0),
+        joint_message(1000, shaft=6.0),
+        joint_message(2000, rudder=0.1),
+        joint_message(3000, rudder=0.2, shaft=math.nan),
+        joint_message(4000, rudder=0.3, shaft=8.0),
     ]
     write_file(tmp_path / 'a.mcap', {}, messages)
     requests = [Request('/joints', f'velocity[{name}]') for name in ('shaft', 'rudder', 'shfat')]
@@ -378,7 +380,7 @@ def test_several_channels_of_one_topic(tmp_path: Path) -> None:
 def test_messages_are_numbered_over_all_stretches(tmp_path: Path) -> None:
     """More messages than are handed on at a time: both topics in turns, as their times are."""
     times = np.arange(40_000)
-    record(tmp_path / 'a.mcap', {'/x': (2 * times, times), '/y': (2 * times + 1, times)})
+    write_recording(tmp_path / 'a.mcap', {'/x': (2 * times, times), '/y': (2 * times + 1, times)})
     found = open_bag(tmp_path / 'a.mcap').read([Request('/x', 'data'), Request('/y', 'data')])
     for first, series in enumerate(found.values()):
         np.testing.assert_array_equal(series.sequence, 2 * times + first)

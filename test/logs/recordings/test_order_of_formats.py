@@ -38,13 +38,13 @@ STAMPED = 'std_msgs/Header header\nfloat64 data\n' + HEADER_DEFINITION
 
 
 def write_mcap(path: Path, moments: Moments) -> None:
-    write_messages(path, moments, 'std_msgs/msg/Float64', 'float64 data\n', plain)
+    write_messages(path, moments, 'std_msgs/msg/Float64', 'float64 data\n', encode_plain)
 
 
 def write_stamped_mcap(path: Path, moments: Moments) -> None:
     rate = (max(number for _, number, _ in moments) + 1) // COUNT
     write_messages(
-        path, moments, 'test_msgs/msg/Stamped', STAMPED, functools.partial(stamped, rate=rate), 1 << 13
+        path, moments, 'test_msgs/msg/Stamped', STAMPED, functools.partial(encode_stamped, rate=rate), 1 << 13
     )
 
 
@@ -67,11 +67,11 @@ def write_messages(
         writer.finish()
 
 
-def plain(number: int) -> bytes:
+def encode_plain(number: int) -> bytes:
     return bytes(encode_float64s([number])[0])
 
 
-def stamped(number: int, rate: int) -> bytes:
+def encode_stamped(number: int, rate: int) -> bytes:
     """Encode a number with the stamp at which it happened."""
     second, part = divmod(number, rate)
     nanosecond = part * (SECOND // rate)
@@ -125,7 +125,7 @@ def write_parquet(path: Path, moments: Moments) -> None:
     pq.write_table(pa.table({'time': times, **columns}), path)
 
 
-def written(second: float) -> str:
+def write_time(second: float) -> str:
     """Return a time as loggers of buses write it."""
     return datetime.fromtimestamp(START // SECOND + second, timezone.utc).strftime('%Y-%m-%dT%H:%M:%S.%fZ')
 
@@ -136,13 +136,13 @@ def write_nmea(path: Path, moments: Moments) -> None:
         for k in which:
             body = (f'IIRPM,S,1,{number},10,A', f'IIXDR,N,{number},N,load')[k]
             checksum = functools.reduce(operator.xor, body.encode())
-            lines.append(f'{written(second)} ${body}*{checksum:02X}\n')
+            lines.append(f'{write_time(second)} ${body}*{checksum:02X}\n')
     path.write_text(''.join(lines))
 
 
 def write_signalk(path: Path, moments: Moments) -> None:
     deltas = (
-        {'updates': [{'timestamp': written(second), 'values': [{'path': PATHS[k], 'value': number}]}]}
+        {'updates': [{'timestamp': write_time(second), 'values': [{'path': PATHS[k], 'value': number}]}]}
         for second, number, which in moments
         for k in which
     )
@@ -170,7 +170,7 @@ class Fault(NamedTuple):
     rate: int = 1
 
 
-def clock(change: Callable[[int], float], which: tuple[int, ...] = BOTH) -> Moments:
+def change_times(change: Callable[[int], float], which: tuple[int, ...] = BOTH) -> Moments:
     """Return moments whose times are changed, of one input or of both."""
     others = tuple(k for k in BOTH if k not in which)
     return [
@@ -180,7 +180,7 @@ def clock(change: Callable[[int], float], which: tuple[int, ...] = BOTH) -> Mome
     ]
 
 
-def order(numbers: Sequence[int], rate: int = 1) -> Moments:
+def in_file_order(numbers: Sequence[int], rate: int = 1) -> Moments:
     return [(k / rate, k, BOTH) for k in numbers]
 
 
@@ -196,28 +196,32 @@ LATE_SPEED = [
     *((k, k, BOTH) for k in EVERY[207:]),
 ]
 FAULTS = {
-    'none': Fault(order(EVERY)),
-    'equal times in pairs': Fault(clock(lambda k: k - k % 2), error=1.0),
-    'back by 3 s': Fault(clock(lambda k: k - 3 * (k >= 300)), 'was set back once, by 3 s'),
-    'back by 200 s': Fault(clock(lambda k: k - 200 * (k >= 300)), 'was set back once, by 200 s'),
-    'back by 1 h': Fault(clock(lambda k: k - 3600 * (k >= 300)), 'was set back once, by 3600 s'),
-    'back by 0.5 s': Fault(clock(lambda k: k - 0.5 * (k >= 300)), error=0.5),
-    'back twice': Fault(clock(lambda k: k - 200 * (k >= 200) - 200 * (k >= 400)), 'set back 2 times'),
-    'an hour ahead': Fault(clock(lambda k: k + 3600 * (250 <= k < 350)), 'leapt ahead and back'),
-    'a moment a year ahead': Fault(clock(lambda k: k + 31_536_000 * (k == 200)), 'leapt ahead and back'),
-    'a speed a year ahead': Fault(clock(lambda k: k + 31_536_000 * (k == 200), (0,)), 'leapt ahead and back'),
-    'one speed late': Fault(LATE_SPEED),
-    'one late': Fault(order([*EVERY[:200], *EVERY[201:207], 200, *EVERY[207:]])),
-    'ten late': Fault(order([*EVERY[:200], *EVERY[210:216], *EVERY[200:210], *EVERY[216:]])),
-    'two late by a row': Fault(order([*EVERY[:200], 202, 200, 201, *EVERY[203:]])),
-    'unordered within 2 s': Fault(order([k ^ 1 for k in EVERY])),
-    'unordered within 2 s, ten a second': Fault(
-        order(np.argsort(np.arange(10 * COUNT) + DELAYS).tolist(), 10), SORTED, rate=10
+    'none': Fault(in_file_order(EVERY)),
+    'equal times in pairs': Fault(change_times(lambda k: k - k % 2), error=1.0),
+    'back by 3 s': Fault(change_times(lambda k: k - 3 * (k >= 300)), 'was set back once, by 3 s'),
+    'back by 200 s': Fault(change_times(lambda k: k - 200 * (k >= 300)), 'was set back once, by 200 s'),
+    'back by 1 h': Fault(change_times(lambda k: k - 3600 * (k >= 300)), 'was set back once, by 3600 s'),
+    'back by 0.5 s': Fault(change_times(lambda k: k - 0.5 * (k >= 300)), error=0.5),
+    'back twice': Fault(change_times(lambda k: k - 200 * (k >= 200) - 200 * (k >= 400)), 'set back 2 times'),
+    'an hour ahead': Fault(change_times(lambda k: k + 3600 * (250 <= k < 350)), 'leapt ahead and back'),
+    'a moment a year ahead': Fault(
+        change_times(lambda k: k + 31_536_000 * (k == 200)), 'leapt ahead and back'
     ),
-    'newest first': Fault(order(EVERY[::-1]), SORTED),
+    'a speed a year ahead': Fault(
+        change_times(lambda k: k + 31_536_000 * (k == 200), (0,)), 'leapt ahead and back'
+    ),
+    'one speed late': Fault(LATE_SPEED),
+    'one late': Fault(in_file_order([*EVERY[:200], *EVERY[201:207], 200, *EVERY[207:]])),
+    'ten late': Fault(in_file_order([*EVERY[:200], *EVERY[210:216], *EVERY[200:210], *EVERY[216:]])),
+    'two late by a row': Fault(in_file_order([*EVERY[:200], 202, 200, 201, *EVERY[203:]])),
+    'unordered within 2 s': Fault(in_file_order([k ^ 1 for k in EVERY])),
+    'unordered within 2 s, ten a second': Fault(
+        in_file_order(np.argsort(np.arange(10 * COUNT) + DELAYS).tolist(), 10), SORTED, rate=10
+    ),
+    'newest first': Fault(in_file_order(EVERY[::-1]), SORTED),
     'speeds, then loads': Fault([(k, k, (which,)) for which in BOTH for k in EVERY], SORTED),
     'parts reversed': Fault(
-        order([k for begin in range(540, -1, -60) for k in EVERY[begin : begin + 60]]), SORTED
+        in_file_order([k for begin in range(540, -1, -60) for k in EVERY[begin : begin + 60]]), SORTED
     ),
 }
 

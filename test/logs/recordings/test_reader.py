@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 import yaml
 import zstandard
-from made_logs import record
+from made_logs import write_recording
 from mcap.writer import Writer
 
 from fuzz.files import DEFINITIONS, Piece, file, messages
@@ -50,7 +50,7 @@ string unit
 def write_folder(folder: Path, files: dict[str, list[int]], **metadata: object) -> None:
     folder.mkdir()
     for name, times in files.items():
-        record(folder / name, {'/x': (times, times)})
+        write_recording(folder / name, {'/x': (times, times)})
     information = {
         'version': 9,
         'storage_identifier': 'mcap',
@@ -92,7 +92,7 @@ def test_composed_and_decomposed_names_are_one_name(tmp_path: Path, said: Any, k
 
 def test_without_metadata_the_names_are_counted(tmp_path: Path) -> None:
     for number in (10, 9, 1):
-        record(tmp_path / 'bag' / f'bag_{number}.mcap', {'/x': ([number], [number])})
+        write_recording(tmp_path / 'bag' / f'bag_{number}.mcap', {'/x': ([number], [number])})
     bag = open_bag(str(tmp_path / 'bag'))
     assert [file.name for file in bag.files] == ['bag_1.mcap', 'bag_9.mcap', 'bag_10.mcap']
     assert bag.warnings == (
@@ -104,13 +104,13 @@ def test_without_metadata_the_names_are_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize('name', ['bag_20260413.mcap', 'bag_2026_04_13.mcap'])
 def test_days_without_a_file_are_no_loss(name: str, tmp_path: Path) -> None:
     for day in ('13', '15'):
-        record(tmp_path / 'bag' / name.replace('13', day), {'/x': ([int(day)], [0])})
+        write_recording(tmp_path / 'bag' / name.replace('13', day), {'/x': ([int(day)], [0])})
     assert open_bag(tmp_path / 'bag').losses == ()
 
 
 def test_a_file_that_is_lacking_between_others_is_a_loss(tmp_path: Path) -> None:
     for number in (3, 5, 6):  # a recorder may have taken away the first ones
-        record(tmp_path / 'bag' / f'bag_{number}.mcap', {'/x': ([number], [number])})
+        write_recording(tmp_path / 'bag' / f'bag_{number}.mcap', {'/x': ([number], [number])})
     missing = 'file 4 is missing between those of the lower and the higher numbers'
     assert open_bag(tmp_path / 'bag').losses == (missing,)
 
@@ -167,7 +167,7 @@ def test_a_file_cut_in_a_folder_does_not_hide_the_others(tmp_path: Path) -> None
 
 
 def test_what_was_unpacked_goes_with_its_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    record(tmp_path / 'a.mcap', {'/x': ([1, 2], [1, 2])})
+    write_recording(tmp_path / 'a.mcap', {'/x': ([1, 2], [1, 2])})
     packed, scratch = tmp_path / 'b.mcap.zstd', tmp_path / 'scratch'
     packed.write_bytes(zstandard.compress((tmp_path / 'a.mcap').read_bytes()))
     scratch.mkdir()
@@ -319,7 +319,7 @@ def folder_with(files: dict[str, list[int]], **metadata: object) -> Callable[[Pa
 
 
 def folder_of_logs(path: Path) -> None:
-    make(path, 'b.csv', 'notes.txt')
+    make_files(path, 'b.csv', 'notes.txt')
 
 
 CONVERT = "convert it with 'ros2 bag convert' first"
@@ -415,7 +415,7 @@ def test_all_of_a_recording_is_read_from_a_pipe(begin: bytes) -> None:
         assert path.read_bytes() == data
 
 
-def make(folder: Path, *names: str) -> None:
+def make_files(folder: Path, *names: str) -> None:
     for name in names:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(b'x')
@@ -423,7 +423,7 @@ def make(folder: Path, *names: str) -> None:
 
 @pytest.fixture
 def ship(tmp_path: Path) -> Path:
-    make(
+    make_files(
         tmp_path,
         'ship/voyage_10/voyage_10_0.mcap',
         'ship/voyage_2/metadata.yaml',
@@ -466,7 +466,7 @@ def test_a_recording_through_a_link_is_the_same_recording(ship: Path) -> None:
 
 
 def test_numbered_files_are_one_recording_only_if_they_bear_one_name(tmp_path: Path) -> None:
-    make(tmp_path, 'one/a_0.mcap', 'one/a_1.mcap', 'two/a_0.mcap', 'two/b_0.mcap')
+    make_files(tmp_path, 'one/a_0.mcap', 'one/a_1.mcap', 'two/a_0.mcap', 'two/b_0.mcap')
     found = [str(bag.relative_to(tmp_path)) for bag in find_bags([tmp_path])]
     assert found == ['one', 'two/a_0.mcap', 'two/b_0.mcap']
     with pytest.raises(BagError, match=r"two' holds 2 recordings: name one of them"):
@@ -474,7 +474,7 @@ def test_numbered_files_are_one_recording_only_if_they_bear_one_name(tmp_path: P
 
 
 def test_a_link_that_leads_nowhere_is_named_and_the_rest_read(tmp_path: Path) -> None:
-    record(tmp_path / 'voyage', {'/a': ([0, 10**9], [1.0, 2.0])})
+    write_recording(tmp_path / 'voyage', {'/a': ([0, 10**9], [1.0, 2.0])})
     (file,) = (tmp_path / 'voyage').glob('*.mcap')
     file.rename(tmp_path / 'b.mcap')
     (tmp_path / 'voyage' / 'metadata.yaml').unlink()

@@ -25,7 +25,7 @@ SPEED = Request('/shaft/speed', 'data')
 LOAD = Request('/load', 'wrench.force.z')
 
 
-def make(path: Path, version: int = 8, mode: CompressionMode = CompressionMode.NONE) -> Path:
+def make_database(path: Path, version: int = 8, mode: CompressionMode = CompressionMode.NONE) -> Path:
     """Speeds n at n / 100 s, and loads -n with stamps of half a second before."""
     types = STORE.types
     header, stamp = types['std_msgs/msg/Header'], types['builtin_interfaces/msg/Time']
@@ -48,9 +48,9 @@ def make(path: Path, version: int = 8, mode: CompressionMode = CompressionMode.N
     return path
 
 
-def changed(folder: Path, *changes: str, version: int = 8) -> Path:
+def change_database(folder: Path, *changes: str, version: int = 8) -> Path:
     """The file of a folder after some changes by SQL, without metadata."""
-    (file,) = make(folder / 'bag', version).glob('*.db3')
+    (file,) = make_database(folder / 'bag', version).glob('*.db3')
     with contextlib.closing(sqlite3.connect(file)) as database:
         for change in changes:
             database.execute(change)
@@ -59,7 +59,7 @@ def changed(folder: Path, *changes: str, version: int = 8) -> Path:
     return file
 
 
-def judge(path: Path, count: int = COUNT) -> None:
+def assert_read_whole(path: Path, count: int = COUNT) -> None:
     recording = open_bag(path)
     found = recording.read([SPEED, LOAD])
     times = START + np.arange(count) * 10_000_000
@@ -79,7 +79,7 @@ def judge(path: Path, count: int = COUNT) -> None:
 def test_every_number_of_a_folder(tmp_path: Path, version: int, mode: CompressionMode) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
-        judge(make(tmp_path / 'bag', version, mode))
+        assert_read_whole(make_database(tmp_path / 'bag', version, mode))
 
 
 @pytest.mark.parametrize(
@@ -90,17 +90,17 @@ def test_every_number_of_a_folder(tmp_path: Path, version: int, mode: Compressio
     ],
 )
 def test_messages_are_read_by_the_number_of_their_row(tmp_path: Path, change: str) -> None:
-    judge(changed(tmp_path, change))
+    assert_read_whole(change_database(tmp_path, change))
 
 
 def test_a_file_without_its_metadata(tmp_path: Path) -> None:
-    file = changed(tmp_path)
-    judge(file)
+    file = change_database(tmp_path)
+    assert_read_whole(file)
     assert find_bags([tmp_path]) == [file] or find_bags([tmp_path]) == [tmp_path / 'bag']
 
 
 def test_nothing_is_written_to_the_folder(tmp_path: Path) -> None:
-    (file,) = make(tmp_path / 'bag').glob('*.db3')
+    (file,) = make_database(tmp_path / 'bag').glob('*.db3')
 
     def state() -> list[tuple[str, str, int]]:
         return [
@@ -120,12 +120,12 @@ def test_nothing_is_written_to_the_folder(tmp_path: Path) -> None:
         (file.parent / name).write_bytes(data)
     (file.parent / 'metadata.yaml').unlink()
     before = state()
-    judge(file, 2000)
+    assert_read_whole(file, 2000)
     assert state() == before
 
 
 def test_a_damaged_page_costs_its_messages_only(tmp_path: Path) -> None:
-    file = changed(tmp_path)
+    file = change_database(tmp_path)
     data = bytearray(file.read_bytes())
     # A leaf of a table, by its first byte.
     pages = range(0, len(data), 4096)
@@ -142,7 +142,7 @@ def test_a_damaged_page_costs_its_messages_only(tmp_path: Path) -> None:
 def test_a_clock_that_was_set_back(tmp_path: Path) -> None:
     """The order of the file is the order of events: 10 s become 2 s, and values go on."""
     change = 'UPDATE messages SET timestamp = timestamp - 8000000000 WHERE id > 2000'
-    recording = open_bag(changed(tmp_path, change))
+    recording = open_bag(change_database(tmp_path, change))
     series = recording.read([SPEED])[SPEED]
     np.testing.assert_array_equal(series.value, np.arange(float(COUNT)))
     assert (np.diff(series.log_time_ns) >= 0).all()
@@ -152,14 +152,14 @@ def test_a_clock_that_was_set_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize('order', ['topic_id, timestamp', 'timestamp DESC'], ids=['by topic', 'newest first'])
 def test_rows_in_no_order_of_time_are_sorted(tmp_path: Path, order: str) -> None:
     """A converter may write topic by topic: no clock was set, and the inputs belong together."""
-    path = changed(
+    path = change_database(
         tmp_path,
         f'CREATE TABLE copy AS SELECT * FROM messages ORDER BY {order}',
         'UPDATE copy SET id = rowid',
         'DELETE FROM messages',
         'INSERT INTO messages SELECT * FROM copy',
     )
-    judge(path)
+    assert_read_whole(path)
     recording = open_bag(path)
     recording.read([SPEED, LOAD])
     assert 'the messages are in no order of time: sorted by time' in recording.warnings
@@ -167,7 +167,7 @@ def test_rows_in_no_order_of_time_are_sorted(tmp_path: Path, order: str) -> None
 
 def test_what_is_played_in_a_loop_is_not_sorted(tmp_path: Path) -> None:
     """Ten rounds of 25 messages in 2.5 s: sorted, the values of all rounds would be mixed."""
-    path = changed(
+    path = change_database(
         tmp_path,
         f'DELETE FROM messages WHERE (timestamp - {START}) % 100000000',
         f'UPDATE messages SET timestamp = {START} + (timestamp - {START}) % 2500000000',
@@ -176,13 +176,13 @@ def test_what_is_played_in_a_loop_is_not_sorted(tmp_path: Path) -> None:
 
 
 def test_a_type_that_nobody_knows_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = changed(tmp_path, "UPDATE topics SET type = 'yard_msgs/msg/Shaft' WHERE name = '/load'")
+    file = change_database(tmp_path, "UPDATE topics SET type = 'yard_msgs/msg/Shaft' WHERE name = '/load'")
     assert 'no definition of yard_msgs/msg/Shaft' in open_bag(file).topics['/load'].problem
     folder = tmp_path / 'share/yard_msgs/msg'
     folder.mkdir(parents=True)
     (folder / 'Shaft.msg').write_text('std_msgs/Header header # when\ngeometry_msgs/Wrench wrench\n')
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
-    judge(file)
+    assert_read_whole(file)
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_values_of_another_kind_are_told(change: str, tmp_path: Path) -> None:
             f'ALTER TABLE copy RENAME TO {table}',
         )
     ]
-    recording = open_bag(changed(tmp_path, *tables, change, version=9))
+    recording = open_bag(change_database(tmp_path, *tables, change, version=9))
     count = sum(1 for _ in recording.messages())
     assert count == 2 * COUNT or recording.losses
     values = recording.read([SPEED])[SPEED].value

@@ -12,7 +12,7 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
-from nasty_logs import ns, opened
+from nasty_logs import epoch_ns, open_log
 
 from stickslip_logs.errors import BagError
 from stickslip_logs.recordings.recording import Request
@@ -29,7 +29,7 @@ def log_of(head: str, row: Callable[[datetime], str], every: timedelta = EVERY, 
 
 def times_of(tmp_path: Path, text: str) -> tuple[list[int], str]:
     """Return the times [ns] of the speeds of a log, and what is asked of them."""
-    recording = opened(tmp_path, text)
+    recording = open_log(tmp_path, text)
     (series,) = recording.read([Request('rpm', 'data')]).values()
     return series.stamp_ns.tolist(), recording.table.clocks[0].question
 
@@ -57,7 +57,7 @@ def test_parts_of_a_date_in_columns_of_their_own_are_joined(
     head: str, form: str, every: timedelta, tmp_path: Path
 ) -> None:
     text = log_of(head, lambda t: form.format(t, t.second + t.microsecond / 1e6), every)
-    assert times_of(tmp_path, text) == ([ns(T0 + k * every) for k in range(90)], '')
+    assert times_of(tmp_path, text) == ([epoch_ns(T0 + k * every) for k in range(90)], '')
 
 
 def test_a_day_or_a_month_of_parts_is_asked(tmp_path: Path) -> None:
@@ -68,7 +68,7 @@ def test_a_day_or_a_month_of_parts_is_asked(tmp_path: Path) -> None:
 def test_minutes_in_parts_leave_the_column_beside_them(tmp_path: Path) -> None:
     """Revolutions below 60 look like seconds."""
     text = log_of('year,month,day,hour,minute', lambda t: f'{t:%Y,%m,%d,%H,%M}', timedelta(minutes=1))
-    assert times_of(tmp_path, text)[0] == [ns(T0 + k * timedelta(minutes=1)) for k in range(90)]
+    assert times_of(tmp_path, text)[0] == [epoch_ns(T0 + k * timedelta(minutes=1)) for k in range(90)]
 
 
 def test_days_between_the_ends_tell_month_and_day(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_days_between_the_ends_tell_month_and_day(tmp_path: Path) -> None:
     between = [datetime(2026, 5, day, 12) for day in range(2, 32)]
     rows = ''.join(f'{time:%m/%d/%Y %H:%M:%S},30,900\n' for time in (*first, *between, *last))
     times, question = times_of(tmp_path, f'time,rpm,load\n{rows}')
-    assert (times[-1], question) == (ns(last[-1].replace(tzinfo=timezone.utc)), '')
+    assert (times[-1], question) == (epoch_ns(last[-1].replace(tzinfo=timezone.utc)), '')
 
 
 @pytest.mark.parametrize('rate', [12, 24, 48, 96, 144, 288])
@@ -113,7 +113,7 @@ def test_digits_of_a_time_of_the_day_are_no_seconds(form: str, every: timedelta,
     times, question = times_of(tmp_path, log_of('time', form.format, every))
     assert ([time - times[0] for time in times], question) == (since, '')
     dated = log_of('date,time', lambda t: f'{t:%d.%m.%Y},{form.format(t)}', every)
-    assert times_of(tmp_path, dated) == ([ns(T0) + time for time in since], '')
+    assert times_of(tmp_path, dated) == ([epoch_ns(T0) + time for time in since], '')
 
 
 @pytest.mark.parametrize('time', ['0 days 06:00:00', '14. Mai 2026 06:00:00', '4 of 90', '1e300'])
@@ -127,7 +127,7 @@ def test_a_log_of_one_value_a_line_without_headings_has_its_seconds_since_1970(t
         f'{(T0 + k * EVERY).timestamp():.3f} rpm 30\n{(T0 + k * EVERY).timestamp():.3f} load 900\n'
         for k in range(60)
     )
-    assert times_of(tmp_path, rows) == ([ns(T0 + k * EVERY) for k in range(60)], '')
+    assert times_of(tmp_path, rows) == ([epoch_ns(T0 + k * EVERY) for k in range(60)], '')
 
 
 def test_numbers_of_lines_are_asked(tmp_path: Path) -> None:
@@ -159,4 +159,4 @@ def test_digits_of_two_of_the_year_are_asked_unless_days_tell(
     if every == EVERY:
         assert 'the year first?' in question
     else:
-        assert (times, question) == ([ns(T0 + k * every) for k in range(90)], '')
+        assert (times, question) == ([epoch_ns(T0 + k * every) for k in range(90)], '')

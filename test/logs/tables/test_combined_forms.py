@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nasty_logs import opened
+from nasty_logs import open_log
 
 from stickslip_logs.errors import BagError
 from stickslip_logs.recordings.recording import Request
@@ -84,7 +84,7 @@ def write_log(seed: int) -> tuple[str, list[float], list[tuple[float, float]]]:
 def test_no_combination_is_read_wrong_without_a_word(seed: int, tmp_path: Path) -> None:
     text, seconds, values = write_log(seed)
     try:
-        recording = opened(tmp_path, text)
+        recording = open_log(tmp_path, text)
     except BagError:
         return
     columns = [c for c in recording.all_columns if c.heading.startswith(('speed', 'load'))]

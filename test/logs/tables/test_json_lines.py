@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from nasty_logs import ns, opened
+from nasty_logs import epoch_ns, open_log
 
 from stickslip_logs.errors import BagError
 from stickslip_logs.recordings.reader import open_bag
@@ -19,7 +19,7 @@ from stickslip_logs.recordings.recording import Request
 TIMES = [datetime(2026, 5, 4, 6, 0, tzinfo=timezone.utc) + timedelta(milliseconds=100 * k) for k in range(20)]
 
 
-def message(time: str, pgn: int, fields: dict[str, Any], src: int = 17) -> str:
+def canboat_line(time: str, pgn: int, fields: dict[str, Any], src: int = 17) -> str:
     own = {
         'timestamp': time,
         'prio': 2,
@@ -32,43 +32,45 @@ def message(time: str, pgn: int, fields: dict[str, Any], src: int = 17) -> str:
     return json.dumps(own) + '\n'
 
 
-def engine(k: int, form: str = '%Y-%m-%dT%H:%M:%S.%fZ', src: int = 17, **fields: Any) -> str:
+def engine_line(k: int, form: str = '%Y-%m-%dT%H:%M:%S.%fZ', src: int = 17, **fields: Any) -> str:
     own = {'Instance': 'Single Engine or Dual Engine Port', 'Speed': 1000.25 + k, **fields}
-    return message(TIMES[k].strftime(form), 127488, own, src)
+    return canboat_line(TIMES[k].strftime(form), 127488, own, src)
 
 
 @pytest.mark.parametrize('form', ['%Y-%m-%dT%H:%M:%S.%fZ', '%Y-%m-%d-%H:%M:%S.%f'])
 @pytest.mark.parametrize('instance', ['Single Engine or Dual Engine Port', 0, {'value': 0, 'name': 'Single'}])
 def test_engine_speeds_of_canboat(form: str, instance: object, tmp_path: Path) -> None:
     head = '{"version":"5.0.0","units":"std","showLookupValues":false}\n'
-    recording = opened(tmp_path, head + ''.join(engine(k, form, Instance=instance) for k in range(20)))
+    recording = open_log(tmp_path, head + ''.join(engine_line(k, form, Instance=instance) for k in range(20)))
     (topic,) = recording.topics
     assert (topic, recording.topics[topic].type) == ('127488.engine.0.Speed', 'column in rpm')
     (series,) = recording.read([Request(topic, 'data')]).values()
-    assert series.stamp_ns.tolist() == [ns(time) for time in TIMES]
+    assert series.stamp_ns.tolist() == [epoch_ns(time) for time in TIMES]
     assert series.value.tolist() == [1000.25 + k for k in range(20)]
 
 
 @pytest.mark.parametrize('instance', [['a'], {'value': {}}, {'value': [0]}])
 def test_a_message_with_an_odd_instance_is_damaged(instance: object, tmp_path: Path) -> None:
-    lines = [engine(k) for k in range(20)]
-    recording = opened(tmp_path, ''.join([*lines[:3], engine(3, Instance=instance), *lines[3:]]))
+    lines = [engine_line(k) for k in range(20)]
+    recording = open_log(tmp_path, ''.join([*lines[:3], engine_line(3, Instance=instance), *lines[3:]]))
     (series,) = recording.read([Request('127488.engine.0.Speed', 'data')]).values()
     assert series.value.size == 20
     assert any('1 line damaged' in text for text in recording.losses)
 
 
 def test_other_fields_by_path_and_other_senders_by_name(tmp_path: Path) -> None:
-    lines = [engine(k) + engine(k, src=18, Instance='Dual Engine Starboard') for k in range(20)]
-    lines += [engine(k, src=99) for k in range(5)]
+    lines = [engine_line(k) + engine_line(k, src=18, Instance='Dual Engine Starboard') for k in range(20)]
+    lines += [engine_line(k, src=99) for k in range(5)]
     time = TIMES[3].strftime('%Y-%m-%dT%H:%M:%S.%fZ')
     load = {'value': 40, 'name': 'x'}
     lines += [
-        message(time, 127489, {'Instance': 1, 'Oil pressure': 300000, 'Status': ['a'], 'Engine Load': load}),
-        message(time, 130576, {'Port trim tab': 12, 'Name': 'x'}),
+        canboat_line(
+            time, 127489, {'Instance': 1, 'Oil pressure': 300000, 'Status': ['a'], 'Engine Load': load}
+        ),
+        canboat_line(time, 130576, {'Port trim tab': 12, 'Name': 'x'}),
         'rubbish {\n',
     ]
-    recording = opened(tmp_path, ''.join(lines))
+    recording = open_log(tmp_path, ''.join(lines))
     assert {*recording.topics} == {
         '127488.engine.0.Speed',
         '127488.engine.1.Speed',

@@ -11,7 +11,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from nasty_logs import T0, ns, opened
+from nasty_logs import T0, epoch_ns, open_log
 
 from stickslip_logs.errors import BagError
 from stickslip_logs.recordings.reader import open_bag
@@ -23,7 +23,7 @@ from stickslip_logs.tables.dialect import unit_of
 @pytest.mark.parametrize('order', [('speed', 'load'), ('load', 'speed')])
 def test_the_cells_of_a_line_count_from_left_to_right(order: tuple[str, str], tmp_path: Path) -> None:
     """Whatever is asked for first: a set of requests has no order, and verdicts must not go by it."""
-    recording = opened(tmp_path, 'time,speed,load\n0,30,900\n1,31,901\n')
+    recording = open_log(tmp_path, 'time,speed,load\n0,30,900\n1,31,901\n')
     found = recording.read([Request(name, 'data') for name in order])
     assert found[Request('speed', 'data')].sequence.tolist() == [0, 2]
     assert found[Request('load', 'data')].sequence.tolist() == [1, 3]
@@ -33,7 +33,7 @@ def test_of_two_dates_in_parquet_that_of_the_lines_counts(tmp_path: Path) -> Non
     path = tmp_path / 'voyage.parquet'
     dates = {'created': pa.array([T0] * 3), 'time': pa.array([T0 + timedelta(seconds=k) for k in range(3)])}
     pq.write_table(pa.table(dates | {'speed': [30.0, 31.0, 32.0]}), path)
-    assert open_bag(path).end_ns == ns(T0) + 2_000_000_000
+    assert open_bag(path).end_ns == epoch_ns(T0) + 2_000_000_000
 
 
 def test_a_damaged_page_of_parquet_is_named(tmp_path: Path) -> None:
@@ -49,7 +49,7 @@ def test_a_damaged_page_of_parquet_is_named(tmp_path: Path) -> None:
 def test_times_that_a_spreadsheet_rounded_away_are_a_loss(tmp_path: Path) -> None:
     """1.77787E+09 in each line: in no time nothing can be predicted, and nothing was judged."""
     rows = '1.77787E+09,20,1\n' * 5000 + '1.77788E+09,20,1\n' * 5000
-    recording = opened(tmp_path, f'time,rpm,kN\n{rows}')
+    recording = open_log(tmp_path, f'time,rpm,kN\n{rows}')
     recording.read([Request('rpm', 'data')])
     assert any('10000 lines have 2 times between them' in text for text in recording.losses)
 
@@ -84,7 +84,7 @@ def test_of_signal_k_one_source_of_the_own_vessel_counts(
                 f'{{"context": "vessels.{context}", "updates": [{{"$source": "{source}",'
                 f' "timestamp": "2026-04-13T10:00:0{second}Z", "values": [{item}]}}]}}\n'
             )
-    recording = opened(tmp_path, first + ''.join(lines))
+    recording = open_log(tmp_path, first + ''.join(lines))
     assert [column.heading for column in recording.all_columns] == [
         'propulsion.port.revolutions',
         'propulsion.port.revolutions from sim',
@@ -94,7 +94,7 @@ def test_of_signal_k_one_source_of_the_own_vessel_counts(
 
 
 def test_a_second_talker_has_a_name_of_its_own(tmp_path: Path) -> None:
-    recording = opened(
+    recording = open_log(
         tmp_path,
         '@0 $IIRPM,S,1,30.0,,A*5D\n@0 $ERRPM,S,1,99.0,,A*49\n@0 $IIXDR,N,900.0,N,LOAD*6F\n'
         '@1 $ERRPM,S,1,99.0,,A*49\n@1 $IIRPM,S,01,31.0,,A*6C\n@1 $IIXDR,N,901.0,N,LOAD*6E\n',
@@ -106,12 +106,12 @@ def test_a_second_talker_has_a_name_of_its_own(tmp_path: Path) -> None:
 
 def test_the_end_of_a_log_of_many_short_lines_is_known(tmp_path: Path) -> None:
     """More lines than are looked at of a head, in fewer bytes than a head has."""
-    recording = opened(tmp_path, 'time,rpm,kN\n' + ''.join(f'{t},30,1\n' for t in range(6000)))
+    recording = open_log(tmp_path, 'time,rpm,kN\n' + ''.join(f'{t},30,1\n' for t in range(6000)))
     assert (recording.start_ns, recording.end_ns) == (0, 5999 * 10**9)
 
 
 def test_a_recording_starts_with_its_first_line_though_the_clock_was_set_back(tmp_path: Path) -> None:
-    recording = opened(tmp_path, 'time,speed,load\n' + ''.join(f'{t},30,900\n' for t in (100, 101, 2, 3)))
+    recording = open_log(tmp_path, 'time,speed,load\n' + ''.join(f'{t},30,900\n' for t in (100, 101, 2, 3)))
     # The usual gap of a second takes the place of the step.
     assert (recording.start_ns, recording.end_ns) == (100 * 10**9, 103 * 10**9)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nasty_logs import ns, opened, sentence
+from nasty_logs import epoch_ns, nmea_sentence, open_log
 
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.table_recording import TableRecording
@@ -18,60 +18,60 @@ T0 = datetime(2026, 5, 4, 6, 0, tzinfo=timezone.utc)
 SPREADSHEET = datetime(1899, 12, 30, tzinfo=timezone.utc)
 
 
-def stamps(every: timedelta, count: int = 30) -> list[datetime]:
+def equal_steps(every: timedelta, count: int = 30) -> list[datetime]:
     return [T0 + k * every for k in range(count)]
 
 
-def table(times: Sequence[object], head: str = 'time,rpm') -> str:
+def csv_text(times: Sequence[object], head: str = 'time,rpm') -> str:
     return f'{head}\n' + ''.join(f'{time},{30 + k % 3}\n' for k, time in enumerate(times))
 
 
-def read(recording: TableRecording, name: str = 'rpm') -> tuple[list[int], list[float]]:
+def read_column(recording: TableRecording, name: str = 'rpm') -> tuple[list[int], list[float]]:
     (series,) = recording.read([Request(name, 'data')]).values()
     return series.stamp_ns.tolist(), series.value.tolist()
 
 
-CLEAN = [f'{time:%Y-%m-%dT%H:%M:%SZ}' for time in stamps(timedelta(seconds=1))]
+CLEAN = [f'{time:%Y-%m-%dT%H:%M:%SZ}' for time in equal_steps(timedelta(seconds=1))]
 
 
-def noisy(line: str, at: int = 10) -> str:
-    lines = table(CLEAN).splitlines(keepends=True)
+def insert_line(line: str, at: int = 10) -> str:
+    lines = csv_text(CLEAN).splitlines(keepends=True)
     return ''.join([*lines[:at], line, *lines[at:]])
 
 
 @pytest.mark.parametrize(
     ('text', 'lost'),
     [
-        ('# \x02 logger 4\n' + table(CLEAN), ''),
-        (''.join(f'\x02{line}\x03\n' for line in table(CLEAN).splitlines()), ''),
-        (table(CLEAN) + '\x1a', ''),
-        (noisy('\x18\x06\x1b\x7f\n'), '1 line damaged or of too few cells was not used'),
-        (noisy('\ufeff'), ''),
-        (table(CLEAN[:15]) + '\ufeff' + table(CLEAN[15:]), ''),
-        (noisy('\x02A,325,009.31,M\x03\n'), "1 line without a time was not used, the first 'A'"),
+        ('# \x02 logger 4\n' + csv_text(CLEAN), ''),
+        (''.join(f'\x02{line}\x03\n' for line in csv_text(CLEAN).splitlines()), ''),
+        (csv_text(CLEAN) + '\x1a', ''),
+        (insert_line('\x18\x06\x1b\x7f\n'), '1 line damaged or of too few cells was not used'),
+        (insert_line('\ufeff'), ''),
+        (csv_text(CLEAN[:15]) + '\ufeff' + csv_text(CLEAN[15:]), ''),
+        (insert_line('\x02A,325,009.31,M\x03\n'), "1 line without a time was not used, the first 'A'"),
     ],
 )
 def test_noise_makes_no_other_format(text: str, lost: str, tmp_path: Path) -> None:
-    recording = opened(tmp_path, text)
-    assert read(recording)[0] == [ns(time) for time in stamps(timedelta(seconds=1))]
+    recording = open_log(tmp_path, text)
+    assert read_column(recording)[0] == [epoch_ns(time) for time in equal_steps(timedelta(seconds=1))]
     assert recording.losses == ((lost,) if lost else ())
 
 
 def test_a_control_character_in_a_number_makes_it_a_word(tmp_path: Path) -> None:
     """A flipped bit makes of a digit a control character; the rest is another number."""
-    recording = opened(tmp_path, table(CLEAN).replace(',31\n', ',3\x11\n', 1))
+    recording = open_log(tmp_path, csv_text(CLEAN).replace(',31\n', ',3\x11\n', 1))
     found = recording.read([Request('rpm', 'data')])
     ((fault,),) = (series.faults for series in found.values())
     assert fault.count == 1
 
 
 def test_lines_between_sentences_are_counted(tmp_path: Path) -> None:
-    spoken = [f'{time} {sentence("IIRPM,S,1,30.0,30.0,A")}' for time in CLEAN]
+    spoken = [f'{time} {nmea_sentence("IIRPM,S,1,30.0,30.0,A")}' for time in CLEAN]
     text = '\r\n'.join(
         [*spoken[:9], '\x02A,325,009.31,M\x03', *spoken[9:20], '\x18\x06\x1b\x7f', *spoken[20:]]
     )
-    recording = opened(tmp_path, text + '\r\n')
-    assert len(read(recording, 'RPM S 1')[0]) == len(CLEAN)
+    recording = open_log(tmp_path, text + '\r\n')
+    assert len(read_column(recording, 'RPM S 1')[0]) == len(CLEAN)
     assert '2 lines without a sentence were not used' in recording.warnings
     assert recording.losses == ()
 
@@ -82,12 +82,13 @@ PACES = [0.1, 1, 2, 5, 10, 30, 60, 90, 180, 300, 600, 900, 1800, 3600, 7200, 17 
 @pytest.mark.parametrize('pace', PACES)
 @pytest.mark.parametrize('digits', [8, 10, 12])
 def test_days_of_a_spreadsheet_are_known_at_any_pace(pace: float, digits: int, tmp_path: Path) -> None:
-    times = stamps(timedelta(seconds=pace))
+    times = equal_steps(timedelta(seconds=pace))
     days = [f'{(time - SPREADSHEET) / timedelta(days=1):.{digits}f}' for time in times]
-    found = read(opened(tmp_path, table(days)))[0]
+    found = read_column(open_log(tmp_path, csv_text(days)))[0]
     # Half of the last digit of a day.
     assert (
-        np.abs(np.array(found) - [ns(time) for time in times]).max() <= 86_400e9 * 0.51 * 10.0**-digits + 8e3
+        np.abs(np.array(found) - [epoch_ns(time) for time in times]).max()
+        <= 86_400e9 * 0.51 * 10.0**-digits + 8e3
     )
 
 
@@ -97,7 +98,7 @@ def test_seconds_since_a_start_of_hours_ago_are_seconds(rate: float, digits: int
     if 1 / rate < 10.0**-digits:
         digits = 6
     times = [f'{46146.25 + k / rate:.{digits}f}' for k in range(60)]
-    found = read(opened(tmp_path, table(times)))[0]
+    found = read_column(open_log(tmp_path, csv_text(times)))[0]
     assert found == [round(float(time) * 1e9) for time in times]
 
 
@@ -105,7 +106,7 @@ def test_seconds_since_a_start_of_hours_ago_are_seconds(rate: float, digits: int
     ('gap', 'asked'), [(1.0, True), (0.25, True), (0.125, True), (0.1, False), (0.001, False)]
 )
 def test_what_may_be_days_or_seconds_is_asked(gap: float, asked: bool, tmp_path: Path) -> None:
-    recording = opened(tmp_path, table([round(46146.25 + k * gap, 6) for k in range(30)]))
+    recording = open_log(tmp_path, csv_text([round(46146.25 + k * gap, 6) for k in range(30)]))
     assert ('or are they days of a spreadsheet?' in ' '.join(recording.warnings)) == asked
 
 
@@ -124,18 +125,18 @@ def test_what_may_be_days_or_seconds_is_asked(gap: float, asked: bool, tmp_path:
     ],
 )
 def test_the_unit_of_times_is_that_of_the_heading(heading: str, unit_ns: int, tmp_path: Path) -> None:
-    found = read(opened(tmp_path, table(range(0, 3000, 100), f'{heading},rpm')))[0]
+    found = read_column(open_log(tmp_path, csv_text(range(0, 3000, 100), f'{heading},rpm')))[0]
     assert found == [k * 100 * unit_ns for k in range(30)]
 
 
 def test_milliseconds_are_the_time_behind_a_counter(tmp_path: Path) -> None:
     text = 'n,millis,rpm\n' + ''.join(f'{k},{k * 100},30\n' for k in range(30))
-    assert read(opened(tmp_path, text))[0] == [k * 10**8 for k in range(30)]
+    assert read_column(open_log(tmp_path, text))[0] == [k * 10**8 for k in range(30)]
 
 
 def test_an_underscore_is_no_digit(tmp_path: Path) -> None:
-    recording = opened(tmp_path, table([*range(10), '1_0', *range(11, 20)]))
-    assert read(recording)[0] == [k * 10**9 for k in range(20) if k != 10]
+    recording = open_log(tmp_path, csv_text([*range(10), '1_0', *range(11, 20)]))
+    assert read_column(recording)[0] == [k * 10**9 for k in range(20) if k != 10]
     assert recording.losses == ("1 line without a time was not used, the first '1_0'",)
 
 
@@ -157,9 +158,9 @@ YEAR_FIRST = "'26-05-04 06:00:00' is read day first: or is the year first? Write
 def test_a_year_of_two_digits_in_front_is_asked(
     form: str, every: timedelta, question: str, right: bool, tmp_path: Path
 ) -> None:
-    times = stamps(every)
-    recording = opened(tmp_path, table([time.strftime(form) for time in times]))
-    assert (read(recording)[0] == [ns(time) for time in times]) == right
+    times = equal_steps(every)
+    recording = open_log(tmp_path, csv_text([time.strftime(form) for time in times]))
+    assert (read_column(recording)[0] == [epoch_ns(time) for time in times]) == right
     asked = [text for text in recording.warnings if 'day first' in text]
     assert asked == ([question] if question else [])
 
@@ -179,9 +180,11 @@ def test_a_year_of_two_digits_in_front_is_asked(
 )
 def test_times_that_loggers_write_before_sentences(form: str, tmp_path: Path) -> None:
     """Of several days, so that the day of 05/04/2026 is known."""
-    times = stamps(timedelta(hours=7, milliseconds=125))
-    spoken = [f'{form.format(time)}{sentence("IIRPM,S,1,30.0,30.0,A")}\r\n' for time in times]
-    assert read(opened(tmp_path, ''.join(spoken)), 'RPM S 1')[0] == [ns(time) for time in times]
+    times = equal_steps(timedelta(hours=7, milliseconds=125))
+    spoken = [f'{form.format(time)}{nmea_sentence("IIRPM,S,1,30.0,30.0,A")}\r\n' for time in times]
+    assert read_column(open_log(tmp_path, ''.join(spoken)), 'RPM S 1')[0] == [
+        epoch_ns(time) for time in times
+    ]
 
 
 def test_days_of_a_year_that_do_not_exist_are_no_times(tmp_path: Path) -> None:
@@ -192,8 +195,8 @@ def test_days_of_a_year_that_do_not_exist_are_no_times(tmp_path: Path) -> None:
         '0000:001:06:00:00',
         '2026:125:06:00:00',
     ]
-    recording = opened(tmp_path, table(times))
-    assert read(recording)[0] == [ns(T0), ns(T0 + timedelta(days=1))]
+    recording = open_log(tmp_path, csv_text(times))
+    assert read_column(recording)[0] == [epoch_ns(T0), epoch_ns(T0 + timedelta(days=1))]
     assert recording.losses == ("3 lines without a time were not used, the first '2026:366:06:00:00'",)
 
 
@@ -208,10 +211,10 @@ def test_days_of_a_year_that_do_not_exist_are_no_times(tmp_path: Path) -> None:
     ],
 )
 def test_dates_of_c_and_of_digits_alone(form: str, tmp_path: Path) -> None:
-    times = stamps(timedelta(seconds=1))
+    times = equal_steps(timedelta(seconds=1))
     head = 'date,time,rpm' if ',' in form else 'time,rpm'
-    assert read(opened(tmp_path, table([time.strftime(form) for time in times], head)))[0] == [
-        ns(time) for time in times
+    assert read_column(open_log(tmp_path, csv_text([time.strftime(form) for time in times], head)))[0] == [
+        epoch_ns(time) for time in times
     ]
 
 
@@ -220,6 +223,6 @@ def test_numbers_of_few_kinds_tell_no_rows_apart(form: str, tmp_path: Path) -> N
     text = 'time;rpm;load\n' + ''.join(
         f'{time};30,5;{form.format(900 + 5 * k % 7)}\n' for k, time in enumerate(CLEAN)
     )
-    recording = opened(tmp_path, text)
+    recording = open_log(tmp_path, text)
     speed = next(column for column in recording.all_columns if column.heading == 'rpm')
     assert recording.key_of(speed) is None

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from nasty_logs import opened
+from nasty_logs import open_log
 
 from stickslip_logs.recordings.columns import SourceColumn
 from stickslip_logs.recordings.recording import Request
@@ -40,7 +40,7 @@ from stickslip_logs.tables.quality import find_quality
     ],
 )
 def test_marks_of_quality(heading: str, good: str, bad: str, tmp_path: Path) -> None:
-    recording = opened(tmp_path, f'time,rpm,{heading},load\n@0,30,{good},900\n@1,31,{bad},901\n')
+    recording = open_log(tmp_path, f'time,rpm,{heading},load\n@0,30,{good},900\n@1,31,{bad},901\n')
     recording.deliver({'/n': SourceColumn(recording.all_columns[0])})
     request = Request('/n', 'data')
     values = recording.read([request])[request].value
@@ -50,7 +50,7 @@ def test_marks_of_quality(heading: str, good: str, bad: str, tmp_path: Path) -> 
 
 def test_a_quality_beside_a_longer_name_is_of_it(tmp_path: Path) -> None:
     text = 'time,speed.PV,speed.Q,load.PV,load.Q\n@0,30,Good,900,Good\n@1,31,Bad,901,Good\n'
-    recording = opened(tmp_path, text)
+    recording = open_log(tmp_path, text)
     speed, _, load, _ = recording.all_columns
     recording.deliver({'/n': SourceColumn(speed), '/f': SourceColumn(load)})
     assert [recording.by_topic[topic].status for topic in ('/n', '/f')] == [2, 4]

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from nasty_logs import opened
+from nasty_logs import open_log
 
 from stickslip_logs.errors import BagError
 from stickslip_logs.recordings.columns import SourceColumn
@@ -14,7 +14,7 @@ from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.table_recording import TableRecording
 
 
-def lines(head: str, form: str, count: int = 12) -> str:
+def log_of_two(head: str, form: str, count: int = 12) -> str:
     """Return a log of two things; ``form`` makes the lines of a second, 20 rpm and 136 rpm."""
     rows = (
         form.format(at=f'2026-04-13T10:00:{k:02}', slow=20 + k % 2, fast=136 + k % 2) for k in range(count)
@@ -23,31 +23,32 @@ def lines(head: str, form: str, count: int = 12) -> str:
 
 
 SEVERAL = {
-    'shafts': lines('time,shaft,rpm', '{at}Z,port,{slow}\n{at}Z,stbd,{fast}\n'),
-    'ships by number': lines('time,imo,rpm', '{at}Z,9074729,{slow}\n{at}Z,9319466,{fast}\n'),
-    'devices with times of their own': lines('time,device,rpm', '{at}.0Z,a,{slow}\n{at}.4Z,b,{fast}\n'),
-    'one value a line': lines('time,device,name,value', '{at}Z,a,rpm,{slow}\n{at}Z,b,rpm,{fast}\n'),
-    'one after the other': lines('time,ship,rpm', '{at}Z,A,{slow}\n') + lines('', '{at}Z,B,{fast}\n')[1:],
-    'one is slower': lines('time,shaft,rpm', '{at}.0Z,p,{slow}\n{at}.5Z,p,{slow}\n{at}.0Z,s,{fast}\n'),
+    'shafts': log_of_two('time,shaft,rpm', '{at}Z,port,{slow}\n{at}Z,stbd,{fast}\n'),
+    'ships by number': log_of_two('time,imo,rpm', '{at}Z,9074729,{slow}\n{at}Z,9319466,{fast}\n'),
+    'devices with times of their own': log_of_two('time,device,rpm', '{at}.0Z,a,{slow}\n{at}.4Z,b,{fast}\n'),
+    'one value a line': log_of_two('time,device,name,value', '{at}Z,a,rpm,{slow}\n{at}Z,b,rpm,{fast}\n'),
+    'one after the other': log_of_two('time,ship,rpm', '{at}Z,A,{slow}\n')
+    + log_of_two('', '{at}Z,B,{fast}\n')[1:],
+    'one is slower': log_of_two('time,shaft,rpm', '{at}.0Z,p,{slow}\n{at}.5Z,p,{slow}\n{at}.0Z,s,{fast}\n'),
 }
 ONE = {
-    'a state': lines('time,state,rpm', '{at}Z,ahead,{slow}\n') + '2026-04-13T10:01:00Z,astern,20\n' * 2,
-    'parts of a second': lines(
+    'a state': log_of_two('time,state,rpm', '{at}Z,ahead,{slow}\n') + '2026-04-13T10:01:00Z,astern,20\n' * 2,
+    'parts of a second': log_of_two(
         'time,ms,rpm', '{at}Z,0,{slow}\n{at}Z,250,{slow}\n{at}Z,500,{slow}\n{at}Z,750,{slow}\n'
     ),
-    'words that change now and then': lines('time,remark,rpm', '{at}Z,a,{slow}\n{at}.5Z,a,{slow}\n')
+    'words that change now and then': log_of_two('time,remark,rpm', '{at}Z,a,{slow}\n{at}.5Z,a,{slow}\n')
     + '2026-04-13T10:01:00Z,b,20\n',
-    'a remark beside some lines': lines('time,remark,rpm', '{at}Z,a,{slow}\n{at}.5Z,,{slow}\n'),
-    'the quality of another signal': lines(
+    'a remark beside some lines': log_of_two('time,remark,rpm', '{at}Z,a,{slow}\n{at}.5Z,,{slow}\n'),
+    'the quality of another signal': log_of_two(
         'time,load_quality,rpm,load', '{at}Z,Good,{slow},1\n{at}.5Z,Bad,{slow},1\n'
     ),
-    'another source of the load': lines('time,source,rpm,load', '{at}Z,a,{slow},\n{at}Z,b,,900\n'),
+    'another source of the load': log_of_two('time,source,rpm,load', '{at}Z,a,{slow},\n{at}Z,b,,900\n'),
 }
 
 
 @pytest.mark.parametrize('name', SEVERAL)
 def test_the_column_that_tells_lines_apart_is_found(name: str, tmp_path: Path) -> None:
-    recording = opened(tmp_path, SEVERAL[name])
+    recording = open_log(tmp_path, SEVERAL[name])
     column = next(own for own in recording.all_columns if own.heading == 'rpm')
     found = recording.key_of(column)
     assert found is not None
@@ -59,7 +60,7 @@ def test_the_column_that_tells_lines_apart_is_found(name: str, tmp_path: Path) -
 
 @pytest.mark.parametrize('name', ONE)
 def test_lines_of_one_thing_are_not_told_apart(name: str, tmp_path: Path) -> None:
-    recording = opened(tmp_path, ONE[name])
+    recording = open_log(tmp_path, ONE[name])
     column = next(own for own in recording.all_columns if own.heading == 'rpm')
     assert recording.key_of(column) is None
 
@@ -72,13 +73,13 @@ def values_of(recording: TableRecording, where: dict[str, str]) -> list[float]:
 
 
 def test_numbers_of_things_may_be_written_in_several_ways(tmp_path: Path) -> None:
-    recording = opened(tmp_path, 'time,shaft,rpm\n@0,01,20\n@0,02,136\n@1, 1,21\n@1,02,137\n')
+    recording = open_log(tmp_path, 'time,shaft,rpm\n@0,01,20\n@0,02,136\n@1, 1,21\n@1,02,137\n')
     assert values_of(recording, {'shaft': '1'}) == [20, 21]
     assert values_of(recording, {'#2': '2'}) == [136, 137]
 
 
 def test_a_thing_that_is_not_there_is_named(tmp_path: Path) -> None:
-    recording = opened(tmp_path, SEVERAL['shafts'])
+    recording = open_log(tmp_path, SEVERAL['shafts'])
     with pytest.raises(BagError, match=r"no line with 'prt' in column 'shaft': it has 'port', 'stbd'; did"):
         values_of(recording, {'shaft': 'prt'})
     with pytest.raises(BagError, match=r"no column 'shft' to choose rows by; did you mean 'shaft'\?"):
@@ -88,7 +89,7 @@ def test_a_thing_that_is_not_there_is_named(tmp_path: Path) -> None:
 def test_ships_one_after_the_other_in_a_long_log_are_not_a_clock_that_was_set_back(tmp_path: Path) -> None:
     """The head of the file has one ship only, its tail the other."""
     rows = ''.join(f'{t},{ship},{n}\n' for ship, n in (('A', 20), ('B', 136)) for t in range(3000))
-    recording = opened(tmp_path, f'time,ship,rpm\n{rows}')
+    recording = open_log(tmp_path, f'time,ship,rpm\n{rows}')
     with pytest.raises(BagError, match=r"column 'ship' has 'A', 'B' one after the other, .* \{ship: A\}"):
         recording.read([Request('rpm', 'data')])
     assert set(values_of(recording, {'ship': 'B'})) == {136}

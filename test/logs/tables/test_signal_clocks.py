@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from nasty_logs import after, opened
+from nasty_logs import open_log, times_after_start
 
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Recording, Request
@@ -43,11 +43,11 @@ def times_and_values(recording: Recording, *names: str) -> list[tuple[list[int],
     ],
 )
 def test_each_value_has_the_time_beside_it(text: str, tmp_path: Path) -> None:
-    recording = opened(tmp_path, text)
+    recording = open_log(tmp_path, text)
     (speed_ns, speed), (load_ns, load) = times_and_values(recording, 'rpm', 'load')
-    assert (speed_ns[:2], speed[:2]) == (after(0, 1), [30, 31])
-    assert (load_ns, load) == (after(4, 6), [900, 901])
-    assert speed_ns == after(*range(len(speed)))
+    assert (speed_ns[:2], speed[:2]) == (times_after_start(0, 1), [30, 31])
+    assert (load_ns, load) == (times_after_start(4, 6), [900, 901])
+    assert speed_ns == times_after_start(*range(len(speed)))
     assert any('columns are times, each of the signals beside it' in text for text in recording.warnings)
     assert recording.losses == ()
 
@@ -58,9 +58,9 @@ def test_a_signal_that_begins_behind_the_head_has_its_own_time(name: str, tmp_pa
     first = ''.join(f'2026-04-13T10:{k // 60:02}:{k % 60:02}Z,30,,\n' for k in range(3000))
     then = ''.join(f'2026-04-13T10:50:{k:02}Z,30,2026-04-13T11:50:{k:02}Z,900\n' for k in range(5))
     padding = ''.join(f'2026-04-13T10:51:{k % 60:02}Z,30,,\n' for k in range(1000))
-    recording = opened(tmp_path, f'Time,rpm,{name},load\n{first}{then}{padding}')
+    recording = open_log(tmp_path, f'Time,rpm,{name},load\n{first}{then}{padding}')
     ((load_ns, _),) = times_and_values(recording, 'load')
-    assert load_ns == after(*(6600 + k for k in range(5)))
+    assert load_ns == times_after_start(*(6600 + k for k in range(5)))
 
 
 @pytest.mark.parametrize(
@@ -75,26 +75,26 @@ def test_a_signal_that_begins_behind_the_head_has_its_own_time(name: str, tmp_pa
     ],
 )
 def test_of_a_time_that_is_no_signals_nothing_is_taken(text: str, tmp_path: Path) -> None:
-    (speed_ns, _), (load_ns, _) = times_and_values(opened(tmp_path, text), 'rpm', 'load')
+    (speed_ns, _), (load_ns, _) = times_and_values(open_log(tmp_path, text), 'rpm', 'load')
     assert speed_ns == load_ns
     assert len(speed_ns) == text.count('\n') - 1
 
 
 def test_a_value_without_its_own_time_is_lost(tmp_path: Path) -> None:
-    recording = opened(tmp_path, 'Time,rpm,Time,load\n@0,30,@4,900\n@1,31,,901\n@2,32,,\n')
+    recording = open_log(tmp_path, 'Time,rpm,Time,load\n@0,30,@4,900\n@1,31,,901\n@2,32,,\n')
     assert [len(values) for _, values in times_and_values(recording, 'rpm', 'load')] == [3, 1]
     assert recording.losses == ('1 line without a time was not used',)
 
 
 def test_headings_alike_in_another_order_further_down(tmp_path: Path) -> None:
     text = 'Time,rpm,Time,load\n@0,30,@4,900\nTime,load,Time,rpm\n@5,901,@1,31\n'
-    recording = opened(tmp_path, text)
+    recording = open_log(tmp_path, text)
     assert times_and_values(recording, 'load')[0][1] == [900, 901]
 
 
 def test_times_of_each_signal_in_parquet(tmp_path: Path) -> None:
-    times = [pa.array(after(*seconds), pa.timestamp('ns', 'UTC')) for seconds in ((0, 1), (4, 6))]
+    times = [pa.array(times_after_start(*seconds), pa.timestamp('ns', 'UTC')) for seconds in ((0, 1), (4, 6))]
     columns = {'rpm time': times[0], 'rpm': [30.0, 31.0], 'load time': times[1], 'load': [900.0, 901.0]}
     pq.write_table(pa.table(columns), tmp_path / 'voyage.parquet')
     found = times_and_values(open_bag(tmp_path / 'voyage.parquet'), 'rpm', 'load')
-    assert found == [(after(0, 1), [30, 31]), (after(4, 6), [900, 901])]
+    assert found == [(times_after_start(0, 1), [30, 31]), (times_after_start(4, 6), [900, 901])]

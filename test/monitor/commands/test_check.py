@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from shared import CONFIG, ROOT, START, Stickslip, record
+from shared import CONFIG, ROOT, START, Stickslip, write_recording
 
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.writer import BagWriter
@@ -31,11 +31,11 @@ KNOCK = ('check', ROOT / 'bags' / 'measured_knock', '--config', ROOT / 'launch_c
 FAST, SLOW = 60.0, 20.0  # rpm: clear of stick-slip, and well below the fold speed of 40.7
 
 
-def sail(path: Path, rpm: float, seconds: int = 40) -> Path:
+def record_one_speed(path: Path, rpm: float, seconds: int = 40) -> Path:
     """A recording at one speed and 1000 N, a value of each a second."""
     times = START + np.arange(seconds, dtype=np.int64) * 10**9
     values = {'/shaft/speed': rpm, '/bearing/aft_stern/load': 1000.0}
-    return record(path, {name: (times, np.full(seconds, v)) for name, v in values.items()})
+    return write_recording(path, {name: (times, np.full(seconds, v)) for name, v in values.items()})
 
 
 def config_with(folder: Path, *bearings: str, **changes: object) -> Path:
@@ -112,7 +112,7 @@ def hostile_bag(folder: Path) -> Path:
     times = START + np.arange(60, dtype=np.int64) * 10**9
     values = {'/shaft/speed': 20.0, '/bearing/aft_stern/load': 1000.0, '/<script>alert(1)</script>': 0.0}
     columns = {name: (times, np.full(60, value)) for name, value in values.items()}
-    return record(folder / '<b>&"\'$x$ {{ 1 }}[red][x', columns)
+    return write_recording(folder / '<b>&"\'$x$ {{ 1 }}[red][x', columns)
 
 
 def test_hostile_names_stay_text(tmp_path: Path, stickslip: Stickslip) -> None:
@@ -154,7 +154,7 @@ def test_a_long_recording_has_a_small_page_that_loses_no_excursion(
     times = START + np.arange(size, dtype=np.int64) * 10**8
     loads = np.full(size, 1000.0)
     columns = {'/shaft/speed': (times, speeds), '/bearing/aft_stern/load': (times, loads)}
-    record(tmp_path / 'day', columns)
+    write_recording(tmp_path / 'day', columns)
     path = tmp_path / 'day.html'
     assert stickslip(*CHECK, tmp_path / 'day', '--report', path).code < 2
     assert path.stat().st_size < 1_000_000
@@ -214,7 +214,7 @@ def test_two_publishers_and_a_wrong_unit_are_told(tmp_path: Path, stickslip: Sti
         '/shaft/speed': (time, np.where(odd, 20.0, 60.0)),
         '/bearing/aft_stern/load': (time + 1, np.full(200, 1.0)),
     }
-    bag = record(tmp_path / 'bag', columns)
+    bag = write_recording(tmp_path / 'bag', columns)
     inputs = stickslip(*CHECK, bag, '--json').json['bearings']['aft_stern']['inputs']
     speed = inputs['speed']
     assert (speed['span'], speed['share']) == ([20.0, 60.0], 1.0)
@@ -264,7 +264,7 @@ def test_the_report_says_for_how_long_vibration_was_measured(tmp_path: Path, sti
 def test_an_absent_topic_costs_its_bearing_and_no_other(tmp_path: Path, stickslip: Stickslip) -> None:
     fore = {'load': {'topic': '/fore/load', 'unit': 'N'}}
     config = config_with(tmp_path, 'aft_stern', 'fore', fore=fore)
-    done = stickslip('check', sail(tmp_path / 'in', SLOW), '-c', config, '--json')
+    done = stickslip('check', record_one_speed(tmp_path / 'in', SLOW), '-c', config, '--json')
     # Nothing is known of one: as with a topic on which nothing came.
     assert done.code == 2
     bearings = done.json['bearings']
@@ -275,7 +275,7 @@ def test_an_absent_topic_costs_its_bearing_and_no_other(tmp_path: Path, sticksli
 
 
 def test_what_was_not_read_is_no_all_clear(tmp_path: Path, stickslip: Stickslip) -> None:
-    (file,) = sail(tmp_path / 'whole', FAST).glob('*.mcap')
+    (file,) = record_one_speed(tmp_path / 'whole', FAST).glob('*.mcap')
     done = stickslip(*CHECK, file, '--json')
     assert (done.code, done.json['complete']) == (0, True)
     half = tmp_path / 'half.mcap'
@@ -286,13 +286,13 @@ def test_what_was_not_read_is_no_all_clear(tmp_path: Path, stickslip: Stickslip)
 
 
 def test_at_rest_no_margin_is_the_worst(tmp_path: Path, stickslip: Stickslip) -> None:
-    done = stickslip(*CHECK, sail(tmp_path / 'in', 0.0), '--json')
+    done = stickslip(*CHECK, record_one_speed(tmp_path / 'in', 0.0), '--json')
     assert (done.code, done.json['bearings']['aft_stern']['worst']) == (0, {})
 
 
 def test_a_path_that_is_no_text_has_its_report(tmp_path: Path, stickslip: Stickslip) -> None:
     pytest.importorskip('jinja2')
-    bag = sail(tmp_path / os.fsdecode(b'caf\xe9'), FAST)
+    bag = record_one_speed(tmp_path / os.fsdecode(b'caf\xe9'), FAST)
     assert stickslip(*CHECK, bag, '--report', tmp_path / 'out.html').code == 0
     assert 'caf\N{REPLACEMENT CHARACTER}' in (tmp_path / 'out.html').read_text('utf-8')
 
@@ -308,7 +308,7 @@ def test_a_link_that_leads_nowhere_is_named_as_one(tmp_path: Path, stickslip: St
 
 
 def test_a_clip_is_the_whole_around_its_alarm(tmp_path: Path, stickslip: Stickslip) -> None:
-    stickslip(*CHECK, sail(tmp_path / 'in', SLOW), '--clips', tmp_path / 'clips')
+    stickslip(*CHECK, record_one_speed(tmp_path / 'in', SLOW), '--clips', tmp_path / 'clips')
     (clip,) = (tmp_path / 'clips').glob('*.mcap')
     assert {'/shaft/speed', '/bearing/aft_stern/load', '/diagnostics'} <= set(open_bag(clip).topics)
 
@@ -341,7 +341,7 @@ def test_a_report_has_those_that_need_a_look_most_and_a_row_for_each_other(
         for number in range(count):
             if not (tmp_path / 'year' / f'v{number}').exists():
                 # The alarm comes late.
-                sail(tmp_path / 'year' / f'v{number}', SLOW if number == 3 else FAST)
+                record_one_speed(tmp_path / 'year' / f'v{number}', SLOW if number == 3 else FAST)
         page = tmp_path / f'{count}.html'
         assert stickslip(*CHECK, tmp_path / 'year', '--report', page).code == 1
         sizes.append(page.stat().st_size)
@@ -358,14 +358,14 @@ def test_a_report_has_those_that_need_a_look_most_and_a_row_for_each_other(
 def test_six_recordings_with_an_alarm_in_one_second_give_six_clips(
     tmp_path: Path, stickslip: Stickslip
 ) -> None:
-    bags = [sail(tmp_path / 'in' / f'r{n}', SLOW) for n in range(6)]
+    bags = [record_one_speed(tmp_path / 'in' / f'r{n}', SLOW) for n in range(6)]
     done = stickslip('check', *bags, '--config', CONFIG, '--clips', tmp_path / 'clips', '--jobs', 3)
     assert (done.code, done.err.count('1 clip written')) == (1, 6)
     assert len(list((tmp_path / 'clips').glob('*.mcap'))) == 6
 
 
 def test_what_the_limit_has_removed_is_said(tmp_path: Path, stickslip: Stickslip) -> None:
-    bags = [sail(tmp_path / 'in' / f'r{n}', SLOW) for n in range(3)]
+    bags = [record_one_speed(tmp_path / 'in' / f'r{n}', SLOW) for n in range(3)]
     config, clips = config_with(tmp_path, clips={'most': 2}), tmp_path / 'clips'
     *_, last = stickslip('check', *bags, '-c', config, '--clips', clips, '--jobs', 1).err.splitlines()
     assert last.endswith(f'1 clip written into {clips}; 1 older clip removed, as clips.most says')

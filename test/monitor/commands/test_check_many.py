@@ -24,7 +24,7 @@ NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
 CHECK = ('check', '--config', CONFIG)
 
 
-def documents(stickslip: Stickslip, *arguments: object) -> tuple[int, Any]:
+def check_as_json(stickslip: Stickslip, *arguments: object) -> tuple[int, Any]:
     done = stickslip(*CHECK, *arguments, '--json')
     return done.code, done.json
 
@@ -32,12 +32,12 @@ def documents(stickslip: Stickslip, *arguments: object) -> tuple[int, Any]:
 @pytest.mark.slow
 def test_together_and_one_by_one_are_the_same_in_the_order_asked(stickslip: Stickslip) -> None:
     bags = [BAGS / name for name in NAMES]
-    code, together = documents(stickslip, *bags, '--jobs', 3)
+    code, together = check_as_json(stickslip, *bags, '--jobs', 3)
     assert code == 1
     # The longest comes first: it is not done first.
     assert [document['path'] for document in together] == [str(bag) for bag in bags]
-    assert (code, together) == documents(stickslip, *bags, '--jobs', 1)
-    alone = [documents(stickslip, bag)[1] for bag in bags]
+    assert (code, together) == check_as_json(stickslip, *bags, '--jobs', 1)
+    alone = [check_as_json(stickslip, bag)[1] for bag in bags]
     assert together == alone
 
 
@@ -51,7 +51,7 @@ def test_a_bag_that_fails_is_named_and_the_others_are_told(tmp_path: Path, stick
     (torn, gone) = said.err.splitlines()
     assert torn.startswith(f"ERROR: {bags[1]}: bag file '{bags[1]}' is not an MCAP recording")
     assert gone == f"ERROR: {bags[2]}: bag '{bags[2]}' does not exist"
-    code, found = documents(stickslip, *bags, '--jobs', 2)
+    code, found = check_as_json(stickslip, *bags, '--jobs', 2)
     assert code == 2
     assert [document['path'] for document in found] == [str(bag) for bag in bags]
     assert [bag['error'] is None if 'error' in bag else True for bag in found] == [True, False, False, True]
@@ -64,7 +64,7 @@ def test_one_bag_that_fails_is_an_error_as_ever(tmp_path: Path, stickslip: Stick
 
 def test_a_folder_of_bags_is_a_list_even_of_one(tmp_path: Path, stickslip: Stickslip) -> None:
     shutil.copytree(BAGS / 'voyage', tmp_path / 'voyage')
-    code, found = documents(stickslip, tmp_path)
+    code, found = check_as_json(stickslip, tmp_path)
     assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
 
 
@@ -73,12 +73,12 @@ def test_files_beside_recordings_are_named_and_no_all_clear(tmp_path: Path, stic
     log = tmp_path / 'load.log'
     log.write_text('time,rpm,load\n' + ''.join(f'{k},30,900\n' for k in range(20)))
     text = f"1 file not checked (name one to check it, or to see why not): '{log}'"
-    code, (checked,) = documents(stickslip, tmp_path)
+    code, (checked,) = check_as_json(stickslip, tmp_path)
     assert (code, checked['complete'], checked['warnings'][-1]) == (1, False, text)
     assert f'data: {text}\n' in stickslip(*CHECK, tmp_path).out
     # It is said once, whatever comes of the recording that is first.
     (tmp_path / 'a.mcap').write_bytes(b'nothing')
-    code, (torn, checked) = documents(stickslip, tmp_path, '--jobs', 1)
+    code, (torn, checked) = check_as_json(stickslip, tmp_path, '--jobs', 1)
     assert (code, torn['error'].endswith(f'; {text}'), checked['complete']) == (2, True, True)
 
 
@@ -98,9 +98,9 @@ def test_a_recording_on_standard_input_is_checked_as_the_file_is(
     data = next((BAGS / 'coast_down').glob('*.mcap')).read_bytes()
     path = tmp_path / 'standard_input.mcap'
     path.write_bytes(data[: len(data) - cut])
-    code, expected = documents(stickslip, path)
+    code, expected = check_as_json(stickslip, path)
     monkeypatch.setattr(sys, 'stdin', io.TextIOWrapper(io.BytesIO(path.read_bytes())))
-    found_code, found = documents(stickslip, '-')
+    found_code, found = check_as_json(stickslip, '-')
     assert bool(found['cuts']) == bool(cut)
     for each in (expected, found):
         each['path'] = None

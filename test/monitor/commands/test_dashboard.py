@@ -43,7 +43,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., str]]:
         assert program.output.count('\n') == 1, program.output
 
 
-def events(url: str) -> Iterator[tuple[str, dict[str, Any]]]:
+def stream_events(url: str) -> Iterator[tuple[str, dict[str, Any]]]:
     """Kind and content of every event of a stream."""
     with urllib.request.urlopen(f'{url}events', timeout=30.0) as stream:
         kind = ''
@@ -56,10 +56,10 @@ def events(url: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def test_a_recording_is_played_to_its_end(start: Callable[..., str]) -> None:
     url = start('--bag', str(BAG), '--rate', '600')
-    for kind, document in events(url):
+    for kind, document in stream_events(url):
         if kind == 'monitor' and document['finished']:
             break
-    _, state = next(events(url))
+    _, state = next(stream_events(url))
     assert state['source'] == {'name': str(BAG), 'replay': True}
     status = state['bearings'][0]['status']
     # The check reads the same recording in bulk.

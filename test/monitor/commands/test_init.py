@@ -22,7 +22,7 @@ DRAWING = (
 )
 
 
-def _given(**changes: Given) -> dict[str, Given]:
+def make_given(**changes: Given) -> dict[str, Given]:
     values = {
         'journal_diameter': 0.4,
         'length': 0.8,
@@ -40,7 +40,7 @@ def _given(**changes: Given) -> dict[str, Given]:
 
 def test_values_by_hand() -> None:
     """G A/h, rho A h/3 and 2 zeta sqrt(k m) for A = 0.32 m^2, worked out on paper."""
-    values = {item.name: item.value for item in estimate(_given())}
+    values = {item.name: item.value for item in estimate(make_given())}
     assert values['stiffness'] == pytest.approx(24e6)
     assert values['mass'] == pytest.approx(2.56)
     assert values['damping'] == pytest.approx(0.1 * math.sqrt(24e6 * 2.56))
@@ -54,7 +54,7 @@ def test_modulus_by_hardness(hardness: float, modulus: float) -> None:
 
 def test_spreads_combine_as_independent_errors() -> None:
     """Of independent factors the squares of the relative deviations add, roots count half."""
-    values = {item.name: item.spread for item in estimate(_given())}
+    values = {item.name: item.spread for item in estimate(make_given())}
     area = 0.2  # of the loaded arc, as the length is not exact about it
     assert values['stiffness'] == values['mass'] == pytest.approx(math.hypot(0.1, 0.1, area))
     # The thickness divides stiffness and multiplies mass: damping does not see it.
@@ -67,10 +67,12 @@ def test_effects_by_the_closed_form() -> None:
     So 10 % less damping does what a ninth more load does, and a stiffer or heavier lining nothing, but
     for what averaging leaves out.
     """
-    by_name = {e.name: e for e in fold_shifts(estimate(_given(load=Given(3e4, 1.0 / 9.0))))}
+    by_name = {e.name: e for e in fold_shifts(estimate(make_given(load=Given(3e4, 1.0 / 9.0))))}
     assert not by_name.keys() & {'mass', 'stiffness'}
     damping = fold_shifts(
-        estimate(_given(area=Given(0.32, 0.0), shear_modulus=Given(1.5e6, 0.0), density=Given(1200.0, 0.0)))
+        estimate(
+            make_given(area=Given(0.32, 0.0), shear_modulus=Given(1.5e6, 0.0), density=Given(1200.0, 0.0))
+        )
     )
     less_damping = next(e.below for e in damping if e.name == 'damping')
     assert by_name['load'].above == pytest.approx(less_damping, rel=2e-2)
@@ -78,7 +80,7 @@ def test_effects_by_the_closed_form() -> None:
 
 def test_the_exponent_of_the_load_by_hersey() -> None:
     """Of a curve at 1.5 times the load, with g = 1, the fold is that at 1.5 times the load over 1.5."""
-    values = estimate(_given())
+    values = estimate(make_given())
     own = next(e for e in fold_shifts(values) if e.name == 'load_exponent')
     bearing, load = bearing_of(values), values[-1].value
     for change, factor in ((own.below, 1.5), (own.above, 1.0 / 1.5)):

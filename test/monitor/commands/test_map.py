@@ -21,11 +21,11 @@ BEARING = load_config(CONFIG).bearings[0].bearing
 DIAGRAM = ('diagram', '--load=1kN')
 
 
-def run(command: tuple[str, ...], out: Path, *more: object) -> int:
+def draw_to(command: tuple[str, ...], out: Path, *more: object) -> int:
     return main([*command, '-c', CONFIG, '-o', str(out), *map(str, more)])
 
 
-def read(path: Path) -> dict[str, np.ndarray]:
+def read_csv(path: Path) -> dict[str, np.ndarray]:
     with path.open(newline='') as file:
         head, *rows = csv.reader(file)
     columns = dict(zip(head, zip(*rows, strict=True), strict=True))
@@ -38,15 +38,15 @@ def read(path: Path) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize('command', [('map', '--loads', '0N:12kN'), DIAGRAM], ids=lambda c: c[0])
 def test_pictures_are_valid_and_wide_enough(command: tuple[str, ...], tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
-    assert run(command, tmp_path / 'a.png') == 0
+    assert draw_to(command, tmp_path / 'a.png') == 0
     assert png_size(tmp_path / 'a.png') == (1800, 1120)
-    assert run(command, tmp_path / 'a.SVG') == 0
+    assert draw_to(command, tmp_path / 'a.SVG') == 0
     assert ElementTree.parse(tmp_path / 'a.SVG').getroot().tag.endswith('}svg')
 
 
 def test_the_table_of_a_map_agrees_with_the_physics(tmp_path: Path) -> None:
-    assert run(('map',), tmp_path / 'a.csv', '--loads', '0N:2000N') == 0
-    table = read(tmp_path / 'a.csv')
+    assert draw_to(('map',), tmp_path / 'a.csv', '--loads', '0N:2000N') == 0
+    table = read_csv(tmp_path / 'a.csv')
     assert list(table) == [
         'shaft_speed [rpm]',
         'surface_speed [m/s]',
@@ -62,8 +62,8 @@ def test_the_table_of_a_map_agrees_with_the_physics(tmp_path: Path) -> None:
 
 
 def test_the_table_of_a_diagram_agrees_with_the_assessment(tmp_path: Path) -> None:
-    assert run(DIAGRAM, tmp_path / 'a.csv', '--speeds', '5rpm:45rpm', '--points', '41') == 0
-    table = read(tmp_path / 'a.csv')
+    assert draw_to(DIAGRAM, tmp_path / 'a.csv', '--speeds', '5rpm:45rpm', '--points', '41') == 0
+    table = read_csv(tmp_path / 'a.csv')
     speed = table['surface_speed [m/s]']
     hopf, fold = hopf_speed(BEARING, 1000.0), fold_speed(BEARING, 1000.0)
     assert {hopf, fold} <= set(speed.tolist())
@@ -83,7 +83,7 @@ def test_the_table_of_a_diagram_agrees_with_the_assessment(tmp_path: Path) -> No
 def test_a_recorded_track_is_drawn(tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     bag = str(ROOT / 'bags' / 'coast_down')
-    assert run(('map',), tmp_path / 'a.svg', '--track', bag) == 0
-    assert run(('map',), tmp_path / 'b.svg') == 0
+    assert draw_to(('map',), tmp_path / 'a.svg', '--track', bag) == 0
+    assert draw_to(('map',), tmp_path / 'b.svg') == 0
     sizes = [(tmp_path / name).stat().st_size for name in ('a.svg', 'b.svg')]
     assert sizes[0] > sizes[1]

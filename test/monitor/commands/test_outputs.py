@@ -16,9 +16,9 @@ import pytest
 from command_cases import (
     OF_MONITOR,
     WAYS,
-    declared,
-    given,
     inputs_of,
+    list_declared_files,
+    make_arguments,
     outputs_of,
     refuse_outputs_that_are_inputs,
 )
@@ -48,7 +48,7 @@ def test_an_output_that_is_an_input_is_refused(command: str, way: str, tmp_path:
 
 @pytest.mark.parametrize('where', ['configuration', 'recording', 'archive'])
 def test_what_an_input_names_or_holds_is_an_input(where: str, tmp_path: Path) -> None:
-    files = declared('check')
+    files = list_declared_files('check')
     (tmp_path / 'archive' / 'one').mkdir(parents=True)
     (tmp_path / 'archive' / 'one' / 'a.html').write_text('{}')
     (tmp_path / 'own.html').write_text('{}')
@@ -60,7 +60,7 @@ def test_what_an_input_names_or_holds_is_an_input(where: str, tmp_path: Path) ->
         'archive': ('archive/one/a.html', {'bags': [tmp_path / 'archive']}),
     }[where]
     with pytest.raises(OutputError, match='is the input'):
-        check_files(given(files, report=tmp_path / output, **source))
+        check_files(make_arguments(files, report=tmp_path / output, **source))
 
 
 @pytest.mark.parametrize(

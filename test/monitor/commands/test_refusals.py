@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from command_cases import (
     OF_MONITOR,
-    numbers,
+    list_number_options,
     refuse_line,
     refuse_numbers_out_of_bounds,
     write_files_of_a_user,
@@ -113,7 +113,7 @@ def test_what_is_refused_is_told_in_one_sentence(
 
 def test_options_with_bounds_have_them() -> None:
     """As in the docs and the help of each command."""
-    assert {name: action.rule for name, (_, action) in numbers(OF_MONITOR).items()} == {
+    assert {name: action.rule for name, (_, action) in list_number_options(OF_MONITOR).items()} == {
         'check --jobs': (1, math.inf, False),
         'dashboard --port': (0, 65535, False),
         'dashboard --rate': (0, math.inf, True),
@@ -126,6 +126,6 @@ def test_options_with_bounds_have_them() -> None:
     }
 
 
-@pytest.mark.parametrize('name', numbers(OF_MONITOR))
+@pytest.mark.parametrize('name', list_number_options(OF_MONITOR))
 def test_a_number_out_of_its_bounds_is_refused(name: str, stickslip: Stickslip) -> None:
-    refuse_numbers_out_of_bounds(name, *numbers(OF_MONITOR)[name], stickslip)
+    refuse_numbers_out_of_bounds(name, *list_number_options(OF_MONITOR)[name], stickslip)

@@ -142,7 +142,7 @@ class Browser:
     @property
     def complaints(self) -> list[str]:
         """What the console, the page's policy and its code complained of."""
-        return [text for event in self._page.events if (text := _complaint(event))]
+        return [text for event in self._page.events if (text := complaint_of(event))]
 
     def forget(self) -> None:
         """Take no notice of what was complained of."""
@@ -194,7 +194,7 @@ class Browser:
         self._run(self._page.show_as(width, height, dark=dark, mobile=mobile))
 
 
-def _complaint(event: dict[str, Any]) -> str:
+def complaint_of(event: dict[str, Any]) -> str:
     kind, told = event.get('method'), event.get('params', {})
     if kind == 'Runtime.exceptionThrown':
         return json.dumps(told['exceptionDetails'])

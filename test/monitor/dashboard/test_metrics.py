@@ -32,7 +32,7 @@ TOKEN = 'correct-horse-battery'
 Figures = dict[tuple[str, frozenset[tuple[str, str]]], float]
 
 
-def program(name: str) -> str:
+def find_program(name: str) -> str:
     """A program of Debian's package prometheus."""
     found = shutil.which(name)
     if found is None:
@@ -45,7 +45,7 @@ def scrape(dashboard: Any) -> str:
         return str(answer.read().decode())
 
 
-def figures(text: str) -> Figures:
+def parse_metrics(text: str) -> Figures:
     """Every sample by its name and labels, as the reference parser reads it."""
     return {
         (sample.name, frozenset(sample.labels.items())): sample.value
@@ -54,18 +54,18 @@ def figures(text: str) -> Figures:
     }
 
 
-def of(found: Figures, name: str, **labels: str) -> float:
+def metric_of(found: Figures, name: str, **labels: str) -> float:
     return found[f'stickslip_{name}', frozenset(labels.items())]
 
 
 def test_the_figures_are_those_of_the_bearing(dashboard: Any) -> None:
     dashboard.sail(20.0, 1000.0, 5.0)
     point = dashboard.ship.session.monitor.bearings['aft_stern'].verdict.assessment
-    found = figures(scrape(dashboard))
+    found = parse_metrics(scrape(dashboard))
     bearing = {'namespace': '/', 'bearing': 'aft_stern'}
     # A journal of 0.1 m at 20 rpm.
-    assert of(found, 'speed_meters_per_second', **bearing) == pytest.approx(math.pi * 0.1 / 3.0)
-    assert of(found, 'load_newtons', **bearing) == 1000.0
+    assert metric_of(found, 'speed_meters_per_second', **bearing) == pytest.approx(math.pi * 0.1 / 3.0)
+    assert metric_of(found, 'load_newtons', **bearing) == 1000.0
     for name, value in {
         'hopf_speed_meters_per_second': point.hopf_speed,
         'fold_margin_ratio': point.fold_margin,
@@ -73,13 +73,13 @@ def test_the_figures_are_those_of_the_bearing(dashboard: Any) -> None:
         'amplitude_meters': point.amplitude,
         'exact_amplitude_meters': point.amplitude_exact,
     }.items():
-        assert of(found, name, **bearing) == pytest.approx(value, rel=1e-8)
+        assert metric_of(found, name, **bearing) == pytest.approx(value, rel=1e-8)
     assert ('stickslip_threshold_amplitude_meters', frozenset(bearing.items())) not in found
     # The fold of 40.7231 rpm with margin and hysteresis of the file, 1.12, rounded up: as the text says.
-    assert of(found, 'speed_to_reach_rpm', **bearing, order='raise_speed') == 46.0
-    assert of(found, 'predicted', **bearing) == 1.0
-    assert of(found, 'samples_total', **bearing, input='load', status='accepted') == 5.0
-    assert 0.0 <= of(found, 'sample_age_seconds', **bearing, input='load') < 30.0
+    assert metric_of(found, 'speed_to_reach_rpm', **bearing, order='raise_speed') == 46.0
+    assert metric_of(found, 'predicted', **bearing) == 1.0
+    assert metric_of(found, 'samples_total', **bearing, input='load', status='accepted') == 5.0
+    assert 0.0 <= metric_of(found, 'sample_age_seconds', **bearing, input='load') < 30.0
     conditions = {dict(k[1])['condition']: v for k, v in found.items() if k[0].endswith('dition')}
     assert [name for name, value in conditions.items() if value] == ['stick_slip']
 
@@ -89,7 +89,7 @@ def test_the_states_of_an_alarm(dashboard: Any) -> None:
     labels = {'namespace': '/', 'bearing': 'aft_stern', 'alarm': 'stick_slip', 'priority': 'alarm'}
 
     def state() -> list[str]:
-        found = figures(scrape(dashboard))
+        found = parse_metrics(scrape(dashboard))
         states = {
             dict(own)['state']: value
             for (name, own), value in found.items()
@@ -99,40 +99,44 @@ def test_the_states_of_an_alarm(dashboard: Any) -> None:
         return [name for name, value in states.items() if value]
 
     assert state() == ['unacknowledged']
-    found = figures(scrape(dashboard))
-    assert of(found, 'alarm_active', **labels) == 1.0
-    assert of(found, 'alarms_unacknowledged', **SPACE) == of(found, 'alarms_sounding', **SPACE) == 1.0
+    found = parse_metrics(scrape(dashboard))
+    assert metric_of(found, 'alarm_active', **labels) == 1.0
+    assert (
+        metric_of(found, 'alarms_unacknowledged', **SPACE)
+        == metric_of(found, 'alarms_sounding', **SPACE)
+        == 1.0
+    )
     dashboard.sail(60.0, 1000.0, 40.0)
     assert state() == ['returned_unacknowledged']
-    found = figures(scrape(dashboard))
-    assert of(found, 'alarm_active', **labels) == of(found, 'alarms_sounding', **SPACE) == 0.0
+    found = parse_metrics(scrape(dashboard))
+    assert metric_of(found, 'alarm_active', **labels) == metric_of(found, 'alarms_sounding', **SPACE) == 0.0
     # Without a cycle the amplitude is nothing, as on the topic.
-    assert of(found, 'amplitude_meters', namespace='/', bearing='aft_stern') == 0.0
-    assert of(found, 'exact_amplitude_meters', namespace='/', bearing='aft_stern') == 0.0
+    assert metric_of(found, 'amplitude_meters', namespace='/', bearing='aft_stern') == 0.0
+    assert metric_of(found, 'exact_amplitude_meters', namespace='/', bearing='aft_stern') == 0.0
 
 
 def test_nothing_old_is_repeated(dashboard: Any) -> None:
-    assert set(figures(scrape(dashboard))) == {
+    assert set(parse_metrics(scrape(dashboard))) == {
         ('stickslip_monitor_up', frozenset(SPACE.items())),
         ('stickslip_bearing_up', frozenset({**SPACE, 'bearing': 'aft_stern'}.items())),
         ('stickslip_dashboard_readers', frozenset()),
     }
     dashboard.sail(60.0, 1000.0)
-    assert of(figures(scrape(dashboard)), 'monitor_up', **SPACE) == 1.0
+    assert metric_of(parse_metrics(scrape(dashboard)), 'monitor_up', **SPACE) == 1.0
     dashboard.do(lambda: dashboard.ship.fall_silent(100.0))
-    found = figures(scrape(dashboard))
+    found = parse_metrics(scrape(dashboard))
     assert {name for name, _ in found} == {
         'stickslip_monitor_up',
         'stickslip_bearing_up',
         'stickslip_dashboard_readers',
         'stickslip_monitor_silence_seconds',
     }
-    assert of(found, 'monitor_up', **SPACE) == 0.0
-    assert of(found, 'monitor_silence_seconds', **SPACE) == pytest.approx(100.0)
+    assert metric_of(found, 'monitor_up', **SPACE) == 0.0
+    assert metric_of(found, 'monitor_silence_seconds', **SPACE) == pytest.approx(100.0)
 
 
 def test_names_keep_the_conventions(dashboard: Any) -> None:
-    tool = program('promtool')
+    tool = find_program('promtool')
     dashboard.sail(36.0, 1000.0, 5.0)
     done = subprocess.run([tool, 'check', 'metrics'], input=scrape(dashboard), text=True, capture_output=True)
     assert (done.returncode, done.stdout + done.stderr) == (0, '')
@@ -149,7 +153,7 @@ def test_names_keep_the_conventions(dashboard: Any) -> None:
     ids=lambda arguments: ' '.join(arguments[:2]),
 )
 def test_the_shipped_files_please_promtool(arguments: tuple[str, ...]) -> None:
-    done = subprocess.run([program('promtool'), *arguments], text=True, capture_output=True)
+    done = subprocess.run([find_program('promtool'), *arguments], text=True, capture_output=True)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -183,7 +187,7 @@ def test_a_real_prometheus_scrapes_with_a_token_and_alerts(dashboards: Any, tmp_
     (tmp_path / 'token').write_text(TOKEN)
     (tmp_path / 'prometheus.yml').write_text(yaml.safe_dump(config))
     shutil.copy(SHIPPED / 'prometheus_rules.yml', tmp_path)
-    command = [program('prometheus'), f'--config.file={tmp_path}/prometheus.yml']
+    command = [find_program('prometheus'), f'--config.file={tmp_path}/prometheus.yml']
     command += [f'--web.listen-address=127.0.0.1:{port}', f'--storage.tsdb.path={tmp_path}']
 
     def ask(path: str, rpm: float) -> Any:
@@ -229,7 +233,7 @@ def test_every_alert_is_tested_and_asks_for_what_there_is(dashboard: Any) -> Non
     }
     assert fired == set(own)
     dashboard.do(lambda: dashboard.board.links.update(nmea_in=True))
-    there = {name for name, _ in figures(scrape(dashboard))}
+    there = {name for name, _ in parse_metrics(scrape(dashboard))}
     from stickslip_monitor.dashboard.metrics import GAUGES
 
     there |= {f'stickslip_{name}' for name, _ in GAUGES.values()}
@@ -250,7 +254,7 @@ def test_every_query_of_grafana_is_one(tmp_path: Path) -> None:
     rules = [{'record': f'r:{k}', 'expr': re.sub(r'\$\w+', '.*', t['expr'])} for k, t in enumerate(queries)]
     path = tmp_path / 'rules.yml'
     path.write_text(yaml.safe_dump({'groups': [{'name': 'g', 'rules': rules}]}))
-    done = subprocess.run([program('promtool'), 'check', 'rules', str(path)], capture_output=True)
+    done = subprocess.run([find_program('promtool'), 'check', 'rules', str(path)], capture_output=True)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -280,7 +284,7 @@ def test_grafana_can_be_given_the_board_by_its_provisioning() -> None:
 
 def test_alertmanager_takes_its_example() -> None:
     path = str(SHIPPED / 'alertmanager.yml')
-    done = subprocess.run([program('amtool'), 'check-config', path], capture_output=True)
+    done = subprocess.run([find_program('amtool'), 'check-config', path], capture_output=True)
     assert done.returncode == 0, done.stdout + done.stderr
     # What is inhibited, and by what, are alerts that there are; stick-slip itself never is.
     rules = yaml.safe_load((SHIPPED / 'prometheus_rules.yml').read_text('utf-8'))

@@ -41,7 +41,7 @@ def page(dashboard: Any, browser: Any) -> Any:
     assert browser.complaints == []
 
 
-def place(page: Any) -> tuple[float, float]:
+def point_on_map(page: Any) -> tuple[float, float]:
     """Where the operating point is drawn, as parts of the map's width and height."""
     x, y, width, height, left, top = page.js(
         """(() => {
@@ -62,7 +62,7 @@ def test_the_point_moves(dashboard: Any, page: Any) -> None:
         page.until(f'document.querySelector(".speed").textContent === "{rpm:.1f} rpm"')
         # A journal of 0.1 m: the surface speed is pi d n.
         surface = 3.141592653589793 * 0.1 * rpm / 60.0
-        across, up = place(page)
+        across, up = point_on_map(page)
         assert across == pytest.approx(surface / view['speeds'][1], abs=1e-3)
         assert up == pytest.approx(load / view['loads'][1], abs=1e-3)
     assert page.text('.load') == '250 N'
@@ -215,7 +215,7 @@ def test_a_token_is_asked_for_once(dashboards: Callable[..., Any], browser: Any)
     assert browser.complaints == []
 
 
-def answers(port: int) -> bool:
+def is_listening(port: int) -> bool:
     with socket.socket() as probe:
         return probe.connect_ex(('127.0.0.1', port)) == 0
 
@@ -234,7 +234,7 @@ def nginx(dashboards: Callable[..., Any], tmp_path: Path) -> Iterator[tuple[Any,
         f' http {{ access_log off; {folders} server {{ listen 127.0.0.1:{port}; {block} }} }}'
     )
     server = subprocess.Popen([program, '-p', str(tmp_path), '-c', str(tmp_path / 'nginx.conf')])
-    until(lambda: answers(port), 'nginx listens')
+    until(lambda: is_listening(port), 'nginx listens')
     yield locked, f'http://127.0.0.1:{port}/bearing/'
     server.terminate()
     server.wait()
@@ -259,7 +259,7 @@ def test_the_page_works_behind_nginx_below_a_path(nginx: tuple[Any, str], browse
     assert browser.complaints == []
 
 
-def record(dashboard: Any, **changes: Any) -> dict[str, Any]:
+def newest_record(dashboard: Any, **changes: Any) -> dict[str, Any]:
     """The newest record of the bearing as its monitor sends it."""
     from stickslip_monitor.monitor.bearing_records import bearing_record
 
@@ -278,7 +278,7 @@ def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
         for causes in ship.session.annunciator.causes.values():
             causes.texts = dict.fromkeys(AlarmKind, HOSTILE)
         ship.tick()  # the alarms take over the texts of their causes
-        own = record(dashboard)
+        own = newest_record(dashboard)
         inputs = {'speed': own['inputs']['speed'] | {'fault': HOSTILE}}
         ship.shown.take_record(
             own | {'text': HOSTILE, 'reason': HOSTILE, 'regime': HOSTILE, 'inputs': inputs}
@@ -469,7 +469,7 @@ def test_a_replay_is_led_with_the_keyboard(dashboards: Callable[..., Any], brows
     assert browser.complaints == []
 
 
-def complaints(browser: Any) -> Any:
+def axe_complaints(browser: Any) -> Any:
     """What axe-core finds wrong on the page as it stands."""
     axe = importlib.util.find_spec('axe_core_python')
     if axe is None or axe.origin is None:
@@ -510,10 +510,10 @@ def test_axe_finds_nothing(dashboards: Callable[..., Any], browser: Any, theme: 
         if shown is not None:
             reason = shown['reason']
             browser.until(f'{STANDS} === "{reason}"')
-        assert (view, complaints(browser)) == (view, [])
+        assert (view, axe_complaints(browser)) == (view, [])
     for dialog in ('ask', 'why'):
         browser.js(f'document.getElementById("{dialog}").showModal()')
-        assert (dialog, complaints(browser)) == (dialog, [])
+        assert (dialog, axe_complaints(browser)) == (dialog, [])
         browser.js(f'document.getElementById("{dialog}").close()')
     browser.choose('theme', 'auto')
 
@@ -523,7 +523,7 @@ def test_axe_finds_nothing_at_the_door(dashboards: Callable[..., Any], browser: 
     browser.show_as(390, 800, dark=True)
     browser.open(f'{locked.url}login')
     browser.until('document.activeElement.name === "token"')
-    assert complaints(browser) == []
+    assert axe_complaints(browser) == []
 
 
 @pytest.mark.slow
@@ -540,7 +540,7 @@ def test_axe_finds_nothing_in_a_report_by_day_and_night_on_a_desk_and_a_phone(
             browser.open(path.as_uri())
             browser.until('document.querySelector("footer")')
             assert browser.js('document.documentElement.scrollWidth') <= width
-            assert (width, dark, complaints(browser)) == (width, dark, [])
+            assert (width, dark, axe_complaints(browser)) == (width, dark, [])
     finally:
         browser.call('Page.setBypassCSP', enabled=False)
 
@@ -548,7 +548,7 @@ def test_axe_finds_nothing_in_a_report_by_day_and_night_on_a_desk_and_a_phone(
 def test_what_a_bearing_says_is_read(dashboard: Any, page: Any) -> None:
     """Chances, what is held, faults of inputs and of the node, and what is measured."""
     dashboard.sail(43.0, 1000.0, 5.0)
-    own = record(dashboard)
+    own = newest_record(dashboard)
     inputs = own['inputs'] | {
         'speed': {'lost': True, 'age': 9.2, 'rate': None, 'fault': 'no publisher', 'counts': {}},
         'load': {'lost': False, 'age': 0.21, 'rate': 4.98, 'fault': '', 'counts': {'repeated': 3}},
@@ -639,7 +639,7 @@ WATCHED_SOUND = """{
 SOUND, MENU = 'document.getElementById("sound")', 'document.getElementById("menu")'
 
 
-def touch(page: Any) -> None:
+def click_page(page: Any) -> None:
     """Press and release the mouse on the page."""
     for kind in ('mousePressed', 'mouseReleased'):
         page.call('Input.dispatchMouseEvent', type=kind, x=3, y=3, button='left', clickCount=1)
@@ -653,7 +653,7 @@ def test_sound_that_is_taken_away_says_so_and_comes_back_at_a_touch(dashboard: A
     page.choose('sound', 'on')
     page.until(f'{SOUND}.value === "mute"')
     assert page.text('#menu') == page.js(f'{SOUND}.selectedOptions[0].text') == 'no sound: touch the page'
-    touch(page)
+    click_page(page)
     page.until(f'{SOUND}.value === "on" && made.at(-1).state === "running"')
     assert page.text('#menu') == 'Settings'
     # Taken away where it can be had again: it is asked for, and nobody need touch anything.
@@ -664,20 +664,20 @@ def test_sound_that_is_taken_away_says_so_and_comes_back_at_a_touch(dashboard: A
     page.js('{ const own = made.at(-1); own.resume = () => new Promise(() => {}); own.suspend(); }')
     page.until(f'{SOUND}.value === "mute"')
     page.until('document.getElementById("say-now").textContent === "no sound: touch the page"')
-    touch(page)
+    click_page(page)
     page.until(f'{SOUND}.value === "on" && made.at(-1).state === "running"')
     # One that says that it runs, and whose clock stands.
     page.js('Object.defineProperty(made.at(-1), "currentTime", { value: 7 }), 1')
     page.until(f'{SOUND}.value === "mute"')
     before = page.js('made.length')
-    touch(page)
+    click_page(page)
     page.until(f'{SOUND}.value === "on"')
     assert page.js('made.length') > before
     assert page.js('made.filter((each) => each.state === "running").length') == 1
     # Switched off, nothing is asked for any more.
     page.choose('sound', 'off')
     page.until('made.every((each) => each.state === "closed")')
-    touch(page)
+    click_page(page)
     assert page.js(f'{SOUND}.value') == 'off'
     page.forget()  # Chromium wants a touch first
 
@@ -722,7 +722,7 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
     assert fleet.js(names)[0] == BEARING
     assert fleet.js(names)[-2:] == ['b22', 'b23']
     assert fleet.text('#counts') == '25: 1 stick-slip, 22 input lost, 2 normal'
-    assert complaints(fleet) == []
+    assert axe_complaints(fleet) == []
     # All of them are on the screen.
     bottom = '(row) => row.getBoundingClientRect().bottom'
     assert max(fleet.js(f'[...document.querySelectorAll("#rows tr")].map({bottom})')) <= 800

@@ -50,37 +50,37 @@ def board_of(now: list[float], *views: BearingView) -> DashboardState:
     return DashboardState([WatchedMonitor('test', views, clock=lambda: now[0])])
 
 
-def status(bearing: str = 'aft_stern', time_ns: int = 0, **changes: Any) -> dict[str, Any]:
+def bearing_status(bearing: str = 'aft_stern', time_ns: int = 0, **changes: Any) -> dict[str, Any]:
     """The record of a bearing."""
     record = {'bearing': bearing, 'time': time_ns, 'text': 'fine', 'reason': 'normal'}
     inputs = {name: {'lost': False, 'counts': {'accepted': 1}} for name in ('speed', 'load')}
     return record | {'speed': 1.0, 'load': 1.0, 'inputs': inputs} | changes
 
 
-def change(time_ms: int, **changes: Any) -> dict[str, Any]:
+def alarm_change(time_ms: int, **changes: Any) -> dict[str, Any]:
     texts = ('bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
     return dict.fromkeys(texts, 'x') | {'time': time_ms} | changes
 
 
-def alarm(**changes: Any) -> dict[str, Any]:
+def alarm_row(**changes: Any) -> dict[str, Any]:
     texts = {'bearing': 'aft_stern', 'alarm': 'stick_slip', 'priority': 'alarm'}
     return texts | {'state': 'normal', 'by': '', 'text': ''} | changes
 
 
-def alarms(*own: dict[str, Any], **changes: Any) -> dict[str, Any]:
+def alarm_table(*own: dict[str, Any], **changes: Any) -> dict[str, Any]:
     """A list of alarms."""
     counts = {'time': 10**9, 'sounding': False, 'unacknowledged': 0, 'flood': {}, 'changes': []}
     counts |= {'rows': [], 'notes': []}
     return {'schema': 'stickslip_monitor/alarm/1', **counts, 'alarms': list(own)} | changes
 
 
-def acknowledge(by: str = 'Ada', bearing: str | None = 'aft_stern') -> ActionRequest:
+def acknowledge_request(by: str = 'Ada', bearing: str | None = 'aft_stern') -> ActionRequest:
     return ActionRequest(Action.ACKNOWLEDGE, by, bearing, AlarmKind.STICK_SLIP)
 
 
 def test_what_is_no_number_has_no_value() -> None:
     record = checked_record(
-        status(
+        bearing_status(
             speed='fast',
             load=float('inf'),
             rpm=True,
@@ -99,39 +99,39 @@ def test_what_is_no_number_has_no_value() -> None:
 def test_what_no_browser_can_show_is_not_handed_on() -> None:
     """Inputs that no bearing has, counts that no float holds, and dates after the last of JavaScript."""
     own = {'lost': False, 'counts': {'accepted': 10**400, 'repeated': -1, 'no_value': 7}}
-    record = checked_record(status(inputs={'"] img': own, 'load': own}, held_until=10**40))
+    record = checked_record(bearing_status(inputs={'"] img': own, 'load': own}, held_until=10**40))
     assert list(record['inputs']) == ['load']
     counts = record['inputs']['load']['counts']
     assert (counts['accepted'], counts['repeated'], counts['no_value']) == (0, 0, 7)
     assert record['held_until'] is None
     last_ms = 8_640_000_000_000_000
-    assert checked_record(status(time_ns=last_ms * 10**6))['time'] == last_ms
-    assert checked_record(status(time_ns=(last_ms + 1) * 10**6)) is None
+    assert checked_record(bearing_status(time_ns=last_ms * 10**6))['time'] == last_ms
+    assert checked_record(bearing_status(time_ns=(last_ms + 1) * 10**6)) is None
 
 
 def test_memory_is_bounded(board: DashboardState) -> None:
     take = board.monitors[0].take_record
     rows = SPAN // STEP
     for k in range(2 * rows):
-        take(status(time_ns=k * 10**9, speed=float(k)))
-        take(status(time_ns=k * 10**9 + 5 * 10**8, speed=float(k), load=2.0))
+        take(bearing_status(time_ns=k * 10**9, speed=float(k)))
+        take(bearing_status(time_ns=k * 10**9 + 5 * 10**8, speed=float(k), load=2.0))
     history = board.history('aft_stern')
     assert [row[1:3] for row in history['rows']] == [[float(k), 2.0] for k in range(rows, 2 * rows)]
     # A clock that steps back leaves nothing that lies ahead of it.
-    take(status(time_ns=(2 * rows - 5) * 10**9, speed=7.0))
+    take(bearing_status(time_ns=(2 * rows - 5) * 10**9, speed=7.0))
     rest = board.history('aft_stern')
     assert [row[1] for row in rest['rows'][-2:]] == [2.0 * rows - 6.0, 7.0]
     assert board.history('fore') is None
     for k in range(KEPT + 2 * SHOWN):
-        board.log.extend([change(k)])
+        board.log.extend([alarm_change(k)])
     assert [c['time'] for c in board.state()['log']] == list(range(KEPT + SHOWN, KEPT + 2 * SHOWN))
     assert len(board.log.csv().splitlines()) == 1 + KEPT
 
 
 def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
-    board.monitors[0].take_record(status(time_ns=10**9, fold_margin=0.5))
+    board.monitors[0].take_record(bearing_status(time_ns=10**9, fold_margin=0.5))
     lost = {'speed': {'lost': True}, 'load': {'lost': False}}
-    board.monitors[0].take_record(status(time_ns=2 * 10**9, fold_margin=0.5, inputs=lost))
+    board.monitors[0].take_record(bearing_status(time_ns=2 * 10**9, fold_margin=0.5, inputs=lost))
     history = board.history('aft_stern')
     place = history['columns'].index('fold_margin')
     assert [[*row[1:3], row[place]] for row in history['rows']] == [[1.0, 1.0, 0.5], [None, 1.0, None]]
@@ -143,9 +143,9 @@ def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
         None,
         [],
         {},
-        *(status(text=None), status(time='now'), status(inputs=[])),
-        *(alarms(schema='stickslip_monitor/alarm/2'), alarms(time='now'), alarms(alarms=None)),
-        *(alarms(alarm(state=None)), alarms(changes=[{}]), alarms(rows=[7])),
+        *(bearing_status(text=None), bearing_status(time='now'), bearing_status(inputs=[])),
+        *(alarm_table(schema='stickslip_monitor/alarm/2'), alarm_table(time='now'), alarm_table(alarms=None)),
+        *(alarm_table(alarm_row(state=None)), alarm_table(changes=[{}]), alarm_table(rows=[7])),
     ],
 )
 def test_what_is_none_changes_nothing(board: DashboardState, document: Any) -> None:
@@ -173,38 +173,38 @@ def test_what_is_offered_is_what_does_something() -> None:
 def test_one_matter_is_one_row(board: DashboardState) -> None:
     """A bearing has one row with its worst alarm; what can be done about any of it is offered."""
     own = [
-        alarm(alarm='margin_low', priority='caution', state='acknowledged'),
-        alarm(alarm='bistable', priority='warning', state='unacknowledged'),
-        alarm(alarm='stick_slip', priority='alarm', state='unacknowledged', sounding=True),
-        alarm(alarm='amplitude_limit', state='shelved'),
-        alarm(alarm='vibration', state='normal'),
+        alarm_row(alarm='margin_low', priority='caution', state='acknowledged'),
+        alarm_row(alarm='bistable', priority='warning', state='unacknowledged'),
+        alarm_row(alarm='stick_slip', priority='alarm', state='unacknowledged', sounding=True),
+        alarm_row(alarm='amplitude_limit', state='shelved'),
+        alarm_row(alarm='vibration', state='normal'),
     ]
-    told = alarm(state='unacknowledged', text='now', came_back=4, came_back_since=5 * 10**6)
-    board.monitors[0].take_alarms(alarms(*own, rows=[told, alarm(bearing='fore')]))
+    told = alarm_row(state='unacknowledged', text='now', came_back=4, came_back_since=5 * 10**6)
+    board.monitors[0].take_alarms(alarm_table(*own, rows=[told, alarm_row(bearing='fore')]))
     (row,) = board.alarms['rows']
     assert row['actions'] == ['acknowledge', 'silence', 'shelve']
     assert (row['text'], row['came_back'], row['came_back_since']) == ('now', 4, 5)
 
 
 def test_what_another_did_is_no_answer(board: DashboardState) -> None:
-    waiting = alarm(state='unacknowledged', sounding=True)
+    waiting = alarm_row(state='unacknowledged', sounding=True)
     (monitor,) = board.monitors
     with pytest.raises(DashboardError, match='the list of alarms has not come'):
-        asyncio.run(board.ask(acknowledge(), 0.01))
-    monitor.take_alarms(alarms(waiting))
-    done = change(1, bearing='aft_stern', alarm='stick_slip', by='Ada', what='acknowledge')
-    monitor.act = lambda _: monitor.take_alarms(alarms(waiting, changes=[done]))
-    assert asyncio.run(board.ask(acknowledge('Ada'), 0.01)) == 1
+        asyncio.run(board.ask(acknowledge_request(), 0.01))
+    monitor.take_alarms(alarm_table(waiting))
+    done = alarm_change(1, bearing='aft_stern', alarm='stick_slip', by='Ada', what='acknowledge')
+    monitor.act = lambda _: monitor.take_alarms(alarm_table(waiting, changes=[done]))
+    assert asyncio.run(board.ask(acknowledge_request('Ada'), 0.01)) == 1
     with pytest.raises(DashboardError, match='it may not have been done'):
-        asyncio.run(board.ask(acknowledge('Bob'), 0.01))
+        asyncio.run(board.ask(acknowledge_request('Bob'), 0.01))
 
 
-def hear(monitor: WatchedMonitor, *bearings: str, **changes: Any) -> None:
+def send_records(monitor: WatchedMonitor, *bearings: str, **changes: Any) -> None:
     for bearing in bearings or ('aft_stern',):
-        monitor.take_record(status(bearing, **changes))
+        monitor.take_record(bearing_status(bearing, **changes))
 
 
-def wait(now: list[float], seconds: float) -> None:
+def pass_seconds(now: list[float], seconds: float) -> None:
     now[0] += seconds
 
 
@@ -213,18 +213,18 @@ IDLE = 'Not monitoring: test is not active'
 DOUBTS: list[tuple[Happening, str]] = [
     (lambda m, now: None, 'No data from the monitor test yet.'),
     (lambda m, now: m.take_other('port/monitor'), 'Other monitors run: /port/monitor; see --node'),
-    (lambda m, now: hear(m), 'No list of alarms from test yet'),
-    (lambda m, now: (hear(m, 'fore'), m.take_alarms(alarms())), 'No data from'),
-    (lambda m, now: hear(m, 'aft_stern', 'fore'), FOREIGN),
-    (lambda m, now: (hear(m), m.take_alarms(alarms(alarm(bearing='fore')))), FOREIGN),
-    (lambda m, now: (hear(m), m.take_alarms(alarms(monitoring=False))), IDLE),
-    (lambda m, now: (hear(m, reason='not_monitoring'), wait(now, 60.0)), IDLE),
+    (lambda m, now: send_records(m), 'No list of alarms from test yet'),
+    (lambda m, now: (send_records(m, 'fore'), m.take_alarms(alarm_table())), 'No data from'),
+    (lambda m, now: send_records(m, 'aft_stern', 'fore'), FOREIGN),
+    (lambda m, now: (send_records(m), m.take_alarms(alarm_table(alarm_row(bearing='fore')))), FOREIGN),
+    (lambda m, now: (send_records(m), m.take_alarms(alarm_table(monitoring=False))), IDLE),
+    (lambda m, now: (send_records(m, reason='not_monitoring'), pass_seconds(now, 60.0)), IDLE),
     (
-        lambda m, now: (m.take_alarms(alarms()), hear(m), wait(now, 3.1)),
+        lambda m, now: (m.take_alarms(alarm_table()), send_records(m), pass_seconds(now, 3.1)),
         'The monitor test has been silent for 3 s.',
     ),
     (
-        lambda m, now: (m.take_alarms(alarms()), wait(now, 200.0), hear(m)),
+        lambda m, now: (m.take_alarms(alarm_table()), pass_seconds(now, 200.0), send_records(m)),
         'The list of alarms of test is 3.3 min old',
     ),
 ]
@@ -240,10 +240,10 @@ def test_never_all_clear_by_mistake(
 
 def test_a_bearing_that_the_node_does_not_have_is_named(now: list[float]) -> None:
     board = board_of(now, VIEW, replace(VIEW, name='fore'))
-    board.monitors[0].take_alarms(alarms(alarm(bearing='bow'), alarm()))
+    board.monitors[0].take_alarms(alarm_table(alarm_row(bearing='bow'), alarm_row()))
     assert [a['bearing'] for a in board.alarms['alarms']] == ['aft_stern']
-    board.monitors[0].take_alarms(alarms())
-    hear(board.monitors[0])
+    board.monitors[0].take_alarms(alarm_table())
+    send_records(board.monitors[0])
     assert board.monitor()['there']
     assert 'No data on fore: test does not watch it.' in board.monitor()['faults']
 
@@ -265,14 +265,14 @@ def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> N
         return EventLog(store), store
 
     first, store = log()
-    first.extend([change(k, what=f'{k}') for k in range(3)])
+    first.extend([alarm_change(k, what=f'{k}') for k in range(3)])
     # Nobody else writes there meanwhile.
     with pytest.raises(RosError, match='is in use by another dashboard'):
         log()
     store.close()
     # The latched topic tells the newest again.
     second, store = log()
-    second.extend([change(k, what=f'{k}') for k in range(2, 5)])
+    second.extend([alarm_change(k, what=f'{k}') for k in range(2, 5)])
     assert [entry['what'] for entry in second.latest()] == ['0', '1', '2', '3', '4']
     store.close()
     rows = list(csv.reader(io.StringIO(log()[0].csv())))
@@ -310,13 +310,13 @@ def test_a_map_is_made_for_the_first_point_and_grows(now: list[float]) -> None:
     board = board_of(now, view)
     # A single wrong sample is no reason.
     for k, speed in enumerate((0.5, 50.0, 0.5, 0.5, -2.0, -3.0, -2.5, -2.0, -2.0)):
-        board.monitors[0].take_record(status(time_ns=k * 10**9, speed=speed))
+        board.monitors[0].take_record(bearing_status(time_ns=k * 10**9, speed=speed))
         board.tick()
     assert made == [(pytest.approx(0.6), 1.5), (pytest.approx(2.4), 1.5)]
     assert board.state()['bearings'][0]['speeds'] == (0.0, pytest.approx(2.4))
 
 
-def twins(now: list[float]) -> DashboardState:
+def twin_bearings(now: list[float]) -> DashboardState:
     """The same bearing in the namespaces of two nodes."""
     return DashboardState(
         WatchedMonitor(f'/{side}/monitor', [VIEW], side, clock=lambda: now[0])
@@ -325,17 +325,17 @@ def twins(now: list[float]) -> DashboardState:
 
 
 def test_twin_screws_are_two_things(now: list[float]) -> None:
-    board = twins(now)
+    board = twin_bearings(now)
     port, starboard = board.monitors
     asked: list[Any] = []
     port.act, starboard.act = asked.append, lambda _: pytest.fail('the wrong ship side')
     for monitor in board.monitors:
-        hear(monitor, text='aft_stern: fine')
-    waiting = alarm(state='unacknowledged', active=True, text='aft_stern: bad')
-    port.take_alarms(alarms(waiting, unacknowledged=1, rows=[waiting]))
+        send_records(monitor, text='aft_stern: fine')
+    waiting = alarm_row(state='unacknowledged', active=True, text='aft_stern: bad')
+    port.take_alarms(alarm_table(waiting, unacknowledged=1, rows=[waiting]))
     assert board.monitor()['there']
     assert board.monitor()['faults']
-    starboard.take_alarms(alarms(alarm()))
+    starboard.take_alarms(alarm_table(alarm_row()))
     assert (board.monitor()['there'], board.monitor()['faults']) == (True, [])
     assert board.alarms['unacknowledged'] == 1
     assert [(a['bearing'], a['state']) for a in board.alarms['alarms']] == [
@@ -344,10 +344,10 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
     ]
     assert [row['text'] for row in board.alarms['rows']] == ['port/aft_stern: bad']
     with pytest.raises(DashboardError, match='no answer from the monitor'):
-        asyncio.run(board.ask(acknowledge(bearing='port/aft_stern'), 0.01))
-    assert asked == [acknowledge()]
+        asyncio.run(board.ask(acknowledge_request(bearing='port/aft_stern'), 0.01))
+    assert asked == [acknowledge_request()]
     with pytest.raises(DashboardError, match='there is nothing to acknowledge'):
-        asyncio.run(board.ask(acknowledge(bearing='starboard/aft_stern'), 0.01))
+        asyncio.run(board.ask(acknowledge_request(bearing='starboard/aft_stern'), 0.01))
 
 
 @pytest.mark.parametrize(
@@ -369,6 +369,6 @@ def test_a_map_of_other_parameters_is_told(
     """The page was started with another file than the node: its own curve leads through (0.3, 250)."""
     curves = {'speed': [0.2, 0.4, 0.6], 'fold': [100.0, 400.0, None]}
     board = board_of(now, replace(VIEW, curves=curves))
-    board.monitors[0].take_record(status(fold_speed_kbm=fold, load=load))
+    board.monitors[0].take_record(bearing_status(fold_speed_kbm=fold, load=load))
     told = ['aft_stern: the map is that of --config, and test has other parameters.']
     assert board.monitor()['notices'] == told * foreign

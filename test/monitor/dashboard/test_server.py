@@ -28,7 +28,7 @@ ACTION = {
 TOKEN = 'correct-horse-battery'
 
 
-def ask(work: Callable[[Any], Awaitable[Any]]) -> Any:
+def with_client(work: Callable[[Any], Awaitable[Any]]) -> Any:
     """Do something with a client's session."""
 
     async def go() -> Any:
@@ -40,7 +40,7 @@ def ask(work: Callable[[Any], Awaitable[Any]]) -> Any:
     return asyncio.run(go())
 
 
-async def event(stream: Any, kind: str) -> dict[str, Any]:
+async def next_event(stream: Any, kind: str) -> dict[str, Any]:
     """What the next event of a kind says."""
     fields: dict[str, str] = {}
     while True:
@@ -55,7 +55,7 @@ async def event(stream: Any, kind: str) -> dict[str, Any]:
             fields[name] = value
 
 
-def post(
+def post_action(
     dashboard: Any, document: Any = ACTION, path: str = 'act', **headers: str
 ) -> tuple[int, dict[str, Any]]:
     """The answer to a request to do something."""
@@ -64,18 +64,18 @@ def post(
         async with session.post(f'{dashboard.url}{path}', json=document, headers=headers) as answer:
             return answer.status, await answer.text()
 
-    code, text = ask(work)
+    code, text = with_client(work)
     return code, json.loads(text) if text.startswith('{') else {'text': text}
 
 
-def get(dashboard: Any, path: str = '', **headers: str) -> tuple[int, Any, str]:
+def get_page(dashboard: Any, path: str = '', **headers: str) -> tuple[int, Any, str]:
     """Status, headers and text of a page."""
 
     async def work(session: Any) -> tuple[int, Any, str]:
         async with session.get(f'{dashboard.url}{path}', headers=headers, allow_redirects=False) as answer:
             return answer.status, answer.headers, await answer.text()
 
-    return ask(work)
+    return with_client(work)
 
 
 # --- streams -----------------------------------------------------------------------------------
@@ -99,10 +99,10 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any) -> None:
 
     async def read(session: Any, ready: list[int]) -> float:
         async with session.get(f'{dashboard.url}events') as stream:
-            await event(stream, 'state')
+            await next_event(stream, 'state')
             ready.append(1)
             while True:
-                status = await event(stream, 'status')
+                status = await next_event(stream, 'status')
                 if status['load'] == 500.0:
                     return float(status['rpm'])
 
@@ -119,7 +119,7 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any) -> None:
         await asyncio.to_thread(dashboard.sail, 70.0, 500.0)
         return await asyncio.gather(*tasks)
 
-    heard = ask(work)
+    heard = with_client(work)
     assert heard == pytest.approx([70.0] * 50, rel=1e-8)
     # One that takes nothing for long is let go.
     until(lambda: one not in hub.readers, 'the end of the one')
@@ -132,7 +132,7 @@ def test_a_look_at_the_head_opens_no_stream(dashboard: Any) -> None:
         async with session.head(f'{dashboard.url}events') as answer:
             return int(answer.status)
 
-    assert ask(work) == 404
+    assert with_client(work) == 404
 
 
 def test_more_readers_than_there_is_room_for(dashboard: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,12 +143,12 @@ def test_more_readers_than_there_is_room_for(dashboard: Any, monkeypatch: pytest
 
     async def work(session: Any) -> None:
         async with session.get(f'{dashboard.url}events') as stream:
-            await event(stream, 'state')
+            await next_event(stream, 'state')
             async with session.get(f'{dashboard.url}events') as second:
                 assert second.status == 503
                 assert 'close one' in await second.text()
 
-    ask(work)
+    with_client(work)
 
 
 def idle_connection(port: int, start: bytes = b'') -> socket.socket:
@@ -157,7 +157,7 @@ def idle_connection(port: int, start: bytes = b'') -> socket.socket:
     return made
 
 
-def ended(made: socket.socket) -> bool:
+def is_closed_by_peer(made: socket.socket) -> bool:
     """Whether the other end closes a connection, in the time it waits."""
     try:
         return made.recv(1) == b''
@@ -168,7 +168,7 @@ def ended(made: socket.socket) -> bool:
 @pytest.mark.parametrize('start', [b'', b'GET / HTTP/1.1\r\nHost: loc'])
 def test_a_connection_that_asks_for_nothing_is_closed(dashboards: Any, start: bytes) -> None:
     made = idle_connection(dashboards(IDLE=0.2).port, start)
-    assert ended(made)
+    assert is_closed_by_peer(made)
     made.close()
 
 
@@ -179,17 +179,17 @@ def test_idle_connections_lock_nobody_out(dashboards: Any, caplog: Any) -> None:
 
     async def work(session: Any) -> int:
         async with session.get(f'{crowded.url}events') as stream:
-            await event(stream, 'state')
+            await next_event(stream, 'state')
             idle = [idle_connection(crowded.port) for _ in range(300)]
-            await event(stream, 'beat')
+            await next_event(stream, 'beat')
             async with session.get(crowded.url) as answer:
                 code = int(answer.status)
-            assert await asyncio.to_thread(ended, idle[0])
+            assert await asyncio.to_thread(is_closed_by_peer, idle[0])
             for each in idle:
                 each.close()
             return code
 
-    assert ask(work) == 200
+    assert with_client(work) == 200
     assert caplog.text == ''
 
 
@@ -209,13 +209,13 @@ def test_when_all_are_busy_one_more_is_turned_away(dashboards: Any) -> None:
     async def work(session: Any) -> None:
         for _ in range(2):
             stream = await session.get(f'{crowded.url}events')
-            await event(stream, 'state')
+            await next_event(stream, 'state')
         third = idle_connection(crowded.port)
-        assert await asyncio.to_thread(ended, third)
+        assert await asyncio.to_thread(is_closed_by_peer, third)
         third.close()
-        await event(stream, 'beat')
+        await next_event(stream, 'beat')
 
-    ask(work)
+    with_client(work)
 
 
 # --- actions -----------------------------------------------------------------------------------
@@ -240,7 +240,7 @@ NO_REQUESTS: list[tuple[dict[str, Any], str]] = [
 def test_a_request_that_is_none_is_refused(dashboard: Any) -> None:
     dashboard.sail(20.0, 1000.0, 5.0)
     for change, words in NO_REQUESTS:
-        code, answer = post(dashboard, ACTION | change)
+        code, answer = post_action(dashboard, ACTION | change)
         assert (code, answer['ok'], words in answer['text']) == (400, False, True), answer
     assert dashboard.ship.asked == []
 
@@ -253,7 +253,7 @@ def test_what_is_no_course_of_a_replay(dashboards: Any) -> None:
         ({'at': True}, 'at = True must be a time'),
         ([], 'must be a JSON object'),
     ):
-        code, answer = post(dashboard, document, 'replay')
+        code, answer = post_action(dashboard, document, 'replay')
         assert (code, answer['ok'], words in answer['text']) == (400, False, True), answer
 
 
@@ -263,7 +263,7 @@ def test_what_the_monitor_does_not_answer_is_not_said_to_be_done(
     monkeypatch.setattr('stickslip_monitor.dashboard.server.PATIENCE', 0.1)
     dashboard.sail(20.0, 1000.0, 5.0)
     dashboard.ship.deaf = True
-    code, answer = post(dashboard)
+    code, answer = post_action(dashboard)
     assert (code, answer['ok']) == (409, False)
     assert 'it may not have been done' in answer['text']
 
@@ -271,7 +271,7 @@ def test_what_the_monitor_does_not_answer_is_not_said_to_be_done(
         raise RosError('the monitor is not there')
 
     monkeypatch.setattr(dashboard.ship.shown, 'act', refuse)
-    assert post(dashboard) == (503, {'ok': False, 'text': 'the monitor is not there'})
+    assert post_action(dashboard) == (503, {'ok': False, 'text': 'the monitor is not there'})
 
 
 def test_nothing_can_be_changed_but_alarms(dashboard: Any) -> None:
@@ -290,19 +290,19 @@ def test_nothing_can_be_changed_but_alarms(dashboard: Any) -> None:
 def test_another_page_cannot_act(dashboard: Any) -> None:
     dashboard.sail(20.0, 1000.0, 5.0)
     here = dashboard.url.rstrip('/')
-    assert post(dashboard, Origin='http://evil.test')[0] == 403
-    assert post(dashboard, Origin='null')[0] == 403
-    assert post(dashboard, Origin='http://127.0.0.1:1')[0] == 403
-    assert post(dashboard, **{'Sec-Fetch-Site': 'cross-site'})[0] == 403
+    assert post_action(dashboard, Origin='http://evil.test')[0] == 403
+    assert post_action(dashboard, Origin='null')[0] == 403
+    assert post_action(dashboard, Origin='http://127.0.0.1:1')[0] == 403
+    assert post_action(dashboard, **{'Sec-Fetch-Site': 'cross-site'})[0] == 403
     # What a form of another page can send without asking is no JSON.
-    assert post(dashboard, **{'Content-Type': 'text/plain'})[0] == 415
-    assert post(dashboard, ACTION | {'by': 'x' * 10_000})[0] == 413
+    assert post_action(dashboard, **{'Content-Type': 'text/plain'})[0] == 415
+    assert post_action(dashboard, ACTION | {'by': 'x' * 10_000})[0] == 413
     assert dashboard.ship.asked == []
-    assert post(dashboard, Origin=here, **{'Sec-Fetch-Site': 'same-origin'})[0] == 200
+    assert post_action(dashboard, Origin=here, **{'Sec-Fetch-Site': 'same-origin'})[0] == 200
     # Behind a proxy with a name of its own only the browser can vouch for the page.
     proxied = {'Origin': 'https://ship.example', 'Sec-Fetch-Site': 'same-origin'}
-    assert post(dashboard, **proxied)[0] == 409  # admitted: it is acknowledged already
-    assert post(dashboard, **{**proxied, 'Sec-Fetch-Site': 'same-site'})[0] == 403
+    assert post_action(dashboard, **proxied)[0] == 409  # admitted: it is acknowledged already
+    assert post_action(dashboard, **{**proxied, 'Sec-Fetch-Site': 'same-site'})[0] == 403
 
 
 def test_a_name_that_is_not_ours_is_refused(dashboard: Any) -> None:
@@ -310,8 +310,8 @@ def test_a_name_that_is_not_ours_is_refused(dashboard: Any) -> None:
     ours = ('ship.test', 'SHIP.test:8370', 'localhost', '[::1]:8370', '10.1.2.3')
     others = ('evil.test', '127.0.0.1.evil.test', 'localhost.evil.test:8370', '', '[')
     for path in ('', 'metrics'):
-        assert [get(dashboard, path, Host=host)[0] for host in ours] == [200] * len(ours)
-        assert [get(dashboard, path, Host=host)[0] for host in others] == [421] * len(others)
+        assert [get_page(dashboard, path, Host=host)[0] for host in ours] == [200] * len(ours)
+        assert [get_page(dashboard, path, Host=host)[0] for host in others] == [421] * len(others)
 
 
 def test_two_pages_of_one_host_have_two_sessions(dashboards: Any) -> None:
@@ -327,28 +327,28 @@ def test_two_pages_of_one_host_have_two_sessions(dashboards: Any) -> None:
         assert (await session.get(f'{one.url}metrics')).status == 200
         assert (await session.get(f'{other.url}metrics')).status == 401
 
-    ask(work)
+    with_client(work)
 
 
 def test_without_the_token_nothing_of_the_ship_is_seen(dashboards: Any) -> None:
     locked = dashboards(token=TOKEN)
     locked.sail(20.0, 1000.0, 5.0)
     for path in ('events', 'metrics', 'page.js', 'nothing'):
-        code, headers, text = get(locked, path)
+        code, headers, text = get_page(locked, path)
         assert (code, text) == (401, 'The token is missing.\n')
         assert headers['WWW-Authenticate'] == 'Bearer'
-    assert post(locked)[0] == 401
-    code, headers, _ = get(locked)
+    assert post_action(locked)[0] == 401
+    code, headers, _ = get_page(locked)
     assert (code, headers['Location']) == (303, 'login')
     for wrong in ('', TOKEN[:-1], TOKEN + 'x', 'ünïcode'):
-        assert get(locked, 'metrics', Authorization=f'Bearer {wrong}')[0] == 401
-        assert get(locked, 'metrics', Cookie=f'stickslip_session={TOKEN}')[0] == 401
-    assert get(locked, 'metrics', Authorization=f'Basic {TOKEN}')[0] == 401
+        assert get_page(locked, 'metrics', Authorization=f'Bearer {wrong}')[0] == 401
+        assert get_page(locked, 'metrics', Cookie=f'stickslip_session={TOKEN}')[0] == 401
+    assert get_page(locked, 'metrics', Authorization=f'Basic {TOKEN}')[0] == 401
     # Not in an address either: those end up in logs.
-    assert get(locked, f'metrics?token={TOKEN}')[0] == 401
+    assert get_page(locked, f'metrics?token={TOKEN}')[0] == 401
     assert locked.ship.asked == []
-    assert get(locked, 'metrics', Authorization=f'Bearer {TOKEN}')[0] == 200
-    assert post(locked, Authorization=f'Bearer {TOKEN}')[0] == 200
+    assert get_page(locked, 'metrics', Authorization=f'Bearer {TOKEN}')[0] == 200
+    assert post_action(locked, Authorization=f'Bearer {TOKEN}')[0] == 200
 
 
 def test_a_session_begins_with_the_token_and_can_be_ended(dashboards: Any) -> None:
@@ -368,7 +368,7 @@ def test_a_session_begins_with_the_token_and_can_be_ended(dashboards: Any) -> No
         copied = {'Cookie': cookie.partition(';')[0]}
         assert (await session.get(f'{locked.url}metrics')).status == 200
         async with session.get(f'{locked.url}events') as stream:
-            state = await event(stream, 'state')
+            state = await next_event(stream, 'state')
             assert state['signed_in']
         assert (await session.post(f'{locked.url}logout')).status == 204
         # Neither the browser nor a copy of its cookie gets in again.
@@ -378,7 +378,7 @@ def test_a_session_begins_with_the_token_and_can_be_ended(dashboards: Any) -> No
         await login()
         assert (await session.get(f'{locked.url}metrics')).status == 200
 
-    ask(work)
+    with_client(work)
 
 
 @pytest.mark.parametrize(('token', 'code'), [(TOKEN, 200), (TOKEN + '2', 303)])
@@ -391,12 +391,12 @@ def test_a_new_token_logs_everybody_out_and_a_restart_nobody(dashboards: Any, to
         async with session.get(second.url, allow_redirects=False) as answer:
             return int(answer.status)
 
-    assert ask(work) == code
+    assert with_client(work) == code
 
 
 def test_no_page_of_another_may_hold_or_feed_this_one(dashboard: Any) -> None:
     for path in ('', 'page.js', 'page.css', 'login', 'nothing'):
-        _, headers, _ = get(dashboard, path)
+        _, headers, _ = get_page(dashboard, path)
         policy = dict(part.split(' ', 1) for part in headers['Content-Security-Policy'].split('; '))
         assert policy['default-src'] == policy['frame-ancestors'] == "'none'"
         assert set(policy.values()) == {"'none'", "'self'"}

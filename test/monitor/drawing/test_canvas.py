@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 import pytest
 from shared import CONFIG as REFERENCE_FILE
-from shared import contrast, luminance
+from shared import contrast_ratio, relative_luminance
 
 from stickslip_monitor.drawing.canvas import (
     CAUTION_FILL,
@@ -90,22 +90,22 @@ def test_every_regime_and_condition_has_a_colour_by_day_and_night() -> None:
     assert set(REGIME_COLOUR) == set(REGIME_FILL) == set(Regime)
     assert set(CONDITION_COLOUR) == set(Condition)
     assert len(set(CONDITION_COLOUR.values())) == len(Condition)
-    assert min(contrast(MUTED, fill) for fill in REGIME_FILL.values()) > 4.5
+    assert min(contrast_ratio(MUTED, fill) for fill in REGIME_FILL.values()) > 4.5
     palette = {*REGIME_COLOUR.values(), *REGIME_FILL.values(), *CONDITION_COLOUR.values()}
     assert palette | {INK, MUTED, PAPER, CAUTION_FILL, HOPF, FOLD} == set(ON_DARK)
     fills = [ON_DARK[fill] for fill in (*REGIME_FILL.values(), CAUTION_FILL, PAPER)]
-    assert min(contrast(ON_DARK[INK], fill) for fill in fills) > 7.0
-    assert min(contrast(ON_DARK[MUTED], fill) for fill in fills) > 4.5
+    assert min(contrast_ratio(ON_DARK[INK], fill) for fill in fills) > 7.0
+    assert min(contrast_ratio(ON_DARK[MUTED], fill) for fill in fills) > 4.5
     marks = [ON_DARK[mark] for mark in CONDITION_COLOUR.values()]
-    assert min(contrast(mark, fill) for mark in marks for fill in fills) > 3.0
+    assert min(contrast_ratio(mark, fill) for mark in marks for fill in fills) > 3.0
 
 
 WEIGHTS = (0.299, 1), (0.587, 3), (0.114, 5)
 
 
-def lightness(colour: str) -> float:
+def cie_lightness(colour: str) -> float:
     """L* of CIE 1976 [0 to 100], from the relative luminance of a colour."""
-    return 116.0 * luminance(colour) ** (1.0 / 3.0) - 16.0
+    return 116.0 * relative_luminance(colour) ** (1.0 / 3.0) - 16.0
 
 
 def test_in_grey_print_trouble_is_darker() -> None:
@@ -116,14 +116,14 @@ def test_in_grey_print_trouble_is_darker() -> None:
         REGIME_FILL[Regime.UNSTABLE],
     ]
     for colours in (fills, [CONDITION_COLOUR[each] for each in LADDER]):
-        greys = [lightness(colour) for colour in colours]
+        greys = [cie_lightness(colour) for colour in colours]
         assert min(a - b for a, b in pairwise(greys)) > 4.0, greys
     # Printers and viewers that take the luma of BT.601 see steps, too.
     lumas = [sum(w * int(c[i : i + 2], 16) for w, i in WEIGHTS) for c in fills]
     assert min(a - b for a, b in pairwise(lumas)) > 10.0, lumas
-    assert min(CONDITION_COLOUR.values(), key=luminance) == CONDITION_COLOUR[Condition.AMPLITUDE]
+    assert min(CONDITION_COLOUR.values(), key=relative_luminance) == CONDITION_COLOUR[Condition.AMPLITUDE]
     # Names stand on the bar in white: 3 for graphics (WCAG 2.2, 1.4.11).
-    assert min(contrast(PAPER, colour) for colour in CONDITION_COLOUR.values()) > 2.9
+    assert min(contrast_ratio(PAPER, colour) for colour in CONDITION_COLOUR.values()) > 2.9
 
 
 @pytest.mark.parametrize('dark', [False, True])
@@ -133,7 +133,7 @@ def test_boundaries_are_seen_on_all_fills_and_captions_name_their_hues(dark: boo
 
     fills = {regime: shown(fill) for regime, fill in REGIME_FILL.items()}
     for line in (HOPF, FOLD):
-        assert min(contrast(shown(line), fill) for fill in fills.values()) > 4.5
+        assert min(contrast_ratio(shown(line), fill) for fill in fills.values()) > 4.5
     # What the captions of a report call them: red below 25 degrees, amber to 48, yellow to 65.
     for name, fill in (
         ('red', fills[Regime.UNSTABLE]),

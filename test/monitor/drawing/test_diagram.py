@@ -26,11 +26,11 @@ TABLE = Tabulated([0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4], [0.3, 0.2, 0.19, 0.19,
 CONFIG = load_config(REFERENCE_FILE)
 
 
-def bearing(friction: object, damping: float = 400.0) -> Bearing:
+def bearing_of(friction: object, damping: float = 400.0) -> Bearing:
     return Bearing(50.0, damping, 2.0e6, friction, 0.1)  # type: ignore[arg-type]
 
 
-REFERENCE = bearing(Stribeck(0.3, 0.1, 10.0))
+REFERENCE = bearing_of(Stribeck(0.3, 0.1, 10.0))
 
 
 def diagram_of(own: Bearing) -> Diagram:
@@ -80,7 +80,7 @@ def test_threshold_amplitude_solves_its_closed_form(reference: Diagram) -> None:
 @pytest.mark.slow
 def test_a_measured_table_has_all_its_branches() -> None:
     """Each is one unbroken curve of stationary cycles between Hopf, fold and the range's ends."""
-    own = bearing(TABLE)
+    own = bearing_of(TABLE)
     table = diagram_of(own)
     grid = np.linspace(0.0101, 0.3399, 4000)
     growth = [-LOAD * float(TABLE.slope(v)) - 400.0 for v in grid]
@@ -114,9 +114,9 @@ def test_a_measured_table_has_all_its_branches() -> None:
     ('own', 'regimes'),
     [
         # Of dry friction only the exact model has a cycle.
-        (bearing(Coulomb(0.3, 0.1)), [Regime.BISTABLE, Regime.STABLE]),
-        (bearing(Stribeck(0.1, 0.3, 10.0)), [Regime.STABLE]),
-        (bearing(Stribeck(0.3, 0.1, 10.0), damping=3000.0), [Regime.STABLE]),
+        (bearing_of(Coulomb(0.3, 0.1)), [Regime.BISTABLE, Regime.STABLE]),
+        (bearing_of(Stribeck(0.1, 0.3, 10.0)), [Regime.STABLE]),
+        (bearing_of(Stribeck(0.3, 0.1, 10.0), damping=3000.0), [Regime.STABLE]),
     ],
     ids=['coulomb', 'rising', 'damped'],
 )
@@ -131,7 +131,7 @@ def test_without_an_averaged_cycle_there_are_no_branches(own: Bearing, regimes: 
 def test_a_branch_between_two_speeds_of_the_diagram_is_found() -> None:
     """A Hopf with a fold 0.003 rpm above it: between them there are two small cycles."""
     table = Tabulated([0.1324560, 0.2096268, 0.2281960, 0.4458427], [0.24518, 0.12219, 0.05504, 0.05496])
-    own, load = bearing(table, damping=62.65981), 337.7896
+    own, load = bearing_of(table, damping=62.65981), 337.7896
     diagram = bifurcation_diagram(own, load, (0.1, 0.2), 3)
     hopf, fold = diagram.marks[:2]
     assert (hopf.kind, fold.kind) == ('Hopf', 'fold')
@@ -149,16 +149,16 @@ def test_a_branch_between_two_speeds_of_the_diagram_is_found() -> None:
 
 
 def with_law(law: object) -> BearingConfig:
-    return replace(CONFIG.bearings[0], bearing=bearing(law))
+    return replace(CONFIG.bearings[0], bearing=bearing_of(law))
 
 
-def named(figure: Any) -> list[str]:
+def legend_texts(figure: Any) -> list[str]:
     return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
 
 
 def test_the_picture_names_its_curves_and_says_where_hopf_and_fold_are() -> None:
     figure = draw_diagram(CONFIG.bearings[0], LOAD, points=100)
-    assert named(figure) == [
+    assert legend_texts(figure) == [
         'stick-slip, exact',
         'stick-slip, averaging',
         'threshold (unstable), averaging',
@@ -182,7 +182,7 @@ def test_the_picture_names_its_curves_and_says_where_hopf_and_fold_are() -> None
 
 
 def test_a_fold_that_averaging_does_not_have_is_marked() -> None:
-    names = named(draw_diagram(with_law(Coulomb(0.3, 0.1)), LOAD, points=60))
+    names = legend_texts(draw_diagram(with_law(Coulomb(0.3, 0.1)), LOAD, points=60))
     assert names[-1] == 'end of sticking 7.194 rpm (averaging has no fold)'
 
 

@@ -129,7 +129,7 @@ def test_a_law_that_names_no_breakpoints_has_the_ranges_of_the_same_law_that_doe
         assert found == pytest.approx(known, rel=1e-6)
 
 
-def names(legend: Any) -> list[str]:
+def legend_texts(legend: Any) -> list[str]:
     return [text.get_text() for text in legend.get_texts()]
 
 
@@ -143,7 +143,7 @@ def test_the_map_names_regions_and_lines_of_one_amplitude(monkeypatch: pytest.Mo
     # Before matplotlib 3.8 the axes do not know the lines of a level as such.
     monkeypatch.setattr(Axes, 'contour', kept)
     figure = draw_map(BEARING)
-    assert names(figure.legends[0]) == [
+    assert legend_texts(figure.legends[0]) == [
         'stable',
         'margin low',
         'bistable',
@@ -173,7 +173,7 @@ def test_a_track_has_its_ends_and_the_alarm_marked() -> None:
     axes = draw_map(BEARING, track=Track(speed, load, events)).axes[0]
     expected = [f'to: {CONDITION_NAMES[condition]}' for condition in Condition]
     # Start and end are within a ring of each other, and one mark.
-    assert names(axes.get_legend()) == ['measured', 'smoothed', 'start and end', *expected]
+    assert legend_texts(axes.get_legend()) == ['measured', 'smoothed', 'start and end', *expected]
     # Each at the operating point that it was told at, wherever a thinned track goes.
     marks = [line for line in axes.lines if line.get_zorder() == 10]
     for k, mark in enumerate(marks):
@@ -185,7 +185,7 @@ def test_a_track_has_its_ends_and_the_alarm_marked() -> None:
 def test_a_track_shows_which_way_it_goes() -> None:
     speed = np.linspace(0.3, 0.1, 400)
     axes = draw_map(BEARING, track=Track(speed, np.full(400, 900.0))).axes[0]
-    assert names(axes.get_legend()) == ['measured', 'smoothed', 'start', 'end']
+    assert legend_texts(axes.get_legend()) == ['measured', 'smoothed', 'start', 'end']
     arrows = [text for text in axes.texts if getattr(text, 'arrow_patch', None) is not None]
     assert len(arrows) == 3
     assert all(arrow.xy[0] < arrow.xyann[0] for arrow in arrows)

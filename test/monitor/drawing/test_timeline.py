@@ -26,7 +26,7 @@ pytest.importorskip('matplotlib')
 CONFIG = load_config(REFERENCE_FILE)
 
 
-def timeline(
+def draw_course(
     speeds: Sequence[float] | np.ndarray,
     start: int = START,
     step: int = 10**9,
@@ -39,7 +39,7 @@ def timeline(
     return Timeline(config.bearings[0], scan, condition_intervals(scan.events, start, end))
 
 
-def panels(figure: Any) -> dict[str, Any]:
+def panels_by_name(figure: Any) -> dict[str, Any]:
     return {axes.get_ylabel().split(' ')[0].rstrip('.'): axes for axes in figure.axes}
 
 
@@ -47,7 +47,7 @@ def legend_of(axes: Any) -> list[str]:
     return [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-def lowest(axes: Any) -> float:
+def lowest_value(axes: Any) -> float:
     named = [line for line in axes.lines if not line.get_label().startswith('_')]
     return min(float(np.nanmin(line.get_ydata())) for line in named)
 
@@ -55,17 +55,17 @@ def lowest(axes: Any) -> float:
 def test_one_bad_second_of_a_day_is_seen() -> None:
     speeds = np.full(86_400, 60.0)
     speeds[50_000:50_003] = [44.0, 20.0, 44.0]
-    axes = panels(draw_timeline(timeline(speeds)))['margin']
+    axes = panels_by_name(draw_timeline(draw_course(speeds)))['margin']
     # 20 / 40.7231 - 1 = -0.50888, as a percentage
-    assert lowest(axes) == pytest.approx(-50.888, abs=0.01)
+    assert lowest_value(axes) == pytest.approx(-50.888, abs=0.01)
     assert {line.get_label(): line.get_color() for line in axes.lines}['fold margin'] == FOLD
     points = [len(line.get_xdata()) for line in axes.lines]
     assert max(points) < 2_000
 
 
 def test_margins_amplitude_and_limit_are_drawn_in_their_units() -> None:
-    figure = draw_timeline(timeline([60.0] * 20 + [20.0] * 20))
-    found = panels(figure)
+    figure = draw_timeline(draw_course([60.0] * 20 + [20.0] * 20))
+    found = panels_by_name(figure)
     assert list(found) == ['speed', 'load', 'margin', 'ampl', 'alarm']
     lines = {line.get_label(): line for line in found['ampl'].lines}
     # The exact cycle at 20 rpm: 0.556755 mm.
@@ -80,21 +80,21 @@ def test_margins_amplitude_and_limit_are_drawn_in_their_units() -> None:
 def test_events_are_numbered_as_in_the_table() -> None:
     from matplotlib.colors import to_rgba
 
-    course = timeline([60.0] * 20 + [20.0] * 60 + [60.0] * 60)
+    course = draw_course([60.0] * 20 + [20.0] * 60 + [60.0] * 60)
     figure = draw_timeline(course)
-    speed = panels(figure)['speed']
+    speed = panels_by_name(figure)['speed']
     numbers = [text.get_text() for text in speed.texts if text.get_text().isdigit()]
     assert numbers == [str(i + 1) for i in range(len(course.scan.events))]
     days = course.scan.events[-1].time_ns / 86_400e9
     lines = [line.get_xdata()[0] for line in speed.lines if len(line.get_xdata()) == 2]
     assert any(abs(x - days) * 86_400 < 0.5 for x in lines)
-    colours = {tuple(patch.get_facecolor()) for patch in panels(figure)['alarm'].patches}
+    colours = {tuple(patch.get_facecolor()) for patch in panels_by_name(figure)['alarm'].patches}
     for condition in (Condition.NORMAL, Condition.STICK_SLIP):
         assert to_rgba(CONDITION_COLOUR[condition]) in colours
 
 
 def test_without_a_cycle_there_is_no_amplitude_panel() -> None:
-    found = panels(draw_timeline(timeline([60.0] * 20)))
+    found = panels_by_name(draw_timeline(draw_course([60.0] * 20)))
     assert list(found) == ['speed', 'load', 'margin', 'alarm']
 
 
@@ -106,13 +106,13 @@ def test_a_line_is_interrupted_where(later: int) -> None:
     scan = Monitor(CONFIG).scan({'aft_stern': stream}, START, int(times[-1]))['aft_stern']
     first, last = int(times.min()), int(times.max())
     course = Timeline(CONFIG.bearings[0], scan, condition_intervals(scan.events, first, last))
-    line = panels(draw_timeline(course))['load'].lines[0]
+    line = panels_by_name(draw_timeline(course))['load'].lines[0]
     assert np.isnan(line.get_ydata()).sum() == 1
 
 
 @pytest.mark.parametrize('count', [1, 2])
 def test_next_to_nothing_is_drawn(count: int) -> None:
-    draw_timeline(timeline([20.0] * count), 4.4)
+    draw_timeline(draw_course([20.0] * count), 4.4)
 
 
 def test_of_very_many_events_only_the_alarms_are_marked() -> None:
@@ -125,7 +125,7 @@ def test_of_very_many_events_only_the_alarms_are_marked() -> None:
 
 def test_astern_is_drawn_by_its_size_and_as_what_it_is() -> None:
     rpm = np.linspace(60.0, -60.0, 121)
-    axes = panels(draw_timeline(timeline(rpm, start=0)))['speed']
+    axes = panels_by_name(draw_timeline(draw_course(rpm, start=0)))['speed']
     lines = {line.get_label(): np.array(line.get_data()) for line in axes.lines}
     for name, sign in (('measured', 1.0), ('astern', -1.0)):
         time, speed = lines[name][:, np.isfinite(lines[name][1])]
@@ -153,12 +153,12 @@ class FollowedLining:
 
 
 def test_what_the_lining_did_stands_beside_what_was_said() -> None:
-    course = timeline([60.0] * 20 + [20.0] * 20, start=0)
+    course = draw_course([60.0] * 20 + [20.0] * 20, start=0)
     when = np.arange(40) * 10**9
     numbers = (when * 1e-11, when * 2e-11, np.full(40, 5e-4))
     episodes = ((25 * 10**9, 39 * 10**9),)
     lining = FollowedLining(episodes, *(FollowedNumbers(when, own) for own in numbers))
-    found = panels(draw_timeline(replace(course, lining=lining)))
+    found = panels_by_name(draw_timeline(replace(course, lining=lining)))
     assert legend_of(found['speed'])[0] == 'lining sticks'
     lines = {line.get_label(): np.array(line.get_data()) for line in found['margin'].lines}
     assert lines['Hopf, true'][1].tolist() == pytest.approx(list(range(40)))

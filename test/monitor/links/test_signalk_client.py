@@ -32,7 +32,7 @@ STICK = 'notifications.p.shaft.aft.stickSlip'
 MARGIN = 'p.shaft.aft.foldMargin'
 
 
-def alarms(state: str) -> dict[str, Any]:
+def alarm_list_in(state: str) -> dict[str, Any]:
     """A list in which one alarm is in a state."""
     alarm = {
         'bearing': 'aft',
@@ -72,7 +72,7 @@ class Ship:
                 logging.getLogger('test'),
             ),
         )
-        self.client.take_alarms(alarms('normal'))
+        self.client.take_alarms(alarm_list_in('normal'))
 
     def tell(self, name: str, up: bool, why: str) -> None:
         if (name, up) not in self.told[-2:]:
@@ -98,7 +98,7 @@ class Ship:
 
 
 @asynccontextmanager
-async def sailing(ship: Ship) -> AsyncIterator[Ship]:
+async def connected_client(ship: Ship) -> AsyncIterator[Ship]:
     """The client at work, connected."""
     task = asyncio.create_task(ship.client.run())
     try:
@@ -121,8 +121,8 @@ RECORD = {
 
 
 async def test_a_server_that_forgets_gets_everything_back(server: SmallServer) -> None:
-    async with sailing(Ship(server)) as ship:
-        ship.client.take_alarms(alarms('unacknowledged'))
+    async with connected_client(Ship(server)) as ship:
+        ship.client.take_alarms(alarm_list_in('unacknowledged'))
         ship.client.take_record(RECORD)
         await ship.until(lambda: ship.kept(MARGIN) == -0.5 and ship.up('signalk_out'))
         assert ship.kept(STICK)['state'] == 'alarm'
@@ -175,7 +175,7 @@ async def test_a_frozen_server_is_noticed_by_its_silence(
 ) -> None:
     monkeypatch.setattr(signalk_client, 'HEARTBEAT', 0.2)
     server.frozen = True
-    async with sailing(Ship(server)) as ship:
+    async with connected_client(Ship(server)) as ship:
         await ship.until(lambda: not ship.up('signalk_in'))
         server.frozen = False
         await ship.until(lambda: ship.up('signalk_in'))
@@ -184,12 +184,12 @@ async def test_a_frozen_server_is_noticed_by_its_silence(
 async def test_what_is_not_taken_is_told(server: SmallServer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(signalk_client, 'UNHEARD', 0.2)
     server.deaf = True
-    async with sailing(Ship(server)) as ship:
+    async with connected_client(Ship(server)) as ship:
         await ship.until(lambda: ('signalk_out', False) in ship.told)
         assert ship.reasons[-1] == 'no echo from the server for 0.2 s'
         assert ship.up('signalk_in')
         server.deaf = False
-        ship.client.take_alarms(alarms('unacknowledged'))
+        ship.client.take_alarms(alarm_list_in('unacknowledged'))
         await ship.until(lambda: ship.up('signalk_out'))
 
 
@@ -215,9 +215,9 @@ def test_why_a_path_brings_nothing(status: int, value: str, token: bool, why: st
 
 @pytest.mark.parametrize('accepts', [False, True])
 async def test_people_act_at_the_server(server: SmallServer, accepts: bool) -> None:
-    async with sailing(Ship(server, accept_actions=accepts)) as ship:
+    async with connected_client(Ship(server, accept_actions=accepts)) as ship:
         for state in ('unacknowledged', 'acknowledged', 'normal', 'unacknowledged'):
-            ship.client.take_alarms(alarms(state))
+            ship.client.take_alarms(alarm_list_in(state))
             await ship.until(lambda state=state: ship.kept(STICK)['data']['lifecycle'] == state)
         assert ship.requests == []
         await server.act(STICK, silenced=True)
@@ -228,8 +228,8 @@ async def test_people_act_at_the_server(server: SmallServer, accepts: bool) -> N
 
 
 async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) -> None:
-    async with sailing(Ship(server)) as ship:
-        ship.client.take_alarms(alarms('unacknowledged'))
+    async with connected_client(Ship(server)) as ship:
+        ship.client.take_alarms(alarm_list_in('unacknowledged'))
         ship.client.take_record(RECORD)
         await ship.until(lambda: ship.kept(MARGIN) == -0.5)
         words = ['No data from the monitor.', 'The monitor was stopped.']
@@ -249,7 +249,7 @@ async def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault(server: 
     ship = Ship(server, token='a-wrong-one', token_file='token')
     with pytest.raises(LinkError, match=r"token_file = 'token': the token is refused.* \(401\)"):
         await ship.client.run()
-    async with sailing(Ship(server, token='the-right-one', token_file='token')) as ship:
+    async with connected_client(Ship(server, token='the-right-one', token_file='token')) as ship:
         server.token = 'another'
         await server.restart()
         await ship.until(lambda: any('the token is refused' in why for why in ship.reasons))
@@ -274,7 +274,7 @@ async def test_a_server_that_takes_an_acknowledgement_from_anybody(
     if not works:
         with pytest.raises(LinkError, match=r'accept_actions must be false .* 2\.23\.0'):
             await Ship(server).client.run()
-    async with sailing(Ship(server, accept_actions=works)) as ship:
+    async with connected_client(Ship(server, accept_actions=works)) as ship:
         assert ship.up('signalk_in')
 
 
@@ -297,7 +297,7 @@ async def test_a_certificate_must_fit(server: SmallServer, certificate: Path, tm
     with pytest.raises(LinkError, match=r'its certificate does not fit; .* signalk\.ca_file'):
         await Ship(server, 'https').client.run()
     ca_file = str(certificate / 'cert.pem')
-    async with sailing(Ship(server, 'https', ca_file=ca_file)) as ship:
+    async with connected_client(Ship(server, 'https', ca_file=ca_file)) as ship:
         assert ship.up('signalk_in')
     for text in ('', 'no certificate'):
         (tmp_path / 'ca.pem').write_text(text)

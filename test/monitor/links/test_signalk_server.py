@@ -155,7 +155,9 @@ class Ship(Sink):
 
 
 @asynccontextmanager
-async def sailing(server: RealServer, token: str = '', link: str = 'signalk_out') -> AsyncIterator[Ship]:
+async def connected_ship(
+    server: RealServer, token: str = '', link: str = 'signalk_out'
+) -> AsyncIterator[Ship]:
     ship = Ship(server, token)
     works = [ship.client.run(), ship.live.run(), ship.tick()]
     works += [ship.as_another(ship.meter), ship.as_another(ship.watchman)]
@@ -176,7 +178,7 @@ async def test_rounds_with_none_invented_and_none_lost(
     # However many there are in a short time, each is given aloud.
     monkeypatch.setattr(alarm_list, 'WINDOW_NS', 0)
 
-    async with sailing(server) as ship:
+    async with connected_ship(server) as ship:
         for number in range(8):
             ship.seen.clear()
             ship.rpm = STUCK
@@ -229,9 +231,9 @@ async def test_a_token_by_request_and_the_right_to_write(
         token = await request_token(link, 'a7b2b1f6-5f0e-4d0b-9a51-0c4c4b1d3f11', print, 0.1)
         await approving
         # Without the right to write everything is dropped without a word: only silence tells.
-        async with sailing(server, link='signalk_in') as ship:
+        async with connected_ship(server, link='signalk_in') as ship:
             await ship.until(lambda: ship.links.get('signalk_out') is False, 'the missing echo')
-        async with sailing(server, token) as ship:
+        async with connected_ship(server, token) as ship:
             assert ship.links['signalk_out']
     finally:
         server.stop()

@@ -115,7 +115,7 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     with urllib.request.urlopen(f'{page}events', timeout=10.0) as stream:
         assert fault in next(line.decode() for line in stream if line.startswith(b'data: '))
     kept.rmdir()
-    assert 'is in use by another monitor' in refusal(path)
+    assert 'is in use by another monitor' in refusal_of_watch(path)
     assert ship.stop(signal.SIGHUP) == 0  # as when its terminal goes
     assert main(['health', '--page', page]) == 2
     bus.listen()
@@ -147,7 +147,7 @@ def test_an_assumed_load_needs_no_bus(load: dict[str, Any], text: str, tmp_path:
     assert text in records[-1]['text']
 
 
-def refusal(path: Path, *arguments: str) -> str:
+def refusal_of_watch(path: Path, *arguments: str) -> str:
     """The one line that the command ends with."""
     done = subprocess.run(
         [sys.executable, '-c', WITHOUT_ROS, 'watch', '-c', str(path), *arguments],
@@ -165,7 +165,7 @@ def test_what_it_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     links = Bus().links('aft_stern')
     topics = {q: BEARING[q] | {'topic': f'/{q}'} for q in ('speed', 'load')}
     path = ship_file(tmp_path, links, **topics)
-    assert 'ROS 2 is not available' in refusal(path, '--node')
+    assert 'ROS 2 is not available' in refusal_of_watch(path, '--node')
     with socket.socket() as other:
         other.bind(('127.0.0.1', 0))
         other.listen()
@@ -196,13 +196,13 @@ async def test_what_a_server_or_its_token_ends(server: SmallServer, tmp_path: Pa
     token = tmp_path / 'token'
     server.token = 'a-token-of-the-server'
     path = signalk_ship(tmp_path, server, token_file=str(token))
-    said = await asyncio.to_thread(refusal, path)
+    said = await asyncio.to_thread(refusal_of_watch, path)
     assert f"token file '{token}' cannot be read: No such file or directory" in said
     token.write_text('a.wrong-token.of-somebody')
     token.chmod(0o640)
-    assert 'can be read by others: chmod 600 it' in await asyncio.to_thread(refusal, path)
+    assert 'can be read by others: chmod 600 it' in await asyncio.to_thread(refusal_of_watch, path)
     token.chmod(0o600)
-    assert 'the token is refused' in await asyncio.to_thread(refusal, path)
+    assert 'the token is refused' in await asyncio.to_thread(refusal_of_watch, path)
     # Another is asked for, which an officer approves.
     command = [sys.executable, '-c', WITHOUT_ROS, 'watch', '-c', str(path), '--request-token']
     done = await asyncio.to_thread(subprocess.run, command, timeout=DEADLINE)

@@ -88,11 +88,11 @@ class Case(NamedTuple):
     told: Told
 
 
-def case(what: str, sent: Sent, **told: Any) -> Case:
+def make_case(what: str, sent: Sent, **told: Any) -> Case:
     return Case(what, sent, Told(**told))
 
 
-def step(at: float, before: float, after: float) -> Number:
+def step_at(at: float, before: float, after: float) -> Number:
     """One number before a time [s], another from it on."""
     return lambda t: before if t < at else after
 
@@ -146,7 +146,7 @@ class Heard:
 # --- What becomes of messages on their way -------------------------------------------------------
 
 
-def of(place: Input, spoilt: Callable[[int, Message], Message | None]) -> Spoil:
+def spoil_input(place: Input, spoilt: Callable[[int, Message], Message | None]) -> Spoil:
     """Something becomes of the messages of one input, by their number; ``None``: it is lost."""
 
     def spoil(sent: Messages) -> Messages:
@@ -157,17 +157,17 @@ def of(place: Input, spoilt: Callable[[int, Message], Message | None]) -> Spoil:
     return spoil
 
 
-def stamped(off: float, every_nth: int, first: int = 0, last: int = 10**9) -> Spoil:
+def offset_stamps(off: float, every_nth: int, first: int = 0, last: int = 10**9) -> Spoil:
     """Stamps of the speed are off [s]."""
-    return of(
+    return spoil_input(
         Input.SPEED,
         lambda k, m: m._replace(stamp=m.stamp + off) if first <= k < last and k % every_nth == 0 else m,
     )
 
 
-def valued(place: Input, value: float, rows: Callable[[int, float], bool]) -> Spoil:
+def replace_values(place: Input, value: float, rows: Callable[[int, float], bool]) -> Spoil:
     """Some have another value, by number and time."""
-    return of(place, lambda k, m: m._replace(value=value) if rows(k, m.stamp) else m)
+    return spoil_input(place, lambda k, m: m._replace(value=value) if rows(k, m.stamp) else m)
 
 
 def in_bursts(period: float, copies: int, stamped_at: str) -> Spoil:
@@ -195,19 +195,19 @@ def set_by(step: float, at: float) -> Spoil:
     return lambda sent: [m._replace(stamp=m.stamp + (step if m.arrival > at else 0.0)) for m in sent]
 
 
-def without(begin: float, end: float) -> Spoil:
+def drop_between(begin: float, end: float) -> Spoil:
     """Nothing arrives between two times [s]."""
     return lambda sent: [m for m in sent if not begin <= m.arrival < end]
 
 
 def load_from(time: float) -> Spoil:
     """The load comes later than the speed [s]."""
-    return of(Input.LOAD, lambda _, m: m if m.stamp >= time else None)
+    return spoil_input(Input.LOAD, lambda _, m: m if m.stamp >= time else None)
 
 
 def late_by(seconds: Callable[[int], float]) -> Spoil:
     """The speed is measured and comes later [s], by its number."""
-    return of(
+    return spoil_input(
         Input.SPEED, lambda k, m: m._replace(arrival=m.arrival + seconds(k), stamp=m.stamp + seconds(k))
     )
 
@@ -217,11 +217,11 @@ def in_pairs(sent: Messages) -> Messages:
     return sent + [m._replace(arrival=m.arrival + 0.1, stamp=m.stamp + 0.1) for m in sent]
 
 
-def twice(sent: Messages) -> Messages:
+def send_twice(sent: Messages) -> Messages:
     return [m for m in sent for _ in range(2)]
 
 
-def swapped(sent: Messages) -> Messages:
+def swap_pairs(sent: Messages) -> Messages:
     """Of each input the second of each two comes before the first, when that one should."""
     found = []
     for place in Input:
@@ -231,7 +231,7 @@ def swapped(sent: Messages) -> Messages:
     return found
 
 
-def together(*spoils: Spoil) -> Spoil:
+def apply_all(*spoils: Spoil) -> Spoil:
     """One after the other."""
 
     def spoil(sent: Messages) -> Messages:
@@ -242,7 +242,7 @@ def together(*spoils: Spoil) -> Spoil:
     return spoil
 
 
-def besides(period: float, ahead: float, value: float, begin: float = 0.0) -> Spoil:
+def add_publisher(period: float, ahead: float, value: float, begin: float = 0.0) -> Spoil:
     """A second publisher of the speed, by a clock of its own."""
 
     def spoil(sent: Messages) -> Messages:
@@ -252,24 +252,24 @@ def besides(period: float, ahead: float, value: float, begin: float = 0.0) -> Sp
     return spoil
 
 
-def rpm(bearing: str, share: float) -> float:
+def rpm_of_share(bearing: str, share: float) -> float:
     return share * BEARINGS[bearing][1]
 
 
 # --- Levels --------------------------------------------------------------------------------------
 
 
-def loud(begin: float, end: float = math.inf, high: float = 44.0, low: float = 22.0) -> Number:
+def loud_between(begin: float, end: float = math.inf, high: float = 44.0, low: float = 22.0) -> Number:
     """Loud between two times [s]."""
     return lambda t: (high if begin <= t < end else low) + 0.1 * math.sin(3.0 * t)
 
 
-def bursts(when: Callable[[float], bool]) -> Number:
+def loud_when(when: Callable[[float], bool]) -> Number:
     """Something else is loud at times."""
     return lambda t: (60.0 if when(t) else 3.0) * (1.0 + 0.02 * math.sin(9.0 * t))
 
 
-def knock(beat: float, low: float) -> Number:
+def knock_that_beats(beat: float, low: float) -> Number:
     """One loud sample at 50 s; from 200 s on a knock that beats."""
 
     def level(t: float) -> float:
@@ -280,7 +280,7 @@ def knock(beat: float, low: float) -> Number:
     return level
 
 
-def _ringing(t: float) -> float:
+def ringing_blow(t: float) -> float:
     """A blow rings down; another goes on."""
     ringing = 20.0 * math.exp(-(t - 200.0) / 5.0) if 200.0 <= t < 260.0 else 0.0
     return 44.0 if t >= 260.0 else 22.0 + ringing
@@ -291,7 +291,7 @@ def second_episode(later: Callable[[float], float]) -> Number:
     return lambda t: later(t) if t > 300.0 else 50.0 + math.sin(t) if 82.0 < t < 205.0 else 22.0
 
 
-def _twice(t: float) -> float:
+def two_bursts(t: float) -> float:
     """Two bursts of four seconds."""
     return (44.0 if 100.0 <= t < 104.0 or 240.0 <= t < 244.5 else 22.0) + 0.1 * math.sin(t)
 
@@ -301,11 +301,11 @@ def _with_pauses(t: float) -> float:
     return math.nan if t % 30.0 < 6.0 else 21.0 + 0.1 * (round(4.0 * t) % 2)
 
 
-def _beats(t: float) -> float:
+def beating_level(t: float) -> float:
     return 40.0 + 5.0 * math.sin(2.0 * math.pi * t / 3.5) if t > 412.0 else 22.0
 
 
-def _loose(t: float) -> float:
+def loose_contact(t: float) -> float:
     return (10.0 if round(4.0 * t) % 4 == 0 else 50.0) if t > 412.0 else 22.0
 
 
@@ -319,91 +319,96 @@ EPISODE = ramps([0, 20, 40, 60], [1.5, 0.4, 0.4, 0.9])
 QUANTITIES = (Input.SPEED, Input.LOAD)
 
 
-def _stamps() -> Iterable[Case]:
+def stamp_cases() -> Iterable[Case]:
     for copies, at in product((2, 20), ('at the source', 'on arrival', 'alike')):
         sent = Sent('ship', 60.0, 0.4, period=2.0, spoilt=in_bursts(2.0, copies, at))
         seconds = {'stick_slip': (48.0, 60.0), 'input_stale': NEVER}
-        yield case(f'bursts of {copies}, stamped {at}', sent, first=(0.0, 10.0), seconds=seconds)
+        yield make_case(f'bursts of {copies}, stamped {at}', sent, first=(0.0, 10.0), seconds=seconds)
     for off in (-3600.0, -7.0, 4.8, 6.0, 3600.0):
-        sent, used = Sent('ship', 300.0, 0.5, period=0.2, spoilt=stamped(off, 7)), 0.9 + 0.099 * (off > 0.0)
+        sent, used = (
+            Sent('ship', 300.0, 0.5, period=0.2, spoilt=offset_stamps(off, 7)),
+            0.9 + 0.099 * (off > 0.0),
+        )
         seconds = {'stick_slip': (285.0, 300.0)}
         what = f'one stamp in seven off by {off} s'
-        yield case(what, sent, first=(0.0, 10.0), events=9, used=used, seconds=seconds)
-        sent, used = Sent('steep', spoilt=stamped(off, 1, 100, 102)), 0.99 + 0.01 * (off > 0.0)
-        yield case(f'two stamps off by {off} s', sent, events=0, used=used)
+        yield make_case(what, sent, first=(0.0, 10.0), events=9, used=used, seconds=seconds)
+        sent, used = Sent('steep', spoilt=offset_stamps(off, 1, 100, 102)), 0.99 + 0.01 * (off > 0.0)
+        yield make_case(f'two stamps off by {off} s', sent, events=0, used=used)
 
 
-def _clocks() -> Iterable[Case]:
+def clock_cases() -> Iterable[Case]:
     for period in (2.0, 4.8):
         sent = Sent('ship', 200.0, ramps([0, 100, 101], [2.0, 2.0, 0.4]), period=period, spoilt=in_pairs)
         told = {'used': 0.95, 'first': (100.0, 112.0), 'seconds': {'input_stale': NEVER}}
-        yield case(f'values in pairs, {period} s apart', sent, **told)
+        yield make_case(f'values in pairs, {period} s apart', sent, **told)
     for (bearing, period), by, spoil in product(
-        (('ship', 0.1), ('steep', 1.0)), (-3600.0, -3.0, 3.0, 600.0), (twice, swapped)
+        (('ship', 0.1), ('steep', 1.0)), (-3600.0, -3.0, 3.0, 600.0), (send_twice, swap_pairs)
     ):
-        spoilt = together(without(40.0, 50.0), spoil, set_by(by, 50.0))
-        sent = Sent(bearing, 160.0, step(100.0, 2.0, 0.4), period=period, spoilt=spoilt)
+        spoilt = apply_all(drop_between(40.0, 50.0), spoil, set_by(by, 50.0))
+        sent = Sent(bearing, 160.0, step_at(100.0, 2.0, 0.4), period=period, spoilt=spoilt)
         onset = (100.0, 115.0 + 8.0 * period)
         what = f'clock set by {by} s in a gap, {spoil.__name__}, {bearing}'
-        yield case(what, sent, onsets=(onset,), first=onset)
+        yield make_case(what, sent, onsets=(onset,), first=onset)
     for period, by in ((10.0, -3600.0), (20.0, -120.0)):
         sent = Sent('table', 900.0, 0.4, period=period, spoilt=set_by(by, 25.0))
         what = f'values each {period} s, the clock set by {by} s at once'
-        yield case(what, sent, used=0.95, ends='stick_slip')
+        yield make_case(what, sent, used=0.95, ends='stick_slip')
     timeouts = {'speed__timeout': 60.0, 'load__timeout': 60.0}
-    share, spoilt = step(105.0, 2.0, 0.4), set_by(-50.0, 100.0)
+    share, spoilt = step_at(105.0, 2.0, 0.4), set_by(-50.0, 100.0)
     sent = Sent('ship', 200.0, share, period=0.2, spoilt=spoilt, settings=timeouts)
-    yield case('clock set by -50 s within a long time-out', sent, first=(105.0, 109.0))
+    yield make_case('clock set by -50 s within a long time-out', sent, first=(105.0, 109.0))
     for ahead in (-7.0, 0.4, 7.0):
-        sent = Sent('ship', 120.0, 0.4, spoilt=besides(0.5, ahead, rpm('ship', 0.6), 0.23))
+        sent = Sent('ship', 120.0, 0.4, spoilt=add_publisher(0.5, ahead, rpm_of_share('ship', 0.6), 0.23))
         what = f'a second publisher far outside, its clock {ahead} s off'
-        yield case(what, sent, seconds={'stick_slip': (100.0, 120.0)})
+        yield make_case(what, sent, seconds={'stick_slip': (100.0, 120.0)})
 
 
-def _values() -> Iterable[Case]:
+def value_cases() -> Iterable[Case]:
     for (bearing, period, nth), place in product((('steep', 0.05, 7), ('ship', 0.1, 4)), QUANTITIES):
         value = (0.05, 20.0)[place] * BEARINGS[bearing][1 + place]
-        spoilt = valued(place, value, lambda k, _, n=nth: k >= 9 and (k - 9) % n == 0)
+        spoilt = replace_values(place, value, lambda k, _, n=nth: k >= 9 and (k - 9) % n == 0)
         what = f'one odd {INPUTS[place]} in {nth} far outside'
-        yield case(what, Sent(bearing, period=period, spoilt=spoilt), onsets=(), seconds={'bistable': NEVER})
+        yield make_case(
+            what, Sent(bearing, period=period, spoilt=spoilt), onsets=(), seconds={'bistable': NEVER}
+        )
     for place in QUANTITIES:
         value = (0.9, 30.0)[place] * BEARINGS['ship'][1 + place]
-        spoilt = valued(place, value, lambda k, _: 500 <= k < 3000 and k % 500 == 0)
-        level = {'level': loud(0.0, high=90.0), 'unit': 'mm/s', 'threshold': 40.0}
+        spoilt = replace_values(place, value, lambda k, _: 500 <= k < 3000 and k % 500 == 0)
+        level = {'level': loud_between(0.0, high=90.0), 'unit': 'mm/s', 'threshold': 40.0}
         sent = Sent('ship', 600.0, 1.75, period=0.2, spoilt=spoilt, **level)
-        yield case(f'one odd {INPUTS[place]} and a vibration', sent, seconds={'stick_slip': NEVER})
-        spoilt = valued(place, 0.0, lambda _, t: 130.0 < t < 131.4)
+        yield make_case(f'one odd {INPUTS[place]} and a vibration', sent, seconds={'stick_slip': NEVER})
+        spoilt = replace_values(place, 0.0, lambda _, t: 130.0 < t < 131.4)
         sent = Sent('steep', 180.0, EPISODE, period=0.2, spoilt=spoilt)
         what = f'{INPUTS[place]} drops to zero for 1.4 s in an episode'
-        yield case(what, sent, onsets=(ALWAYS,), ends='stick_slip')
+        yield make_case(what, sent, onsets=(ALWAYS,), ends='stick_slip')
     for bearing, place in product(('reference', 'viscous'), QUANTITIES):
-        spoilt = valued(place, 0.0, lambda _, t: t > 40.0 and t % 1.0 < 0.5)
-        sent = Sent(bearing, 200.0, step(40.0, 0.4, 2.0), period=0.1, spoilt=spoilt)
+        spoilt = replace_values(place, 0.0, lambda _, t: t > 40.0 and t % 1.0 < 0.5)
+        sent = Sent(bearing, 200.0, step_at(40.0, 0.4, 2.0), period=0.1, spoilt=spoilt)
         what = f'{INPUTS[place]} drops out half of the time, {bearing}'
-        yield case(what, sent, onsets=(ALWAYS,), seconds={'stick_slip': NEVER}, since=70.0)
+        yield make_case(what, sent, onsets=(ALWAYS,), seconds={'stick_slip': NEVER}, since=70.0)
     for period in (0.1, 1.0):
-        sent = Sent('reference', 60.0, step(0.01, 0.05, 2.0), period=period, load_period=0.1)
-        yield case(f'the filter of a tachometer starts at zero, each {period} s', sent, onsets=())
+        sent = Sent('reference', 60.0, step_at(0.01, 0.05, 2.0), period=period, load_period=0.1)
+        yield make_case(f'the filter of a tachometer starts at zero, each {period} s', sent, onsets=())
     for bearing, (_, fold, _) in BEARINGS.items():
         sent = Sent(bearing, 120.0, 0.04 / fold, period=1.0)
-        yield case(f'a stopped shaft whose tachometer shows 0.04 rpm, {bearing}', sent, events=0)
+        yield make_case(f'a stopped shaft whose tachometer shows 0.04 rpm, {bearing}', sent, events=0)
     for size in (1.0, 4.0):
         fine, share = ramps([0, 120], [2.0, 0.3]), size / BEARINGS['steep'][1]
         sent = Sent('steep', 150.0, lambda t, s=share, f=fine: s * round(f(t) / s), load_period=0.2)
-        yield case(f'speeds in steps of {size} rpm', sent, onsets=(ALWAYS,), ends='stick_slip')
+        yield make_case(f'speeds in steps of {size} rpm', sent, onsets=(ALWAYS,), ends='stick_slip')
 
 
-def _paces() -> Iterable[Case]:
+def pace_cases() -> Iterable[Case]:
     slow, lag = {'speed__timeout': 4.0, 'load__timeout': 4.0}, late_by(lambda k: k % 2 * 0.02)
     sent = Sent('viscous', 600.0, period=4.0, load_period=0.5, spoilt=lag, settings=slow)
     what = 'values as slow as the time-out, every second 20 ms late'
-    yield case(what, sent, since=10.0, seconds={'input_stale': NEVER})
+    yield make_case(what, sent, since=10.0, seconds={'input_stale': NEVER})
     for period in (6.0, 30.0):
         what = f'values slower than the time-out, each {period} s'
-        yield case(what, Sent('ship', 1800.0, 0.4, period=period), used=0.9, ends='stick_slip')
+        yield make_case(what, Sent('ship', 1800.0, 0.4, period=period), used=0.9, ends='stick_slip')
     for period in (1.0, 4.0):
-        sent = Sent('steep', 60.0, step(21.0, 2.0, 0.3), period=0.1, load_period=period)
-        yield case(f'a load each {period} s delays no onset', sent, first=(21.0, 23.0))
+        sent = Sent('steep', 60.0, step_at(21.0, 2.0, 0.3), period=0.1, load_period=period)
+        yield make_case(f'a load each {period} s delays no onset', sent, first=(21.0, 23.0))
     for period in (2.0, 60.0):
         sent = Sent(
             'ship',
@@ -416,10 +421,10 @@ def _paces() -> Iterable[Case]:
         told = {'onsets': (ALWAYS, ALWAYS), 'since': 1200.0 + 4 * period, 'ends': 'normal'}
         seconds = dict.fromkeys(('stick_slip', 'bistable', 'caution'), NEVER)
         what = f'two episodes, then an hour outside, a speed each {period} s'
-        yield case(what, sent, seconds=seconds, **told)
+        yield make_case(what, sent, seconds=seconds, **told)
     for apart in (50.0, 250.0):
         last, kept = 100.0 + 2.0 * apart, (100.0 + apart, 100.0 + 2.0 * apart)
-        spoilt = of(
+        spoilt = spoil_input(
             Input.SPEED,
             lambda _, m, own=kept: (
                 m if m.stamp < 100.0 or min(abs(m.stamp - at) for at in own) < 0.04 else None
@@ -427,33 +432,35 @@ def _paces() -> Iterable[Case]:
         )
         sent = Sent('ship', last + 60.0, period=0.1, spoilt=spoilt)
         what = f'two single speeds {apart} s apart are no slow sensor'
-        yield case(what, sent, since=last, seconds={'normal': (0.0, 15.0)}, ends='input_stale')
+        yield make_case(what, sent, since=last, seconds={'normal': (0.0, 15.0)}, ends='input_stale')
     sent = Sent('ship', 5 * 3600.0, 1.6, period=5.0, load_period=3600.0)
     lost = {'input_stale': (0.85 * 5 * 3600.0, math.inf)}
-    yield case('a load that comes once an hour is lost in between', sent, seconds=lost)
+    yield make_case('a load that comes once an hour is lost in between', sent, seconds=lost)
 
 
-def _courses() -> Iterable[Case]:
+def course_cases() -> Iterable[Case]:
     for bearing, high, low in (('steep', 2.0, 0.4), ('viscous', 1.8, 0.5)):
         begins = (60.0, 360.0, 660.0, 960.0)
         times = [begin + after for begin in begins for after in (0.0, 20.0, 50.0, 70.0)]
         sent = Sent(bearing, 1260.0, ramps(times, [high, low, low, high] * 4), period=0.2)
         onsets, seconds = tuple((begin, begin + 30.0) for begin in begins), {'stick_slip': (0.0, 4 * 70.0)}
         what = f'each of four episodes ends and is announced, {bearing}'
-        yield case(what, sent, onsets=onsets, seconds=seconds, ends='normal')
+        yield make_case(what, sent, onsets=onsets, seconds=seconds, ends='normal')
     what = 'nothing is known of a bearing that starts in the bistable range'
-    yield case(what, Sent('steep', 60.0, 0.9, period=0.25), ends='bistable', says='Vibration state unknown.')
+    yield make_case(
+        what, Sent('steep', 60.0, 0.9, period=0.25), ends='bistable', says='Vibration state unknown.'
+    )
     limit = {'alarm__amplitude_limit': 0.8e-3}
     sent = Sent('reference', 60.0, 0.5, period=0.2, load=6.0, settings=limit)
     what = 'the amplitude limit is that of the exact cycle: 0.94 mm, averaged 0.55'
-    yield case(what, sent, ends='amplitude_limit')
+    yield make_case(what, sent, ends='amplitude_limit')
 
 
-def _levels() -> Iterable[Case]:
+def level_cases() -> Iterable[Case]:
     for high in (8.0, 25.0):
-        level = {'level': loud(400.0, high=high, low=2.0), 'unit': 'mm/s', 'threshold': math.nan}
+        level = {'level': loud_between(400.0, high=high, low=2.0), 'unit': 'mm/s', 'threshold': math.nan}
         sent = Sent('ship', 900.0, 1.13, **level)
-        yield case(f'a genset outside the fold, {high} mm/s', sent, seconds={'stick_slip': NEVER})
+        yield make_case(f'a genset outside the fold, {high} mm/s', sent, seconds={'stick_slip': NEVER})
     for dither in (0.0, 0.04):
         sent = Sent(
             'viscous',
@@ -466,118 +473,127 @@ def _levels() -> Iterable[Case]:
             ),
         )
         what = f'a limit cycle is constant to {dither} dB, and no stuck level'
-        yield case(what, sent, first=(400.0, 406.0), ends='stick_slip')
+        yield make_case(what, sent, first=(400.0, 406.0), ends='stick_slip')
     # Beyond the fold a vibration is never taken for stick-slip; caution stands there anyway.
     inside, beyond = ('viscous', 0.9, 'stick_slip'), ('ship', 1.1, 'caution')
     for lasting, (bearing, share, ends) in product((2.0, 8.0), (inside, beyond)):
-        level = bursts(lambda t, n=lasting: t % 60.0 < n or t > 1000.0)
+        level = loud_when(lambda t, n=lasting: t % 60.0 < n or t > 1000.0)
         sent = Sent(bearing, 1100.0, share, level=level, unit='mm/s', threshold=20.0)
         onsets = ((1000.0, 1020.0),) if ends == 'stick_slip' else ()
-        yield case(
+        yield make_case(
             f'bursts of {lasting} s, then one that goes on, at {share}', sent, ends=ends, onsets=onsets
         )
     for bearing, period in product(('viscous', 'ship'), (0.1, 2.0)):
         share = ramps([0, 100, 102], [1.6, 1.6, 0.93])
-        sent = Sent(bearing, 160.0, share, level=loud(101.8), period=period)
+        sent = Sent(bearing, 160.0, share, level=loud_between(101.8), period=period)
         what = f'the knock of a crash manoeuvre, {bearing}, a speed each {period} s'
-        yield case(what, sent, first=(101.8, 130.0))
+        yield make_case(what, sent, first=(101.8, 130.0))
     for begin in (0.9, 1.6):
         share = ramps([0, 60, 80], [begin, begin, 0.9])
-        sent = Sent('ship', 900.0, share, level=loud(0.0, high=46.0))
+        sent = Sent('ship', 900.0, share, level=loud_between(0.0, high=46.0))
         what = f'an engine order that is loud from the start, at {begin}'
-        yield case(what, sent, seconds={'stick_slip': NEVER})
+        yield make_case(what, sent, seconds={'stick_slip': NEVER})
 
     # A sensor's floor, or 0 of an amplifier that is off, is no background of a shaft under way.
     for floor in (0.0, 0.01):
         share = ramps([0, 400, 405, 415, 445], [0.0, 0.0, 1.6, 1.6, 0.9])
-        level = {'level': step(400.0, floor, 2.0), 'unit': 'mm/s', 'threshold': math.nan}
+        level = {'level': step_at(400.0, floor, 2.0), 'unit': 'mm/s', 'threshold': math.nan}
         sent = Sent('ship', 800.0, share, period=0.25, **level)
-        yield case(f'under way from a berth where the level was {floor}', sent, onsets=((400.0, 402.0),))
+        yield make_case(f'under way from a berth where the level was {floor}', sent, onsets=((400.0, 402.0),))
 
     # For three seconds in thirty the amplifier says nothing.
     sent = Sent(
         'ship', 300.0, 0.9, level=lambda t: 0.0 if t % 30.0 < 3.0 else 2.0, unit='mm/s', threshold=math.nan
     )
-    yield case('a level with drop-outs to 0 in the bistable range', sent, ends='bistable', onsets=())
+    yield make_case('a level with drop-outs to 0 in the bistable range', sent, ends='bistable', onsets=())
 
 
 def _level_knocks() -> Iterable[Case]:
     for beat, low in ((6.0, 29.0), (8.0, 33.0), (12.0, 32.0)):
         share = ramps([0, 100, 120], [1.6, 1.6, 0.92])
-        sent = Sent('viscous', 300.0, share, level=knock(beat, low), load_period=0.2)
+        sent = Sent('viscous', 300.0, share, level=knock_that_beats(beat, low), load_period=0.2)
         what = f'a knock that beats each {beat} s, after one loud sample elsewhere'
-        yield case(what, sent, first=(200.0, 232.0))
+        yield make_case(what, sent, first=(200.0, 232.0))
     for bearing, after in product(('viscous', 'ship'), (0.5, 3.0)):
         share = ramps([0, 100, 105, 200, 206], [1.8, 1.8, 0.4, 0.4, 1.8])
-        sent = Sent(bearing, 300.0, share, level=loud(103.0, 202.6 + after, 46.0), period=0.2)
+        sent = Sent(bearing, 300.0, share, level=loud_between(103.0, 202.6 + after, 46.0), period=0.2)
         what = f'the lining rings {after} s after an episode, {bearing}'
-        yield case(what, sent, onsets=(ALWAYS,), seconds={'vibration': NEVER}, ends='normal')
-    pump = bursts(lambda t: 400.0 <= t < 440.0 or 500.0 <= t < 540.0)
-    for share, onsets in ((step(450.0, 1.6, 0.9), ()), (0.9, ((400.0, 404.0),))):
+        yield make_case(what, sent, onsets=(ALWAYS,), seconds={'vibration': NEVER}, ends='normal')
+    pump = loud_when(lambda t: 400.0 <= t < 440.0 or 500.0 <= t < 540.0)
+    for share, onsets in ((step_at(450.0, 1.6, 0.9), ()), (0.9, ((400.0, 404.0),))):
         sent = Sent('ship', 600.0, share, level=pump, unit='mm/s', threshold=20.0)
         where = 'in the bistable range' if onsets else 'beyond the fold'
-        yield case(f'a pump that has run {where} is known', sent, onsets=onsets, ends='bistable')
+        yield make_case(f'a pump that has run {where} is known', sent, onsets=onsets, ends='bistable')
     # The end of an episode beyond the fold is nothing else that vibrates, nor is what a lost level said last.
     share = ramps([0, 100, 105, 200, 206, 300, 306], [1.8, 1.8, 0.4, 0.4, 1.8, 1.8, 0.9])
     for silent in (False, True):
-        level = bursts(lambda t: 103.0 <= t < 205.6 or t >= 550.0)
+        level = loud_when(lambda t: 103.0 <= t < 205.6 or t >= 550.0)
         heard = (
             (lambda t, own=level: math.nan if 190.0 <= t < 300.0 else number_at(own, t)) if silent else level
         )
         sent = Sent('ship', 600.0, share, level=heard, unit='mm/s', threshold=20.0)
         what = f'a shock after an episode whose end was {"not " * silent}heard'
-        yield case(what, sent, onsets=(ALWAYS, (550.0, 555.0)), ends='stick_slip')
+        yield make_case(what, sent, onsets=(ALWAYS, (550.0, 555.0)), ends='stick_slip')
     for lasting, rises in product((3.5, 5.5), (True, False)):
-        level = bursts(
+        level = loud_when(
             lambda t, n=lasting, r=rises: 100.0 <= t % 300.0 < 100.0 + n or (r and 320.0 < t < 920.0)
         )
         sent = Sent('ship', 1500.0, AGAIN, level=level, unit='mm/s', threshold=20.0)
         what = f'bursts of {lasting} s, then an episode with{"" if rises else "out"} a rise'
-        yield case(what, sent, onsets=((300.0, 400.0),), ends='bistable' if rises else 'stick_slip')
+        yield make_case(what, sent, onsets=((300.0, 400.0),), ends='bistable' if rises else 'stick_slip')
 
 
 def _level_episodes() -> Iterable[Case]:
     for period in (3.0, 10.0):
-        level, short = loud(400.0), {'level__timeout': 2.0}
+        level, short = loud_between(400.0), {'level__timeout': 2.0}
         sent = Sent('viscous', 600.0, 0.9, level=level, level_period=period, settings=short)
         what = f'a level each {period} s is slower than its time-out'
-        yield case(what, sent, first=(400.0, 401.0 + 3.0 * period), ends='stick_slip')
-    level = loud(400.0, high=60.0, low=3.0)
+        yield make_case(what, sent, first=(400.0, 401.0 + 3.0 * period), ends='stick_slip')
+    level = loud_between(400.0, high=60.0, low=3.0)
     sent = Sent('ship', 600.0, 1.1, level=level, unit='mm/s', threshold=20.0)
     says = 'Vibration is measured where none is predicted'
-    yield case(
+    yield make_case(
         'a worn bearing sticks where its parameters say caution', sent, onsets=(), ends='caution', says=says
     )
     told = {'onsets': (), 'seconds': {'bistable': NEVER}}
     sent = replace(sent, settings={'tolerance__damping': 0.2})
-    yield case('the same of a bearing with tolerances', sent, **told)
-    sent = Sent('viscous', 300.0, 0.9, level=_ringing)
-    yield case('a blow that goes on, after one that rang down', sent, onsets=((260.0, 277.0),))
+    yield make_case('the same of a bearing with tolerances', sent, **told)
+    sent = Sent('viscous', 300.0, 0.9, level=ringing_blow)
+    yield make_case('a blow that goes on, after one that rang down', sent, onsets=((260.0, 277.0),))
     for what, later, ramp, left, end in (
         ('dies', lambda t: 1.0 + 0.01 * (round(2 * t) % 2), 20.0, 520.0, 900.0),
         ('dies, with pauses', _with_pauses, 20.0, 620.0, 900.0),
-        ('beats with the shaft', _beats, 10.0, 430.0, 700.0),
-        ('has a loose contact', _loose, 10.0, 430.0, 700.0),
+        ('beats with the shaft', beating_level, 10.0, 430.0, 700.0),
+        ('has a loose contact', loose_contact, 10.0, 430.0, 700.0),
     ):
         times = [60, 80, 200, 220, 400, 400 + ramp, left, left + ramp]
         share = ramps(times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9])
         sent = Sent('ship', end, share, period=0.2, level=second_episode(later), level_period=0.25)
         what = f'a level that {what} ends no second episode'
-        yield case(what, sent, onsets=(ALWAYS, ALWAYS), ends='stick_slip')
-    share, level = ramps([0, 60, 80, 120, 140], [1.5, 1.5, 0.4, 0.4, 0.9]), step(0.0, 1.0, 1.0)
+        yield make_case(what, sent, onsets=(ALWAYS, ALWAYS), ends='stick_slip')
+    share, level = ramps([0, 60, 80, 120, 140], [1.5, 1.5, 0.4, 0.4, 0.9]), step_at(0.0, 1.0, 1.0)
     sent = Sent('ship', 600.0, share, period=0.2, level=level, unit='mm/s', threshold=40.0)
-    yield case('a dead level ends no running alarm', sent, onsets=(ALWAYS,), ends='stick_slip')
+    yield make_case('a dead level ends no running alarm', sent, onsets=(ALWAYS,), ends='stick_slip')
     share, spoilt = ramps([150.0, 180.0], [1.6, 0.9]), set_by(-3600.0, 200.0)
-    sent = Sent('viscous', 300.0, share, spoilt=spoilt, level=_twice)
+    sent = Sent('viscous', 300.0, share, spoilt=spoilt, level=two_bursts)
     what = 'a burst outside, the clocks set back, and the same inside'
-    yield case(what, sent, onsets=(), used=0.99)
-    level = loud(0.0, high=90.0)
+    yield make_case(what, sent, onsets=(), used=0.99)
+    level = loud_between(0.0, high=90.0)
     sent = Sent('ship', 200.0, 0.4, level=level, unit='mm/s', threshold=math.nan)
     what = 'a level that shows an episode from the start, without a threshold'
-    yield case(what, sent, ends='stick_slip', says='does its sensor reach the bearing?')
+    yield make_case(what, sent, ends='stick_slip', says='does its sensor reach the bearing?')
 
 
-ROWS = (_stamps, _clocks, _values, _paces, _courses, _levels, _level_knocks, _level_episodes)
+ROWS = (
+    stamp_cases,
+    clock_cases,
+    value_cases,
+    pace_cases,
+    course_cases,
+    level_cases,
+    _level_knocks,
+    _level_episodes,
+)
 CASES = [case for rows in ROWS for case in rows()]
 
 
@@ -659,7 +675,7 @@ def test_a_hold_up_before_the_first_message_is_no_time() -> None:
 
 
 def test_a_numpy_number_is_a_number() -> None:
-    monitor = Monitor(Sent(level=loud(0.0), unit='mm/s').config)
+    monitor = Monitor(Sent(level=loud_between(0.0), unit='mm/s').config)
     for time, kind in enumerate((np.float32, np.float64, np.int32, int)):
         assert feed(monitor, time, 'level', kind(3), NAME).status.valid
 
@@ -684,7 +700,7 @@ def test_what_was_before_a_gap_of_a_quarter_of_an_hour_begins_nothing_after_it(
         1000.0,
         lambda t: 1.5 if t < 60.0 else 0.5 if t < 900.0 else back,
         period=0.1,
-        spoilt=without(left, 960.0),
+        spoilt=drop_between(left, 960.0),
     )
     heard = Heard(case.config, case.messages())
     assert len(heard.onsets) == (before > 2.0)

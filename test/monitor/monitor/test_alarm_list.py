@@ -441,7 +441,7 @@ def test_what_is_active_comes_before_what_is_over_and_waits() -> None:
 MINUTE = 60 * SECOND
 
 
-def _figures(lately: int, most: int, flooding: bool) -> dict[str, int]:
+def flood_figures(lately: int, most: int, flooding: bool) -> dict[str, int]:
     return {'alarms_10min': lately, 'most_10min': most, 'flooding': flooding}
 
 
@@ -449,16 +449,16 @@ def test_a_flood_begins_above_ten_and_ends_below_five() -> None:
     flood = Flood()
     for minute in range(10):
         flood.add(minute * MINUTE // 2)
-    assert flood.figures(5 * MINUTE) == _figures(10, 10, False)
+    assert flood.figures(5 * MINUTE) == flood_figures(10, 10, False)
     flood.add(5 * MINUTE)
-    assert flood.figures(5 * MINUTE) == _figures(11, 11, True)
+    assert flood.figures(5 * MINUTE) == flood_figures(11, 11, True)
     # The alarms of 0, 0.5, ... 5 minutes leave the window one by one, each after 10 minutes.
-    assert flood.figures(13 * MINUTE - 1) == _figures(5, 11, True)
-    assert flood.figures(13 * MINUTE) == _figures(4, 11, False)
-    assert flood.figures(15 * MINUTE) == _figures(0, 11, False)
+    assert flood.figures(13 * MINUTE - 1) == flood_figures(5, 11, True)
+    assert flood.figures(13 * MINUTE) == flood_figures(4, 11, False)
+    assert flood.figures(15 * MINUTE) == flood_figures(0, 11, False)
 
 
-def _watch(config: MonitorConfig, stream: Stream, hours: int) -> tuple[list[AlarmChange], int]:
+def watch_recording(config: MonitorConfig, stream: Stream, hours: int) -> tuple[list[AlarmChange], int]:
     """The events of a recording, with somebody who acknowledges once a minute."""
     events = Monitor(config).scan({'aft': stream}, 0, hours * 3600 * SECOND)['aft'].events
     annunciator, log = Annunciator(config), []
@@ -487,7 +487,7 @@ def test_eight_hours_of_chatter_about_every_threshold_are_no_flood() -> None:
     sent = [Message(t, Input.SPEED, t, n) for t, n in zip(time.tolist(), rpm.tolist(), strict=True)]
     sent += [Message(t, Input.LOAD, t, 1000.0) for t in np.cumsum(random.choice([4.8, 5.2], 5600)).tolist()]
     stream = stream_of(sorted(m for m in sent if m.arrival < 8 * 3600.0))
-    given, most = _watch(config, stream, 8)
+    given, most = watch_recording(config, stream, 8)
     crossings = int(np.sum(np.abs(np.diff(np.sign(rpm - mean))) > 0))
     assert crossings > 10_000
     assert {change.kind.value for change in given} == {

@@ -27,7 +27,7 @@ def config() -> MonitorConfig:
     return replace(configured(), shelve_time_ns=600 * SECOND, silence_time_ns=30 * SECOND)
 
 
-def _event(second: int, before: Condition, after: Condition) -> Event:
+def condition_change(second: int, before: Condition, after: Condition) -> Event:
     return change(T0 + second * SECOND, before, after)
 
 
@@ -36,11 +36,11 @@ def stuck(config: MonitorConfig) -> Annunciator:
     """Stick-slip since second 1, not acknowledged."""
     annunciator = Annunciator(config)
     annunciator.advance(1 * SECOND, T0 + SECOND)
-    annunciator.take_event(_event(1, Condition.NORMAL, Condition.STICK_SLIP))
+    annunciator.take_event(condition_change(1, Condition.NORMAL, Condition.STICK_SLIP))
     return annunciator
 
 
-def restarted(old: Annunciator, down: int, second: int = 2) -> Annunciator:
+def restart_annunciator(old: Annunciator, down: int, second: int = 2) -> Annunciator:
     """A new annunciator after a restart that took some seconds."""
     document = json.loads(json.dumps(state_record(old, T0 + second * SECOND)))
     new = Annunciator(old.config)
@@ -72,7 +72,7 @@ def test_the_record(stuck: Annunciator) -> None:
 )
 def test_the_shelf_survives_a_restart(stuck: Annunciator, down: int, left: int) -> None:
     stuck.act(Action.SHELVE, T0 + 2 * SECOND, 'Ada')
-    new = restarted(stuck, down)
+    new = restart_annunciator(stuck, down)
     alarm = new.alarms['aft'][AlarmKind.STICK_SLIP]
     # By the clock as it is now.
     assert alarm.shelved_until_ns == T0 + (2 + down + left) * SECOND
@@ -120,7 +120,7 @@ def test_alarms_of_a_locked_shaft_come_back_aloud(
     assert not any(alarm.suppressed_by for alarm in new)
 
 
-def _spoilt(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+def spoil_document(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     *way, last = path.split('.')
     place = document
     for step in way:
@@ -146,7 +146,7 @@ def _spoilt(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
 def test_a_damaged_state_is_named_and_nothing_is_taken_over(
     stuck: Annunciator, path: str, value: Any, text: str
 ) -> None:
-    document = _spoilt(state_record(stuck, T0), path, value)
+    document = spoil_document(state_record(stuck, T0), path, value)
     new = Annunciator(stuck.config)
     with pytest.raises(AlarmStateError) as caught:
         recall_state(new, document, T0)

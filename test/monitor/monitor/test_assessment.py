@@ -75,7 +75,7 @@ def test_regimes_and_signs_of_the_margins(
     assert (verdict.amplitude > 0.0) is (regime is not Regime.STABLE)
 
 
-def _around(boundary: float) -> list[float]:
+def speeds_around(boundary: float) -> list[float]:
     """1 ulp, a few ulps and 1e-12 relative on both sides, and the boundary itself."""
     up, down = np.nextafter(boundary, np.inf), np.nextafter(boundary, 0.0)
     shares = 1.0 + np.array([-1e-12, -1e-14, -1e-15, 1e-15, 1e-14, 1e-12])
@@ -87,11 +87,11 @@ def _around(boundary: float) -> list[float]:
 def test_regime_agrees_with_the_margin_to_the_last_bit(law: str, load: float) -> None:
     bearing = _with_law(LAWS[law])
     load = 1.2 * load if law == 'viscous' else load
-    verdicts = assess(bearing, _around(hopf_speed(bearing, load)), load)
+    verdicts = assess(bearing, speeds_around(hopf_speed(bearing, load)), load)
     np.testing.assert_array_equal(verdicts.hopf_margin < 0.0, verdicts.regime == 'unstable')
     assert np.all(verdicts.amplitude > 0.0)
     point = assess(bearing, 1.0, load)
-    speeds = np.array([*_around(point.fold_speed), *_around(point.fold_speed_kbm)])
+    speeds = np.array([*speeds_around(point.fold_speed), *speeds_around(point.fold_speed_kbm)])
     verdicts = assess(bearing, speeds, load)  # one load: its exact fold is found once
     bistable = verdicts.regime == 'bistable'
     np.testing.assert_array_equal(verdicts.fold_margin < 0.0, bistable)

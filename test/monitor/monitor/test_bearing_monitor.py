@@ -22,14 +22,14 @@ AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}
 UNSTABLE, INSIDE, CAUTION, QUIET = 20.0, 35.0, 43.0, 60.0
 
 
-def _point(monitor: Monitor, time: float, rpm: float, bearing: str = 'aft') -> list[Any]:
+def update_point(monitor: Monitor, time: float, rpm: float, bearing: str = 'aft') -> list[Any]:
     """Both inputs at one instant; returns the events as (seconds, before, after)."""
     both = (('speed', rpm), ('load', 1000.0))
     updates = [feed(monitor, time, quantity, value, bearing) for quantity, value in both]
     return [brief(event) for update in updates for event in update.events]
 
 
-def _two(**changes: Any) -> MonitorConfig:
+def two_bearings(**changes: Any) -> MonitorConfig:
     values: dict[str, Any] = {'bearings': ['aft', 'forward']}
     for name in values['bearings']:
         values |= {f'{name}.{k}': v for k, v in REFERENCE.items()}
@@ -53,7 +53,7 @@ def test_a_point_needs_both_inputs() -> None:
 
 def test_a_rejected_sample_changes_nothing() -> None:
     monitor = Monitor(configured())
-    _point(monitor, 0.0, QUIET)
+    update_point(monitor, 0.0, QUIET)
     for time, value, status in (
         (1.0, math.nan, Status.NOT_FINITE),
         (1.0, -999.25, Status.NO_VALUE),
@@ -71,7 +71,7 @@ def test_coast_down_and_recovery() -> None:
     """Ten points a second; each change of speed counts a point later, by the median of three."""
     monitor = Monitor(configured(alarm__on_delay=2.0, alarm__off_delay=3.0))
     speeds = [QUIET, CAUTION, INSIDE, UNSTABLE, INSIDE, CAUTION, QUIET]
-    events = [e for k in range(350) for e in _point(monitor, k / 10, speeds[k // 50])]
+    events = [e for k in range(350) for e in update_point(monitor, k / 10, speeds[k // 50])]
     assert events == [
         (7.1, 'normal', 'caution'),
         (12.1, 'caution', 'bistable'),
@@ -86,7 +86,7 @@ def test_coast_down_and_recovery() -> None:
 def test_what_returns_within_a_minute_is_held_for_a_minute() -> None:
     """A change of speed counts a point later, by the median of three; both conditions clear in 10 s."""
     monitor, speeds = Monitor(configured()), [INSIDE, QUIET, INSIDE, QUIET, QUIET, QUIET, QUIET]
-    events = [e for k in range(700) for e in _point(monitor, k / 5, speeds[k // 100])]
+    events = [e for k in range(700) for e in update_point(monitor, k / 5, speeds[k // 100])]
     cleared = [time for time, _, after in events if after == 'normal']
     assert cleared == [pytest.approx(20.2 + 10.0), pytest.approx(60.2 + 60.0)]
 
@@ -94,7 +94,7 @@ def test_what_returns_within_a_minute_is_held_for_a_minute() -> None:
 def test_lost_and_returned() -> None:
     monitor = Monitor(configured(speed__timeout=3.0, load__timeout=4.0))
     monitor.advance(0)
-    _point(monitor, 1.0, QUIET)
+    update_point(monitor, 1.0, QUIET)
     assert monitor.advance(4 * SECOND) == []
     (lost,) = monitor.advance(10 * SECOND)
     assert brief(lost) == (4.0, 'normal', 'input_stale')
@@ -114,7 +114,7 @@ def test_lost_and_returned() -> None:
 
 def test_rejected_samples_do_not_keep_an_input_alive() -> None:
     monitor = Monitor(configured(speed__timeout=3.0))
-    _point(monitor, 0.0, QUIET)
+    update_point(monitor, 0.0, QUIET)
     events = []
     for time in range(1, 8):
         assert feed(monitor, time, 'speed', math.nan).status is Status.NOT_FINITE
@@ -124,10 +124,10 @@ def test_rejected_samples_do_not_keep_an_input_alive() -> None:
 
 def test_bearings_are_independent() -> None:
     changes = {f'{name}.alarm.{k}': 0.0 for name in ('aft', 'forward') for k in ('on_delay', 'onset_growth')}
-    monitor = Monitor(_two(**changes))
-    assert _point(monitor, 100.0, QUIET, 'aft') == []
+    monitor = Monitor(two_bearings(**changes))
+    assert update_point(monitor, 100.0, QUIET, 'aft') == []
     # The other bearing's clock runs by its own samples.
-    assert _point(monitor, 0.0, UNSTABLE, 'forward') == [(0.0, 'normal', 'stick_slip')]
+    assert update_point(monitor, 0.0, UNSTABLE, 'forward') == [(0.0, 'normal', 'stick_slip')]
     assert monitor.condition('aft') is Condition.NORMAL
     assert monitor.condition('forward') is Condition.STICK_SLIP
     events = monitor.bearings['aft'].advance(200 * SECOND)
@@ -148,22 +148,22 @@ def test_the_clock_jumps_back() -> None:
     """The memory of the lining and the delays go on, from the first message after it."""
     monitor = Monitor(configured(alarm__on_delay=0.0, alarm__off_delay=2.0))
     for time in (97.0, 98.0, 99.0, 100.0, 101.0, 102.0):
-        _point(monitor, time, UNSTABLE)
+        update_point(monitor, time, UNSTABLE)
     assert monitor.condition('aft') is Condition.STICK_SLIP
-    _point(monitor, 103.0, QUIET)
+    update_point(monitor, 103.0, QUIET)
     update = feed(monitor, 0.0, 'speed', QUIET)
     assert (update.status, update.events) == (Status.ACCEPTED, [])
     assert update.verdict is not None
     assert update.verdict.time_ns == monitor.bearings['aft'].now_ns == 0
     assert monitor.condition('aft') is Condition.STICK_SLIP
     # It dies out in 1.2 s, and clears after the off-delay.
-    events = [event for k in range(1, 60) for event in _point(monitor, k / 10, QUIET)]
+    events = [event for k in range(1, 60) for event in update_point(monitor, k / 10, QUIET)]
     assert events == [(pytest.approx(1.2 + 2.0, abs=0.11), 'stick_slip', 'normal')]
 
 
 def test_after_a_jump_the_other_input_stands_for_its_timeout() -> None:
     monitor = Monitor(configured(load__timeout=4.0))
-    _point(monitor, 100.0, QUIET)
+    update_point(monitor, 100.0, QUIET)
     for time in (0.0, 1.0, 2.0):
         assert feed(monitor, time, 'speed', QUIET).verdict is not None
     events = monitor.advance(6 * SECOND + 1)
@@ -204,7 +204,7 @@ def test_event_text_names_speed_load_amplitude_and_way_out() -> None:
 def test_nobody_is_told_to_stop_a_shaft_that_stands() -> None:
     monitor = Monitor(configured())
     for k in range(40):
-        _point(monitor, k / 2, UNSTABLE if k < 30 else 0.0)
+        update_point(monitor, k / 2, UNSTABLE if k < 30 else 0.0)
     assert monitor.condition('aft') is Condition.STICK_SLIP
     text = 'aft: Stick-slip predicted. Now 0 rpm, 1 kN. The shaft is at rest: nothing slides.'
     assert monitor.bearings['aft'].text() == text
@@ -214,7 +214,7 @@ def test_texts_of_milder_conditions_say_what_to_do() -> None:
     """At 1 kN the fold is at 40.723 rpm, and caution clears above 1.22 times it, 49.7 rpm."""
     monitor, texts = Monitor(configured(load__timeout=600.0)), []
     for time in range(80):  # from 80 rpm down by 1 rpm/s, past the fold, and on there
-        _point(monitor, time, max(80.0 - time, 36.0))
+        update_point(monitor, time, max(80.0 - time, 36.0))
         texts.append(monitor.bearings['aft'].text())
     said = ' '.join(texts)
     assert 'Slowing towards stick-slip: stay above 50 rpm. Now 5' in said
@@ -228,8 +228,8 @@ def test_a_mild_condition_gives_the_order_of_the_worse_that_is_starting() -> Non
     """From near the boundary straight into the unstable range, of which the delay is still running."""
     monitor = Monitor(configured(alarm__on_delay=4.0))
     for time in range(12):
-        _point(monitor, time, 45.0)  # 1.1 times the fold: margin low
-    _point(monitor, 12.5, UNSTABLE)
+        update_point(monitor, time, 45.0)  # 1.1 times the fold: margin low
+    update_point(monitor, 12.5, UNSTABLE)
     bearing = monitor.bearings['aft']
     assert bearing.condition is Condition.CAUTION
     begin = 'aft: Steady sliding is unstable: stick-slip is starting.'
@@ -243,7 +243,7 @@ def test_the_order_is_that_of_the_text(sign: float, astern: str) -> None:
     monitor, found = Monitor(configured(load__timeout=600.0)), set()
     phrases = {'raise_speed': 'Raise speed above', 'stay_above': 'stay above', 'clears_above': 'Clears above'}
     for time in range(80):
-        _point(monitor, time, sign * max(80.0 - time, 36.0))
+        update_point(monitor, time, sign * max(80.0 - time, 36.0))
         text, given = monitor.bearings['aft'].text(), order(monitor.bearings['aft'])
         assert (given is None) == (' above 50 rpm' not in text)
         if given is not None:
@@ -256,16 +256,16 @@ def test_the_order_is_that_of_the_text(sign: float, astern: str) -> None:
 def test_retune_keeps_the_state() -> None:
     monitor = Monitor(configured(alarm__on_delay=10.0))
     for time in range(8):
-        assert _point(monitor, time, INSIDE) == []
+        assert update_point(monitor, time, INSIDE) == []
     monitor.retune(configured(alarm__on_delay=6.0))
     # The delay has counted since 0 s.
-    assert _point(monitor, 8.0, INSIDE) == [(8.0, 'normal', 'bistable')]
+    assert update_point(monitor, 8.0, INSIDE) == [(8.0, 'normal', 'bistable')]
     assert monitor.bearings['aft'].counts.sum() == 18
 
 
 def test_retune_takes_over_scale_deadband_and_limit() -> None:
     monitor = Monitor(configured(**AT_ONCE))
-    _point(monitor, 0.0, UNSTABLE)
+    update_point(monitor, 0.0, UNSTABLE)
     changed = configured(**AT_ONCE, load__scale=2.0, alarm__amplitude_limit=1e-6, speed__maximum=0.11)
     monitor.retune(changed)
     update = feed(monitor, 1.0, 'load', 600.0)
@@ -282,7 +282,7 @@ def test_retune_takes_over_scale_deadband_and_limit() -> None:
 
 def test_a_shorter_timeout_reaches_an_input_already_silent() -> None:
     monitor = Monitor(configured(speed__timeout=3600.0, load__timeout=3600.0))
-    _point(monitor, 0.0, QUIET)
+    update_point(monitor, 0.0, QUIET)
     assert monitor.advance(60 * SECOND) == []
     monitor.retune(configured(speed__timeout=5.0, load__timeout=3600.0))
     # It would have been lost at 5 s; it is told when it is known, at 60 s.
@@ -294,7 +294,7 @@ def test_a_shorter_timeout_reaches_an_input_already_silent() -> None:
 def test_retune_converts_the_values_that_stand() -> None:
     monitor = Monitor(configured())
     for time in range(3):
-        _point(monitor, time, UNSTABLE)
+        update_point(monitor, time, UNSTABLE)
     state = monitor.bearings['aft'].state
     speed = state.value[0]
     monitor.retune(configured(load__scale=2.0, speed__scale=-1.0))
@@ -309,7 +309,7 @@ def test_retune_converts_the_values_that_stand() -> None:
 
 def test_retune_with_other_bearings_is_refused_whole() -> None:
     one = configured()
-    two = _two(**{'aft.alarm.on_delay': 0.0})
+    two = two_bearings(**{'aft.alarm.on_delay': 0.0})
     for before, after in ((one, two), (two, one)):
         monitor = Monitor(before)
         with pytest.raises(ConfigurationError, match=r'bearings = \[aft.*must stay \[aft'):
@@ -330,7 +330,7 @@ def test_unknown_names() -> None:
 
 def test_scan_leaves_the_monitor_alone() -> None:
     monitor = Monitor(configured())
-    _point(monitor, 0.0, QUIET)
+    update_point(monitor, 0.0, QUIET)
     stream = Stream(np.array([5, 5]) * SECOND, np.array([False, True]), np.array([20.0, 1e3]))
     assert monitor.scan({'aft': stream})['aft'].time_ns.tolist() == [5 * SECOND]
     assert monitor.bearings['aft'].now_ns == 0
@@ -349,7 +349,7 @@ def test_below_the_range_stick_slip_ends() -> None:
     """Unstable from 9.96 rpm on: at 5 rpm friction rises, and the lining is still."""
     monitor = Monitor(configured(alarm__on_delay=1.0, alarm__off_delay=5.0, **RISES_FIRST))
     speeds = [5.0, UNSTABLE, 5.0]
-    events = [e for k in range(900) for e in _point(monitor, k / 5.0, speeds[k // 300])]
+    events = [e for k in range(900) for e in update_point(monitor, k / 5.0, speeds[k // 300])]
     assert [after for _, _, after in events] == ['stick_slip', 'normal']
     text = monitor.bearings['aft'].text()
     assert 'Stay below 9.9' in text
@@ -415,7 +415,7 @@ def test_what_the_latest_value_ends_is_not_begun() -> None:
     monitor = Monitor(configured())
     events = []
     for k, rpm in enumerate([QUIET, QUIET, UNSTABLE, UNSTABLE, 0.0, 0.0, 0.0, 0.0]):
-        events += _point(monitor, float(k), rpm)
+        events += update_point(monitor, float(k), rpm)
     assert 'stick_slip' not in {after for _, _, after in events}
 
 
@@ -425,7 +425,7 @@ def test_a_stop_warns_before_the_range_that_it_goes_through() -> None:
     events = [
         event
         for k in range(300)
-        for event in _point(monitor, k / 10, max(0.0, 120.0 - 0.8 * max(0, k - 200)))
+        for event in update_point(monitor, k / 10, max(0.0, 120.0 - 0.8 * max(0, k - 200)))
     ]
     time, _, after = events[0]
     assert after == 'caution'
@@ -437,8 +437,8 @@ def test_no_sentence_says_normal_of_values_within_the_region() -> None:
     """The alarm goes by medians of three: the first values of a slow-down have not moved them yet."""
     monitor = Monitor(configured())
     for time in range(40):
-        _point(monitor, time, QUIET)
-    _point(monitor, 40, UNSTABLE)
+        update_point(monitor, time, QUIET)
+    update_point(monitor, 40, UNSTABLE)
     assert monitor.bearings['aft'].condition is Condition.NORMAL
     text = monitor.bearings['aft'].text()
     assert text.startswith('aft: Near the stick-slip boundary for less than 2 s: no alarm yet. Now 20 rpm')

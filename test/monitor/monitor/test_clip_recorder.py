@@ -18,11 +18,11 @@ AROUND = 10
 CONFIG = ClipConfig('folder', AROUND * NS, 5, 5_000_000)
 
 
-def message(second: float, size: int = 0) -> ClipMessage:
+def clip_message(second: float, size: int = 0) -> ClipMessage:
     return ClipMessage(round((T0 + second) * NS), '/a', 'std_msgs/msg/Float64', bytes(size))
 
 
-def event(
+def condition_change(
     second: float,
     after: Condition = Condition.STICK_SLIP,
     before: Condition = Condition.NORMAL,
@@ -31,15 +31,15 @@ def event(
     return change(round((T0 + second) * NS), before, after, bearing=bearing)
 
 
-def seconds(clip: Clip) -> list[int]:
+def clip_seconds(clip: Clip) -> list[int]:
     return [m.time_ns // NS - T0 for m in clip.messages]
 
 
-def run(recorder: ClipRecorder, stop: int, *events: Event, size: int = 0) -> list[Clip]:
+def record_clips(recorder: ClipRecorder, stop: int, *events: Event, size: int = 0) -> list[Clip]:
     """One message a second up to ``stop``; each event after the message of its second."""
     found = []
     for second in range(stop):
-        recorder.add(message(second, size))
+        recorder.add(clip_message(second, size))
         for each in events:
             if each.time_ns // NS - T0 == second:
                 recorder.note(each)
@@ -48,22 +48,24 @@ def run(recorder: ClipRecorder, stop: int, *events: Event, size: int = 0) -> lis
 
 
 def test_a_clip_has_the_time_before_and_after() -> None:
-    (clip,) = run(ClipRecorder(CONFIG), 100, event(50))
-    assert seconds(clip) == list(range(40, 61))
+    (clip,) = record_clips(ClipRecorder(CONFIG), 100, condition_change(50))
+    assert clip_seconds(clip) == list(range(40, 61))
     assert (clip.bearing, clip.condition) == ('aft', Condition.STICK_SLIP)
     assert clip.time_ns == (T0 + 50) * NS
 
 
 def test_a_further_alarm_lengthens_it() -> None:
-    (clip,) = run(ClipRecorder(CONFIG), 100, event(50), event(55, Condition.AMPLITUDE))
-    assert seconds(clip) == list(range(40, 66))
+    (clip,) = record_clips(
+        ClipRecorder(CONFIG), 100, condition_change(50), condition_change(55, Condition.AMPLITUDE)
+    )
+    assert clip_seconds(clip) == list(range(40, 66))
     assert clip.condition is Condition.STICK_SLIP
 
 
 def test_a_later_alarm_has_its_own_and_they_overlap() -> None:
-    first, second = run(ClipRecorder(CONFIG), 100, event(50), event(65))
-    assert seconds(first) == list(range(40, 61))
-    assert seconds(second) == list(range(55, 76))
+    first, second = record_clips(ClipRecorder(CONFIG), 100, condition_change(50), condition_change(65))
+    assert clip_seconds(first) == list(range(40, 61))
+    assert clip_seconds(second) == list(range(55, 76))
 
 
 @pytest.mark.parametrize(
@@ -79,43 +81,43 @@ def test_a_later_alarm_has_its_own_and_they_overlap() -> None:
     ],
 )
 def test_alarms_begin_clips_and_nothing_else(before: Condition, after: Condition, kept: bool) -> None:
-    assert len(run(ClipRecorder(CONFIG), 100, event(50, after, before))) == kept
+    assert len(record_clips(ClipRecorder(CONFIG), 100, condition_change(50, after, before))) == kept
 
 
 def test_without_messages_time_ends_it() -> None:
     recorder = ClipRecorder(CONFIG)
-    run(recorder, 21, event(20))
+    record_clips(recorder, 21, condition_change(20))
     recorder.advance((T0 + 30) * NS)
     assert recorder.clips() == []
     recorder.advance((T0 + 30) * NS + 1)
     (clip,) = recorder.clips()
-    assert seconds(clip) == list(range(10, 21))
+    assert clip_seconds(clip) == list(range(10, 21))
 
 
 def test_a_clock_that_jumps_back_ends_it_and_starts_anew() -> None:
     recorder = ClipRecorder(CONFIG)
-    run(recorder, 53, event(50))
-    found = run(recorder, 30, event(5))
-    assert [seconds(clip) for clip in found] == [list(range(40, 53)), list(range(16))]
+    record_clips(recorder, 53, condition_change(50))
+    found = record_clips(recorder, 30, condition_change(5))
+    assert [clip_seconds(clip) for clip in found] == [list(range(40, 53)), list(range(16))]
 
 
 def test_disorder_within_the_time_of_a_clip_is_no_jump() -> None:
     recorder = ClipRecorder(CONFIG)
-    run(recorder, 50)
-    recorder.add(message(45))
-    recorder.note(event(49))
+    record_clips(recorder, 50)
+    recorder.add(clip_message(45))
+    recorder.note(condition_change(49))
     recorder.advance((T0 + 60) * NS)
     (clip,) = recorder.clips()
-    assert seconds(clip) == [*range(39, 50), 45]
+    assert clip_seconds(clip) == [*range(39, 50), 45]
 
 
 @pytest.mark.slow
 @given(st.integers(1, 3000), st.integers(10_000, 60_000))
 def test_memory_and_size_are_bounded(each: int, most: int) -> None:
     config = ClipConfig('folder', 10**6 * NS, 5, most)
-    found = run(ClipRecorder(config), 200, event(100), size=each)
+    found = record_clips(ClipRecorder(config), 200, condition_change(100), size=each)
     recorder = ClipRecorder(config)
-    run(recorder, 200, event(100), size=each)
+    record_clips(recorder, 200, condition_change(100), size=each)
     recorder.finish()
     for clip in found + recorder.clips():
         total = sum(m.size for m in clip.messages)
@@ -128,8 +130,8 @@ def test_memory_and_size_are_bounded(each: int, most: int) -> None:
 def test_definitions_that_came_until_then_are_in_the_clip() -> None:
     definitions: dict[str, str] = {}
     recorder = ClipRecorder(CONFIG, definitions)
-    recorder.add(message(0))
-    recorder.note(event(0))
+    recorder.add(clip_message(0))
+    recorder.note(condition_change(0))
     definitions['a/msg/B'] = 'int8 x\n'
     recorder.finish()
     (clip,) = recorder.clips()

@@ -43,7 +43,7 @@ RESULT: dict[str, Any] = {
 ODD = (None, True, 'x', '', [], {}, [[]], -1, 0, 1e308, float('nan'), float('inf'), 10**400)
 
 
-def mutated(document: Any, source: random.Random) -> Any:
+def mutate(document: Any, source: random.Random) -> Any:
     """A copy with one value, at any depth, replaced, left out or given twice."""
     result = copy.deepcopy(document)
     place, parent = None, result
@@ -63,7 +63,7 @@ def mutated(document: Any, source: random.Random) -> Any:
 def test_a_damaged_result_is_refused_in_a_sentence(tmp_path: Path) -> None:
     source, path, read = random.Random(1), tmp_path / 'result.json', 0
     for _ in range(150):
-        path.write_text(json.dumps(mutated(RESULT, source)))
+        path.write_text(json.dumps(mutate(RESULT, source)))
         with contextlib.suppress(StickslipError):
             configured(calibration=str(path))
             read += 1
@@ -191,16 +191,16 @@ def test_a_calibration_of_another_bearing_is_refused_live_too(result: str) -> No
         configured(is_live=True, calibration=result)
 
 
-def asked(load: float = 1000.0, **changes: object) -> list[str]:
+def ask_questions(load: float = 1000.0, **changes: object) -> list[str]:
     (bearing,) = configured(**changes).bearings
     found = questions(bearing, load)
     return [f'{name} {clause}' for name, own in found.items() for clause in own]
 
 
 def test_nothing_is_asked_of_a_right_bearing() -> None:
-    assert asked() == []
-    assert asked(load=0.0) == []
-    assert asked(alarm__minimum_speed=0.02) == []
+    assert ask_questions() == []
+    assert ask_questions(load=0.0) == []
+    assert ask_questions(alarm__minimum_speed=0.02) == []
 
 
 @pytest.mark.parametrize(
@@ -240,7 +240,7 @@ def test_nothing_is_asked_of_a_right_bearing() -> None:
     ],
 )
 def test_a_slip_is_asked_about(changes: dict[str, object], clause: str) -> None:
-    assert any(clause in text for text in asked(**changes)), asked(**changes)
+    assert any(clause in text for text in ask_questions(**changes)), ask_questions(**changes)
 
 
 def test_a_retired_parameter_has_no_effect_and_a_sentence() -> None:

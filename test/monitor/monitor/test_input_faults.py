@@ -28,16 +28,16 @@ SECOND = 10**9
 Floats = NDArray[np.float64]
 
 
-def instants(count: int, rate: float = 10.0) -> NDArray[np.int64]:
+def sample_times(count: int, rate: float = 10.0) -> NDArray[np.int64]:
     return np.rint(np.arange(count) * (SECOND / rate)).astype(np.int64)
 
 
-def found(values: Floats, rate: float = 10.0) -> list[SourceFault]:
-    time = instants(values.size, rate)
+def find_mixed_sources(values: Floats, rate: float = 10.0) -> list[SourceFault]:
+    time = sample_times(values.size, rate)
     return SourceWatch().see_column(time, values)
 
 
-def mixed(count: int, every: int, first: float = 60.0, second: float = 20.0) -> Floats:
+def mix_two_levels(count: int, every: int, first: float = 60.0, second: float = 20.0) -> Floats:
     return np.where(np.arange(count) % every == every - 1, second, first)
 
 
@@ -82,7 +82,7 @@ def test_live_and_bulk_raise_the_same_faults(
     ],
 )
 def test_a_second_publisher_is_found(every: int, rate: float, raised: float) -> None:
-    (fault,) = found(mixed(260, every), rate)
+    (fault,) = find_mixed_sources(mix_two_levels(260, every), rate)
     assert fault.kind is TWO
     assert fault.levels == (20.0, 60.0)
     assert fault.raised_ns == pytest.approx(raised * SECOND, abs=1)
@@ -91,7 +91,7 @@ def test_a_second_publisher_is_found(every: int, rate: float, raised: float) -> 
 def test_a_counter_of_few_pulses_is_named_as_what_it_is() -> None:
     """One mark a turn at 25 rpm, counted each second: 0 or 60 rpm."""
     pulses = np.diff(np.floor(np.arange(200) * 25.0 / 60.0))
-    time = instants(pulses.size, 1.0)
+    time = sample_times(pulses.size, 1.0)
     (fault,) = SourceWatch(3.0).see_column(time, 60.0 * pulses)
     assert (fault.kind, fault.levels) == (SourceFaultKind.FEW_PULSES, (0.0, 60.0))
     # A load may well come and go.
@@ -115,13 +115,13 @@ def test_a_counter_of_few_pulses_is_named_as_what_it_is() -> None:
     ids=['noise', 'swell', 'counter', 'steps', 'stop', 'spike', 'empty'],
 )
 def test_one_source_is_no_fault(values: Floats, least: float) -> None:
-    time = instants(values.size)
+    time = sample_times(values.size)
     assert SourceWatch(least).see_column(time, values) == []
 
 
 def test_a_fault_stands_for_a_minute_and_clears_when_values_settle() -> None:
     watch = SourceWatch()
-    values = [*mixed(100, 2).tolist(), 20.0, 20.0]
+    values = [*mix_two_levels(100, 2).tolist(), 20.0, 20.0]
     for k, value in enumerate(values):
         watch.see(k * SECOND // 10, value)
     last = 99 * SECOND // 10
@@ -213,7 +213,7 @@ def test_the_most_fundamental_fault_is_told(facts: InputFacts, sentence: str) ->
     assert input_fault(facts) == sentence
 
 
-def alternating(common: int, rare: int, count: int = 3000, odd: float = 600.0) -> Floats:
+def alternate_levels(common: int, rare: int, count: int = 3000, odd: float = 600.0) -> Floats:
     return np.where(np.arange(count) % (common + rare) < common, 30.0, odd)
 
 
@@ -221,8 +221,8 @@ def alternating(common: int, rare: int, count: int = 3000, odd: float = 600.0) -
     ('common', 'rare'), [(136, 1), (580, 20), (49, 1), (9, 1), (1, 1), (3, 1), (2, 2), (40, 20)]
 )
 def test_the_share_of_the_rarer_level_decides_whether_it_is_a_mix(common: int, rare: int) -> None:
-    values = alternating(common, rare, 20 * (common + rare))
-    watch, time = SourceWatch(3.0), instants(values.size)
+    values = alternate_levels(common, rare, 20 * (common + rare))
+    watch, time = SourceWatch(3.0), sample_times(values.size)
     watch.see_column(time, values)
     fault = watch.standing(int(time[-1]))
     assert fault is not None
@@ -231,8 +231,8 @@ def test_the_share_of_the_rarer_level_decides_whether_it_is_a_mix(common: int, r
 
 
 def test_the_share_follows_a_source_that_becomes_frequent() -> None:
-    values = np.concatenate([alternating(49, 1), alternating(1, 1, 200)])
-    watch, time = SourceWatch(), instants(values.size)
+    values = np.concatenate([alternate_levels(49, 1), alternate_levels(1, 1, 200)])
+    watch, time = SourceWatch(), sample_times(values.size)
     watch.see_column(time[:3000], values[:3000])
     rare = watch.standing(int(time[2999]))
     watch.see_column(time[3000:], values[3000:])
@@ -244,8 +244,8 @@ def test_the_share_follows_a_source_that_becomes_frequent() -> None:
 
 def test_signs_of_a_speed_are_no_second_level() -> None:
     # The rule takes the magnitude of a speed; two loads of opposite sign are two levels.
-    values = alternating(49, 1, odd=-30.0)
-    time = instants(values.size)
+    values = alternate_levels(49, 1, odd=-30.0)
+    time = sample_times(values.size)
     assert [bool(SourceWatch(gap).see_column(time, values)) for gap in (3.0, 0.0)] == [False, True]
 
 

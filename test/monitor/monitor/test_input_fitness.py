@@ -20,7 +20,7 @@ TIMES = np.arange(0.0, 1200.0, 0.1)
 """Twenty minutes at 10 Hz [s]."""
 
 
-def swell(time: FloatArray) -> FloatArray:
+def load_in_swell(time: FloatArray) -> FloatArray:
     """A load in waves of 8.3 s, whose height comes and goes [N]."""
     return np.asarray(1000.0 + 200.0 * np.sin(0.757 * time) * (1.0 + 0.3 * np.sin(0.031 * time)))
 
@@ -36,7 +36,7 @@ def clause_of(time: FloatArray, value: FloatArray, place: int = LOAD, part: int 
 @pytest.mark.parametrize('part', [1, 64, 100_000])
 @pytest.mark.parametrize('place', [SPEED, LOAD])
 def test_a_value_that_is_held_in_a_fast_message_is_named(place: int, part: int) -> None:
-    held = swell(10.0 * np.floor(TIMES[:3000] / 10.0))
+    held = load_in_swell(10.0 * np.floor(TIMES[:3000] / 10.0))
     assert clause_of(TIMES[:3000], held, place, part) == (
         'has a new value only every 10 s, though 10 messages a second come: have its sender pass on each'
         ' measurement, at least one a second'
@@ -45,7 +45,7 @@ def test_a_value_that_is_held_in_a_fast_message_is_named(place: int, part: int) 
 
 def test_slow_values_of_a_swell_are_named() -> None:
     slow = np.arange(0.0, 1200.0, 8.0)
-    found = clause_of(slow, swell(slow))
+    found = clause_of(slow, load_in_swell(slow))
     assert found.startswith('has a value only every 8 s and changes by ')
     assert found.endswith(
         ', so that a swell seems to last for minutes: have its sender pass on at least one a second'
@@ -54,7 +54,7 @@ def test_slow_values_of_a_swell_are_named() -> None:
 
 RANDOM = np.random.default_rng(7)
 HONEST = {
-    'each measurement': (TIMES, swell(TIMES)),
+    'each measurement': (TIMES, load_in_swell(TIMES)),
     'steady': (TIMES, np.full(TIMES.size, 60.0)),
     'a slow ramp of whole revolutions': (TIMES, np.round(60.0 - TIMES / 40.0)),
     'noise in whole revolutions': (TIMES, np.round(60.0 + 0.4 * RANDOM.standard_normal(TIMES.size))),
@@ -75,13 +75,13 @@ def test_honest_values_are_not_named(name: str) -> None:
 
 def test_what_was_held_and_is_no_longer_is_taken_back() -> None:
     watch, time_ns = FitnessWatch(), (TIMES * SECOND).astype(np.int64)
-    watch.take_values(LOAD, time_ns, swell(10.0 * np.floor(TIMES / 10.0)))
+    watch.take_values(LOAD, time_ns, load_in_swell(10.0 * np.floor(TIMES / 10.0)))
     assert watch.clause(LOAD)
-    watch.take_values(LOAD, time_ns + time_ns[-1] + 1, swell(TIMES))
+    watch.take_values(LOAD, time_ns + time_ns[-1] + 1, load_in_swell(TIMES))
     assert watch.clause(LOAD) == ''
 
 
-def visits(time: FloatArray) -> FloatArray:
+def revisiting_speed(time: FloatArray) -> FloatArray:
     """A speed that passes the same values again and again, never at one pace [m/s]."""
     return np.asarray(0.2 + 0.08 * np.sin(0.011 * time) + 0.06 * np.sin(0.0043 * time + 1.0))
 
@@ -89,7 +89,9 @@ def visits(time: FloatArray) -> FloatArray:
 def test_a_load_that_follows_from_the_speed_alone_is_named() -> None:
     time = np.arange(0.0, 1100.0, 0.5)
     watch = FitnessWatch()
-    watch.take_points((time * SECOND).astype(np.int64), visits(time), 20000.0 * visits(time) ** 2)
+    watch.take_points(
+        (time * SECOND).astype(np.int64), revisiting_speed(time), 20000.0 * revisiting_speed(time) ** 2
+    )
     assert watch.clause(SPEED) == ''
     assert watch.clause(LOAD) == (
         'follows from the speed alone, so it is computed and does not show what the bearing carries: connect'
@@ -111,7 +113,9 @@ def test_the_share_of_a_load_that_the_speed_explains(
     load: Callable[[FloatArray, FloatArray], FloatArray], share: tuple[float, float] | None
 ) -> None:
     time = np.arange(0.0, 1024.0, 2.0)
-    found = explained_share(np.column_stack([time, visits(time), load(time, visits(time))]))
+    found = explained_share(
+        np.column_stack([time, revisiting_speed(time), load(time, revisiting_speed(time))])
+    )
     assert (found is None) if share is None else (found is not None and share[0] <= found <= share[1])
 
 
@@ -127,7 +131,7 @@ def test_it_is_said_live_and_no_verdict_changes() -> None:
     watch, said = InputWatch(monitor.bearings, Graph()), list[str]()
     for k, time in enumerate(TIMES[:3000].tolist()):
         now_ns = round(time * SECOND)
-        for place, value in ((SPEED, 0.5), (LOAD, float(swell(np.array(10.0 * (time // 10.0)))))):
+        for place, value in ((SPEED, 0.5), (LOAD, float(load_in_swell(np.array(10.0 * (time // 10.0)))))):
             bearing.update(place, now_ns, value)
             assert watch.take('aft', place, value, now_ns, 0, valid=True) is None
         if k % 10 == 9:

@@ -35,11 +35,11 @@ ALL = [
 ]
 
 
-def _both(**changes: Any) -> list[Any]:
+def both_bearings(**changes: Any) -> list[Any]:
     return [configured(**changes, **own).bearings[0] for own in (HERE, WRITTEN_OUT)]
 
 
-def _voyage() -> Stream:
+def hour_of_speeds() -> Stream:
     """From 200 to 20 rpm and back at one load, an hour."""
     seconds = np.arange(3600)
     rpm = 110.0 + 90.0 * np.cos(2.0 * np.pi * seconds / 3600.0)
@@ -50,7 +50,7 @@ def _voyage() -> Stream:
 
 @pytest.mark.parametrize('points', [10, 200])
 def test_every_number_of_an_assessment_is_of_the_law_written_out(points: int) -> None:
-    own, there = _both()
+    own, there = both_bearings()
     speed = np.linspace(5.0, 250.0, points) * RPM
     found, expected = (assess(each.bearing, speed, LOAD) for each in (own, there))
     assert found.regime.tolist() == expected.regime.tolist()
@@ -89,8 +89,10 @@ def test_temperatures_of_points_are_those_of_the_bearing() -> None:
 def test_changes_of_condition_are_those_of_the_law_written_out() -> None:
     for changes in ({}, {'tolerance__decay': 0.1, 'tolerance__damping': 0.2, 'tolerance__static': 0.05}):
         scans = [
-            BearingScan(each, 0, long=long).finish(_voyage(), None)
-            for each, long in zip([*_both(**changes), _both(**changes)[0]], (False, False, True), strict=True)
+            BearingScan(each, 0, long=long).finish(hour_of_speeds(), None)
+            for each, long in zip(
+                [*both_bearings(**changes), both_bearings(**changes)[0]], (False, False, True), strict=True
+            )
         ]
         told = [
             [(e.time_ns, e.before, e.after, e.text.replace(', water at 5 C', '')) for e in scan.events]
@@ -195,11 +197,11 @@ def _told_of(config: Any, stream: Stream, *, long: bool) -> tuple[Any, list[Any]
 def test_a_measured_temperature_is_the_same_one_configured(more: dict[str, Any]) -> None:
     """Sample by sample, over a recording, and compiled; in kelvin, too."""
     (constant,) = configured(**HERE, **more).bearings
-    expected, told = _told_of(constant, _voyage(), long=False)
+    expected, told = _told_of(constant, hour_of_speeds(), long=False)
     assert len(told) > 4
     for own, number in ((WATERED, 5.0), (WATERED | {'water_temperature__unit': 'K'}, 278.15)):
         (config,) = configured(**own, **more).bearings
-        stream = _with_water(_voyage(), number)
+        stream = _with_water(hour_of_speeds(), number)
         for long in (False, True):
             scan, found = _told_of(config, stream, long=long)
             assert found == told
@@ -219,7 +221,7 @@ def test_a_measured_temperature_is_the_same_one_configured(more: dict[str, Any])
 def test_water_that_warms_up_moves_the_boundaries_with_it() -> None:
     """Each point has the boundaries of its own water; compiled and interpreted are one."""
     (config,) = configured(**WATERED).bearings
-    stream = _with_water(_voyage(), np.linspace(0.0, 30.0, 120))
+    stream = _with_water(hour_of_speeds(), np.linspace(0.0, 30.0, 120))
     scan, told = _told_of(config, stream, long=False)
     other, again = _told_of(config, stream, long=True)
     assert (told, scan.water.tolist()) == (again, other.water.tolist())
@@ -229,7 +231,7 @@ def test_water_that_warms_up_moves_the_boundaries_with_it() -> None:
         expected = exact_fold_speed(bearing, LOAD)
         assert scan.assessment.fold_speed[k] == pytest.approx(expected, rel=1e-6)
     # The rule goes by it, too: colder water alone changes what is told.
-    cold = _told_of(config, _with_water(_voyage(), 0.0), long=False)[1]
+    cold = _told_of(config, _with_water(hour_of_speeds(), 0.0), long=False)[1]
     assert [event[0] for event in cold] != [event[0] for event in told]
 
 

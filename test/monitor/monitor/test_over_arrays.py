@@ -25,12 +25,12 @@ COMPILED = range(1, COUNT, 5)
 COLUMNS = ('time_ns', 'until_ns', 'speed', 'load', 'chances', 'rung', 'sticking', 'sample', 'status')
 
 
-def _stream(messages: Messages) -> Stream:
+def stream_of_messages(messages: Messages) -> Stream:
     own = messages
     return Stream(own.time_ns, own.quantity, own.value, arrival_ns=own.arrival_ns)
 
 
-def _told(events: list[Any]) -> list[Any]:
+def comparable_events(events: list[Any]) -> list[Any]:
     return [(e.time_ns, e.before, e.after, e.standing.sticking, e.lost, e.onset, e.text) for e in events]
 
 
@@ -42,7 +42,7 @@ def _require_same(one: Scan, other: Scan) -> None:
     if one.measured is not None and other.measured is not None:
         assert one.measured.tolist() == other.measured.tolist()
     assert (one.at, one.unknown) == (other.at, other.unknown)
-    assert _told(one.events) == _told(other.events)
+    assert comparable_events(one.events) == comparable_events(other.events)
 
 
 @pytest.mark.parametrize('number', NUMBERS)
@@ -58,11 +58,11 @@ def test_sample_by_sample_equals_a_recording(number: int) -> None:
         if update.verdict is not None:
             points.append((update.verdict.time_ns, monitor.bearings[NAME].rung))
     events += monitor.advance(own.end_ns)
-    scan = monitor.scan({NAME: _stream(own.messages)}, own.start_ns, own.end_ns)[NAME]
+    scan = monitor.scan({NAME: stream_of_messages(own.messages)}, own.start_ns, own.end_ns)[NAME]
     assert scan.status.tolist() == statuses
     assert list(zip(scan.time_ns.tolist(), scan.rung.tolist(), strict=True)) == points
     assert scan.counts.tolist() == monitor.bearings[NAME].counts.tolist()
-    assert _told(scan.events) == _told(events)
+    assert comparable_events(scan.events) == comparable_events(events)
 
 
 @pytest.mark.parametrize('number', COMPILED)
@@ -70,7 +70,7 @@ def test_compiled_equals_interpreted(number: int) -> None:
     own = sequence(number)
     (config,) = own.config.bearings
     one, other = (
-        BearingScan(config, own.start_ns, long=long).finish(_stream(own.messages), own.end_ns)
+        BearingScan(config, own.start_ns, long=long).finish(stream_of_messages(own.messages), own.end_ns)
         for long in (False, True)
     )
     _require_same(one, other)
@@ -91,22 +91,22 @@ def test_any_cut_into_blocks_is_the_same(number: int) -> None:
     own, bits = sequence(number), Bits(number + 1000)
     (config,) = own.config.bearings
     size = own.messages.value.size
-    whole = BearingScan(config, own.start_ns).finish(_stream(own.messages), own.end_ns)
+    whole = BearingScan(config, own.start_ns).finish(stream_of_messages(own.messages), own.end_ns)
     edges = [0, *sorted(bits.below(size + 1) for _ in range(5)), 1, size]
     scan = BearingScan(config, own.start_ns)
-    blocks = [_stream(own.messages[a:b]) for a, b in pairwise(sorted(edges))]
+    blocks = [stream_of_messages(own.messages[a:b]) for a, b in pairwise(sorted(edges))]
     parts = [*map(scan.take, blocks[:-1]), scan.finish(blocks[-1], own.end_ns)]
     for name in COLUMNS:
         joined = np.concatenate([getattr(part, name) for part in parts])
         assert joined.tobytes() == getattr(whole, name).tobytes(), name
     assert sum(part.counts for part in parts).tolist() == whole.counts.tolist()
     assert [at for part in parts for at in part.at] == whole.at
-    assert _told([e for part in parts for e in part.events]) == _told(whole.events)
+    assert comparable_events([e for part in parts for e in part.events]) == comparable_events(whole.events)
 
 
 def test_inputs_that_never_come_are_lost_by_the_end() -> None:
     own = sequence(0)
-    scan = Monitor(own.config).scan({NAME: _stream(own.messages[:0])}, 0, 60 * SECOND)[NAME]
+    scan = Monitor(own.config).scan({NAME: stream_of_messages(own.messages[:0])}, 0, 60 * SECOND)[NAME]
     (event,) = scan.events
     inputs = {'speed': own.config.bearings[0].speed, 'load': own.config.bearings[0].load}
     # As it is when the first of them is lost.

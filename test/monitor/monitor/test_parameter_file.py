@@ -39,7 +39,7 @@ def write(tmp_path: Path) -> Write:
     return to_file
 
 
-def _refusal(path: Path) -> str:
+def refusal_of(path: Path) -> str:
     with pytest.raises(ConfigurationError) as caught:
         load_config(path)
     text = str(caught.value)
@@ -151,12 +151,12 @@ RANGE = 'must be a finite number between 1e-06 and 1e+07 kg'
     ],
 )
 def test_files_that_are_refused(write: Write, content: str | bytes, text: str) -> None:
-    assert _refusal(write(content)).startswith(text)
+    assert refusal_of(write(content)).startswith(text)
 
 
 def test_no_file_and_a_folder(tmp_path: Path) -> None:
-    assert _refusal(tmp_path) == ': Is a directory'
-    assert _refusal(tmp_path / 'none.yaml') == ': No such file or directory'
+    assert refusal_of(tmp_path) == ': Is a directory'
+    assert refusal_of(tmp_path / 'none.yaml') == ': No such file or directory'
 
 
 def test_what_ros_reads_for_itself_is_left_alone(write: Write) -> None:
@@ -262,6 +262,10 @@ def test_pairs_of_whole_numbers_and_others_are_a_table_of_the_load(write: Write)
     """As people write them; a list that mixes them is refused elsewhere, as ROS 2 does."""
     text = WHOLE.replace('{topic: /bearing/aft/load', '{over_speed: [[0, 32.5], [60, 28]]')
     assert load_config(write(text)).bearing('aft').load.over_speed == (0.0, 32.5, 60.0, 28.0)
-    assert 'a list mixes float and int' in _refusal(write(text.replace('[[0, 32.5], [60, 28]]', '[0, 32.5]')))
+    assert 'a list mixes float and int' in refusal_of(
+        write(text.replace('[[0, 32.5], [60, 28]]', '[0, 32.5]'))
+    )
     nested = WHOLE.replace('decay: 10.0}', 'decay: 10.0, speed: [[0, 1], [1, 2]]}')
-    assert 'aft.friction.speed = [[0.0, 1.0], [1.0, 2.0]] must be a list of finite' in _refusal(write(nested))
+    assert 'aft.friction.speed = [[0.0, 1.0], [1.0, 2.0]] must be a list of finite' in refusal_of(
+        write(nested)
+    )

@@ -19,7 +19,7 @@ from stickslip_monitor.physics.friction import Stretched
 MISSING = object()
 
 
-def _build(changes: dict[str, Any]) -> MonitorConfig:
+def build_changed(changes: dict[str, Any]) -> MonitorConfig:
     values = {'bearings': ['aft']} | {f'aft.{k}': v for k, v in REFERENCE.items()} | changes
     return build_config({k: v for k, v in values.items() if v is not MISSING})
 
@@ -168,7 +168,7 @@ REFUSED = [
 @pytest.mark.parametrize(('changes', 'sentence'), REFUSED)
 def test_what_breaks_a_rule_is_named_with_it(changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
-        _build(changes)
+        build_changed(changes)
     text = str(caught.value)
     assert sentence.removeprefix('...') in text
     assert sentence.startswith('...') or text.startswith(sentence)
@@ -183,7 +183,9 @@ def test_a_gear_makes_the_speed_of_an_engine_that_of_the_shaft() -> None:
 
 
 def test_a_table_of_the_load_is_the_same_in_pairs_and_in_one_list() -> None:
-    pairs, flat = (_build(TABLE | {'aft.load.over_speed': own}) for own in ([[0, 2], [60, 1]], [0, 2, 60, 1]))
+    pairs, flat = (
+        build_changed(TABLE | {'aft.load.over_speed': own}) for own in ([[0, 2], [60, 1]], [0, 2, 60, 1])
+    )
     assert pairs == flat
     load = pairs.bearing('aft').load
     assert load.table == ((0.0, pytest.approx(math.pi * 0.1)), (2.0, 1.0))
@@ -201,7 +203,7 @@ def test_edges_of_ranges_are_allowed() -> None:
 def test_a_required_parameter_is_asked_for(name: str) -> None:
     full = name if name == 'bearings' else f'aft.{name}'
     with pytest.raises(ConfigurationError, match=f"parameter '{full}'.* is missing"):
-        _build({full: MISSING})
+        build_changed({full: MISSING})
 
 
 def test_laws_are_built_from_their_numbers() -> None:

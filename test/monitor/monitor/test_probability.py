@@ -20,13 +20,13 @@ TOLERANCE = {'tolerance__damping': 0.3, 'tolerance__decay': 0.2, 'tolerance__sca
 RPM = math.pi * 0.1 / 60.0
 
 
-def passage() -> Stream:
+def down_and_up() -> Stream:
     """Down from 60 rpm to 20 and up again at 1 kN, a speed and a load a second."""
     return points(20.0 + 0.4 * np.abs(np.arange(200) - 100), 1000.0)
 
 
 def test_memory_holds_what_began() -> None:
-    point = Monitor(configured(**TOLERANCE)).scan({'aft': passage()})['aft'].assessment
+    point = Monitor(configured(**TOLERANCE)).scan({'aft': down_and_up()})['aft'].assessment
     down, up = point.speed.argmin() - 60, point.speed.argmin() + 60
     assert point.speed[down] == pytest.approx(point.speed[up], rel=0.02)
     can, will, runs = point.probability_can, point.probability_will, point.probability_runs
@@ -96,7 +96,7 @@ def test_without_tolerances_nothing_is_said() -> None:
     assert config.bearing('aft').belief is None
     point = assess(config.bearing('aft').bearing, [0.1, 0.2], 1000.0)
     assert all(np.isnan(getattr(point, name)).all() for name in BELIEFS)
-    (first, *_) = Monitor(config).scan({'aft': passage()})['aft'].events
+    (first, *_) = Monitor(config).scan({'aft': down_and_up()})['aft'].events
     record = event_record(first)
     assert [record[name] for name in BELIEFS] == [None] * len(BELIEFS)
     assert 'is possible' not in record['text']
@@ -104,15 +104,15 @@ def test_without_tolerances_nothing_is_said() -> None:
     assert topics[1] - topics[0] == {f'/m/aft/{name}' for name in BELIEFS}
 
 
-def conditions(config: MonitorConfig) -> list[str]:
-    return [event.after.value for event in Monitor(config).scan({'aft': passage()})['aft'].events]
+def scan_conditions(config: MonitorConfig) -> list[str]:
+    return [event.after.value for event in Monitor(config).scan({'aft': down_and_up()})['aft'].events]
 
 
 def test_caution_and_bistable_go_by_their_thresholds() -> None:
     config = configured(
         **TOLERANCE, alarm__caution_probability=0.2, alarm__can_probability=0.9, alarm__look_ahead=0.0
     )
-    scan = Monitor(config).scan({'aft': passage()})['aft']
+    scan = Monitor(config).scan({'aft': down_and_up()})['aft']
     assert 'Stick-slip is possible with' in scan.events[0].text
     can, rung = scan.assessment.probability_can, scan.rung
     down, up = can[: can.argmax()], can[can.argmax() :]
@@ -136,7 +136,7 @@ def test_stick_slip_goes_by_its_threshold(runs: float) -> None:
     # Without a memory, it begins at the Hopf speed that this share of the belief has or exceeds,
     # and ends where no such share has a cycle any more.
     config = configured(**TOLERANCE, alarm__runs_probability=runs, alarm__onset_growth=0.0)
-    scan = Monitor(config).scan({'aft': passage()})['aft']
+    scan = Monitor(config).scan({'aft': down_and_up()})['aft']
     belief, speed = config.bearing('aft').belief, scan.assessment.speed
     assert belief is not None
     on = np.flatnonzero(scan.sticking)
@@ -178,8 +178,8 @@ def test_the_fold_that_decides_has_the_probability() -> None:
 
 def test_tolerances_that_say_almost_nothing_leave_the_ladder() -> None:
     # Caution is then the fold itself, but stick-slip begins and ends as ever.
-    almost = conditions(configured(tolerance__damping=1e-6, alarm__onset_growth=0.0))
-    exact = conditions(configured(alarm__onset_growth=0.0))
+    almost = scan_conditions(configured(tolerance__damping=1e-6, alarm__onset_growth=0.0))
+    exact = scan_conditions(configured(alarm__onset_growth=0.0))
     about = {'caution', 'normal'}
     assert [c for c in almost if c not in about] == [c for c in exact if c not in about]
     assert 'stick_slip' in almost

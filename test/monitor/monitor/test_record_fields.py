@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from sending import configured, feed
-from shared import SCHEMAS, complaints
+from shared import SCHEMAS, schema_complaints
 
 from stickslip_monitor import Monitor
 from stickslip_monitor.monitor.assessment import Assessments
@@ -46,7 +46,7 @@ def monitor() -> Monitor:
 def test_a_warning_keeps_its_schema_and_has_the_declared_fields(monitor: Monitor) -> None:
     (event,) = feed(monitor, 0.1, 'load', 1000.0).events
     record = event_record(event)
-    assert complaints('warning-3', record) == []
+    assert schema_complaints('warning-3', record) == []
     assert list(record) == ['schema', *(item.name for item in WARNING if item.name != 'measured')]
 
 
@@ -54,7 +54,7 @@ def test_the_bearings_keep_their_schema_and_have_the_declared_fields(monitor: Mo
     inputs = {'load': InputState(fault='nobody publishes', age=7.0, rate=2.0)}
     for _ in range(2):
         state = BearingState(monitor.bearings['aft'], inputs)
-        assert complaints('bearings-4', json.loads(bearings_json([state], 5))) == []
+        assert schema_complaints('bearings-4', json.loads(bearings_json([state], 5))) == []
         assert list(bearing_record(state)) == [*(item.name for item in BEARING), 'inputs']
         feed(monitor, 0.1, 'load', 1000.0)
 

@@ -16,7 +16,7 @@ from stickslip_monitor.monitor.rule_state import NEVER, STATE_TYPE, State
 from stickslip_monitor.monitor.signals import INPUTS, Input
 
 
-def _sticking() -> dict[str, Any]:
+def sticking_memory() -> dict[str, Any]:
     """The memory after half a minute at 20 rpm, as JSON."""
     monitor = Monitor(configured())
     messages = every(Input.SPEED, 0.2, 30.0, 20.0) + every(Input.LOAD, 0.2, 30.0, 1000.0)
@@ -27,7 +27,7 @@ def _sticking() -> dict[str, Any]:
 
 
 def test_it_survives_json_a_copy_and_a_row() -> None:
-    kept = _sticking()
+    kept = sticking_memory()
     state = State.of_record(kept)
     assert state.sticking == 1
     for other in (state.copy(), State.of_row(state.row()[0]), State.of_record(kept)):
@@ -93,4 +93,4 @@ def test_the_memory_from_before_the_water_was_measured_is_taken_over() -> None:
         State.of_record(old | {'came': [0, 0]})
 
 
-_STICKING = _sticking()
+_STICKING = sticking_memory()

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shared import CONFIG, ROOT, START, record
+from shared import CONFIG, ROOT, START, write_recording
 
 from stickslip_monitor import Stream
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
@@ -38,7 +38,7 @@ print(code, peak, file=sys.stderr)
 """
 
 
-def _recording(path: Path, messages: int) -> Path:
+def write_slow_passages(path: Path, messages: int) -> Path:
     """Speed and load at 10 Hz, with a slow passage every few hours."""
     size, rng = messages // 2, np.random.default_rng(1)
     seconds = np.arange(size) * 0.1
@@ -48,19 +48,19 @@ def _recording(path: Path, messages: int) -> Path:
         '/shaft/speed': (stamps, rpm + rng.normal(0.0, 0.3, size)),
         '/bearing/aft_stern/load': (stamps + 3_000_000, 900.0 + rng.normal(0.0, 5.0, size)),
     }
-    return record(path, columns)
+    return write_recording(path, columns)
 
 
 @pytest.fixture(scope='module')
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
     """The rule, compiled and kept: that takes 130 MB once, which is not what is measured."""
-    path = _recording(tmp_path_factory.mktemp('compiled') / 'in.mcap', _MILLION // 5)
+    path = write_slow_passages(tmp_path_factory.mktemp('compiled') / 'in.mcap', _MILLION // 5)
     arguments = ['check', str(path), '--config', str(CONFIG)]
     program = [sys.executable, '-m', 'stickslip_monitor', *arguments]
     subprocess.run(program, cwd=ROOT, capture_output=True, check=False)
 
 
-def _peak(path: Path, *options: str) -> float:
+def peak_megabytes(path: Path, *options: str) -> float:
     """The most memory of a check [MB]."""
     arguments = [str(path), str(CONFIG), str(300 << 20), *options]
     done = subprocess.run(
@@ -74,7 +74,9 @@ def _peak(path: Path, *options: str) -> float:
 @pytest.mark.slow
 @pytest.mark.usefixtures('compiled')
 def test_a_check_takes_as_much_memory_whatever_the_length(tmp_path: Path) -> None:
-    short, long = (_peak(_recording(tmp_path / f'{n}.mcap', n * _MILLION), '--json') for n in (1, 4))
+    short, long = (
+        peak_megabytes(write_slow_passages(tmp_path / f'{n}.mcap', n * _MILLION), '--json') for n in (1, 4)
+    )
     assert long < short + 25.0
     # Some 110 MB of it is numba, which runs the rule over a long recording.
     assert long < 400.0
@@ -85,12 +87,12 @@ def test_a_check_takes_as_much_memory_whatever_the_length(tmp_path: Path) -> Non
 @pytest.mark.parametrize('option', ['--mcap', '--clips', '--report'])
 def test_so_does_what_is_written_beside_it(tmp_path: Path, option: str) -> None:
     target = {'--mcap': 'out.mcap', '--clips': 'clips', '--report': 'out.html'}[option]
-    path = _recording(tmp_path / 'in.mcap', _MILLION // 5)
+    path = write_slow_passages(tmp_path / 'in.mcap', _MILLION // 5)
     # Some 110 MB of it is numba, as above.
-    assert _peak(path, option, str(tmp_path / target)) < 300.0
+    assert peak_megabytes(path, option, str(tmp_path / target)) < 300.0
 
 
-def _outline(config: BearingConfig, scans: Iterable[Scan]) -> Outline:
+def outline_of(config: BearingConfig, scans: Iterable[Scan]) -> Outline:
     outliner = Outliner(config)
     for scan in scans:
         outliner.take(scan)
@@ -112,8 +114,8 @@ def test_any_blocks_have_the_same_outline_and_it_has_every_extreme(cuts: list[in
     whole = BearingScan(config, START).finish(Stream(times, place, values), None)
     scan = BearingScan(config, START)
     with patch.object(extremes, '_MOST', 40):
-        one = _outline(config, [whole])
-        other = _outline(config, [*map(scan.take, parts), scan.finish(last, None)])
+        one = outline_of(config, [whole])
+        other = outline_of(config, [*map(scan.take, parts), scan.finish(last, None)])
     for name in ('time_ns', 'until_ns', 'sticking'):
         assert getattr(one, name).tolist() == getattr(other, name).tolist()
     assert one.time_ns.size < size / 2

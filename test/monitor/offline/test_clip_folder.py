@@ -24,7 +24,7 @@ from stickslip_monitor.offline.clip_folder import ClipFolder
 NS, T0 = 10**9, 1_777_874_400 * 10**9  # 2026-05-04 06:00:00 UTC
 
 
-def clip(number: int = 0, count: int = 3) -> Clip:
+def make_clip(number: int = 0, count: int = 3) -> Clip:
     messages = [
         ClipMessage(T0 + i * NS, '/a', 'std_msgs/msg/Float64', encode_float64s([i])[0]) for i in range(count)
     ]
@@ -33,13 +33,13 @@ def clip(number: int = 0, count: int = 3) -> Clip:
     return Clip('aft', Condition.STICK_SLIP, T0 + number * NS, tuple(messages), definitions)
 
 
-def folder(path: Path, most: int = 3) -> ClipFolder:
+def make_clip_folder(path: Path, most: int = 3) -> ClipFolder:
     return ClipFolder(ClipConfig(str(path), most=most))
 
 
 def test_a_clip_is_a_recording_named_by_time_bearing_and_alarm(tmp_path: Path) -> None:
-    store = folder(tmp_path / 'new' / 'clips')
-    store.write(clip())
+    store = make_clip_folder(tmp_path / 'new' / 'clips')
+    store.write(make_clip())
     (path,) = store.clips()
     assert path.name == '20260504T060000Z_aft_stick_slip.mcap'
     bag = open_bag(path)
@@ -57,12 +57,12 @@ def test_the_oldest_make_room_and_other_files_stay(tmp_path: Path) -> None:
     (tmp_path / names[2]).write_bytes((tmp_path / names[0]).read_bytes()[:40])
     (tmp_path / names[3]).touch()
     (tmp_path / names[4]).mkdir()
-    store = folder(tmp_path, most=3)
-    store.write(clip())
+    store = make_clip_folder(tmp_path, most=3)
+    store.write(make_clip())
     store.clips()[0].rename(tmp_path / 'kept.mcap')
     others = {path.name for path in tmp_path.iterdir()}
     for number in range(5):
-        store.write(clip(number))
+        store.write(make_clip(number))
         newest = store.clips()[-1]
         os.utime(newest, (1000 + number, 1000 + number))
     kept = [path.name[:16] for path in store.clips()]
@@ -71,9 +71,9 @@ def test_the_oldest_make_room_and_other_files_stay(tmp_path: Path) -> None:
 
 
 def test_the_same_instant_again_gets_a_number(tmp_path: Path) -> None:
-    store = folder(tmp_path)
+    store = make_clip_folder(tmp_path)
     for _ in range(3):
-        store.write(clip())
+        store.write(make_clip())
     names = {path.name for path in store.clips()}
     stem = '20260504T060000Z_aft_stick_slip'
     assert names == {f'{stem}.mcap', f'{stem}-2.mcap', f'{stem}-3.mcap'}
@@ -89,7 +89,7 @@ def test_what_a_crash_left_is_swept_when_it_is_old(tmp_path: Path) -> None:
     foreign.write_text('of somebody else')
     for path in (old, other, foreign):
         os.utime(path, (1000, 1000))
-    folder(tmp_path)
+    make_clip_folder(tmp_path)
     assert set(tmp_path.iterdir()) == {new, other, foreign}
 
 
@@ -120,9 +120,9 @@ def test_a_checked_bag_has_a_clip_around_each_alarm(
 def test_what_is_stopped_before_its_first_clip_leaves_no_folder(
     written: bool, error: bool, tmp_path: Path
 ) -> None:
-    with suppress(KeyboardInterrupt), folder(tmp_path / 'clips') as store:
+    with suppress(KeyboardInterrupt), make_clip_folder(tmp_path / 'clips') as store:
         if written:
-            store.write(clip())
+            store.write(make_clip())
         if error:
             raise KeyboardInterrupt
     assert (tmp_path / 'clips').exists() == (written or not error)

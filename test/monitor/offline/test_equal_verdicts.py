@@ -23,7 +23,7 @@ SPEED, LOAD = '/shaft/speed', '/bearing/aft_stern/load'
 Row = tuple[int, str, float]
 
 
-def numbers(bag: Path) -> list[Row]:
+def read_numbers(bag: Path) -> list[Row]:
     """Log time [ns], topic and number of every message, in order."""
     recording = open_bag(bag)
     found = recording.read([Request(SPEED, 'data'), Request(LOAD, 'data')])
@@ -64,7 +64,7 @@ def as_sqlite(path: Path, rows: list[Row]) -> Path:
     return path
 
 
-def verdict(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+def check_verdict(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     main(['check', str(path), '--config', str(CONFIG), '--json'])
     bearing: dict[str, Any] = json.loads(capsys.readouterr().out)['bearings']['aft_stern']
     return bearing
@@ -76,6 +76,6 @@ def test_the_verdicts_are_equal(
     make: Any, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = ROOT / 'bags' / name
-    found = verdict(make(tmp_path / 'log', numbers(bag)), capsys)
-    assert found == verdict(bag, capsys)
+    found = check_verdict(make(tmp_path / 'log', read_numbers(bag)), capsys)
+    assert found == check_verdict(bag, capsys)
     assert found['events']

@@ -72,7 +72,7 @@ def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
     assert all(a.end_ns == b.start_ns for a, b in pairwise(found))
 
 
-def _scan(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Any:
+def make_scan(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Any:
     """Points of a recording, of which each lasts twice as long as the one before."""
     return SimpleNamespace(
         speed=speed,
@@ -85,7 +85,7 @@ def _scan(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Any:
     )
 
 
-def _times(scan: Any, codes: NDArray[np.int8]) -> list[int]:
+def times_in_regimes(scan: Any, codes: NDArray[np.int8]) -> list[int]:
     """The time in each regime, by what each point is alone."""
     return [int(scan.until_ns[codes == code].sum()) for code in range(len(REGIMES))]
 
@@ -94,11 +94,11 @@ def test_a_lighter_point_may_have_the_higher_fold() -> None:
     """Friction that rises again makes the exact fold fall from 5.5 to 5.1 m/s, by the solver itself."""
     bearing = Bearing(5.9, 43.5, 3.67e5, Stretched(0.372, 0.0866, 97.8, 0.0071, 1.77), 0.3)
     speed, load = np.array([5.4, 5.4]), np.array([8.0e4, 1.2e5])
-    scan, extremes = _scan(bearing, speed, load), Extremes()
+    scan, extremes = make_scan(bearing, speed, load), Extremes()
     alone = assess(bearing, speed, load)
     assert alone.regime.tolist() == ['bistable', 'stable']
     extremes.take(scan)
-    assert extremes.lasting_ns.tolist() == _times(scan, alone.regime_code)
+    assert extremes.lasting_ns.tolist() == times_in_regimes(scan, alone.regime_code)
 
 
 @pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
@@ -111,11 +111,11 @@ def test_what_is_not_worked_out_changes_neither_regimes_nor_least_margins(law: F
     limit = np.nan_to_num(assess(bearing, 0.1, load, table=table).fold_speed, posinf=0.0).max(1)
     speed = rng.choice([-1.0, 0.0, 1.0, 1.0], load.shape) * rng.uniform(0.6, 1.1, load.shape)
     speed *= np.where(limit > 0.0, limit, 0.1)[:, None]
-    for scan in map(partial(_scan, bearing), speed, load):
+    for scan in map(partial(make_scan, bearing), speed, load):
         before = extremes.lasting_ns.copy()
         extremes.take(scan)
         codes = scan.assessed(slice(None)).regime_code
-        assert (extremes.lasting_ns - before).tolist() == _times(scan, codes)
+        assert (extremes.lasting_ns - before).tolist() == times_in_regimes(scan, codes)
     points = assess(bearing, speed, load, table=table)
     for name, margins in (('hopf_margin', points.hopf_margin), ('fold_margin', points.fold_margin)):
         known = margins[(speed != 0.0) & np.isfinite(margins)]

@@ -24,7 +24,7 @@ from stickslip_monitor.errors import BagError
 ADDRESS_SPACE = 2 << 30
 
 
-def counts(document: dict[str, dict[str, dict[str, dict[str, dict[str, int]]]]]) -> list[int]:
+def message_counts(document: dict[str, dict[str, dict[str, dict[str, dict[str, int]]]]]) -> list[int]:
     inputs = document['bearings']['aft_stern']['inputs']
     return [inputs[name]['messages'] for name in ('speed', 'load')]
 
@@ -42,7 +42,7 @@ def test_an_odd_recording_is_told_and_read_as_far_as_it_can_be(
     assert (code == 2) == (odd.speed == 0)
     if code < 2:
         assert main(['check', str(path), '--config', str(CONFIG), '--json']) == code
-        assert counts(json.loads(capsys.readouterr().out)) == [odd.speed, odd.load]
+        assert message_counts(json.loads(capsys.readouterr().out)) == [odd.speed, odd.load]
 
 
 def test_json_and_report_tell_of_damage_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

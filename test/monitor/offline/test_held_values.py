@@ -24,7 +24,7 @@ COURSE = ((0.0, 136.0), (600.0, 20.0), (1200.0, 136.0))
 END = 1800.0
 
 
-def held(**changes: Any) -> MonitorConfig:
+def config_with_hold(**changes: Any) -> MonitorConfig:
     return configured(speed__hold=3600.0, load__hold=3600.0, **changes)
 
 
@@ -42,28 +42,31 @@ def every_second() -> Stream:
     return Stream(stamp, np.tile([Input.LOAD, Input.SPEED], times.size), value)
 
 
-def scanned(config: MonitorConfig, stream: Stream) -> list[tuple[float, str]]:
+def scan_events(config: MonitorConfig, stream: Stream) -> list[tuple[float, str]]:
     scan = BearingScan(config.bearings[0], T0).finish(stream, T0 + round(END * SECOND))
     return [((event.time_ns - T0) / SECOND, str(event.after)) for event in scan.events]
 
 
-def filled(config: MonitorConfig) -> Stream:
+def fill_stream(config: MonitorConfig) -> Stream:
     return HeldValues(config.bearings[0]).fill(changes_only(), T0 + round(END * SECOND))[0]
 
 
 def test_three_values_that_stand_are_the_voyage_of_a_sensor() -> None:
     """Each delay runs on by an eighth of it at most: of the sensor's events each comes, and none other."""
-    expected, found = scanned(configured(), every_second()), scanned(held(), filled(held()))
+    expected, found = (
+        scan_events(configured(), every_second()),
+        scan_events(config_with_hold(), fill_stream(config_with_hold())),
+    )
     assert [name for _, name in found] == [name for _, name in expected]
     assert {'stick_slip', 'normal'} <= {name for _, name in found}
     for (at, _), (late, _) in zip(expected, found, strict=True):
         since = max(t for t, _ in COURSE if t <= at)
         assert at - 1.0 <= late <= since + 1.125 * (at - since) + 2.0
-    assert 'input_stale' in {name for _, name in scanned(configured(), changes_only())}
+    assert 'input_stale' in {name for _, name in scan_events(configured(), changes_only())}
 
 
 def test_live_is_offline() -> None:
-    ship = Ship(held())
+    ship = Ship(config_with_hold())
     rows = [*COURSE, (END, 0.0)]
     for place, value in ((Input.LOAD, 1000.0), (Input.SPEED, COURSE[0][1])):
         ship.take('aft', place, value)
@@ -74,7 +77,7 @@ def test_live_is_offline() -> None:
         if at < END:
             ship.take('aft', Input.SPEED, rpm)
     live = [((event.time_ns - T0) / SECOND, str(event.after)) for event in ship.events]
-    offline = scanned(held(), filled(held()))
+    offline = scan_events(config_with_hold(), fill_stream(config_with_hold()))
     assert [name for _, name in live] == [name for _, name in offline]
     assert [at for at, _ in live] == pytest.approx([at for at, _ in offline], abs=3.0)
     counts = ship.look()['inputs']['speed']['counts']
@@ -96,18 +99,18 @@ def test_a_value_stands_as_long_as_hold_says() -> None:
 def test_a_number_that_is_none_ends_the_repeats_live_and_offline() -> None:
     """'unavailable' of home automation: the value before it stands, but nothing new is made of it."""
     rows = [(0.0, Input.LOAD, 0.0, 1000.0), (0.0, Input.SPEED, 0.0, 136.0), (60.0, Input.SPEED, 60.0, np.nan)]
-    stream, repeats = HeldValues(held().bearings[0]).fill(stream_of(rows), round(600 * SECOND))
+    stream, repeats = HeldValues(config_with_hold().bearings[0]).fill(stream_of(rows), round(600 * SECOND))
     speed = repeats & (stream.inputs == Input.SPEED)
     assert 0 < stream.arrival_ns[speed].max() < 60 * SECOND < stream.arrival_ns[repeats & ~speed].max()
-    ship = Ship(held())
+    ship = Ship(config_with_hold())
     for place, value in ((Input.LOAD, 1000.0), (Input.SPEED, 136.0), (Input.SPEED, np.nan)):
         ship.take('aft', place, value)
     assert ship.session.monitor.bearings['aft']._held.keys() == {Input.LOAD}
 
 
 def test_any_parts_have_the_same_repeats() -> None:
-    whole, _ = HeldValues(held().bearings[0]).fill(changes_only(), T0 + round(END * SECOND))
-    parts, own, stream = [], HeldValues(held().bearings[0]), changes_only()
+    whole, _ = HeldValues(config_with_hold().bearings[0]).fill(changes_only(), T0 + round(END * SECOND))
+    parts, own, stream = [], HeldValues(config_with_hold().bearings[0]), changes_only()
     for low, high in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 4)):
         until = stream.arrival_ns[high - 1] if high > low else T0 + round(END * SECOND)
         columns = (column[low:high] for column in (stream.time_ns, stream.inputs, stream.value))
@@ -123,7 +126,7 @@ def test_any_parts_have_the_same_repeats() -> None:
 SHIP = (ROOT / 'launch_configs' / 'reference_bearing.yaml').read_text('utf-8')
 
 
-def checked(log: Path, hold: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, Any]:
+def check_log(log: Path, hold: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, Any]:
     path = log.with_name('ship.yaml')
     path.write_text(
         SHIP.replace('unit: rpm', f'unit: rpm{hold}').replace('unit: N', f'unit: N{hold}'), 'utf-8'
@@ -141,11 +144,11 @@ def test_the_pattern_is_named_with_the_line_to_write(
     rows = [(0, 136.0), *ramps, (1900, 136.0)]
     log = tmp_path / 'a.csv'
     log.write_text('time,speed [rpm],load [N]\n' + ''.join(f'{t},{rpm:.2f},1000\n' for t, rpm in rows))
-    code, document = checked(log, '', capsys)
+    code, document = check_log(log, '', capsys)
     (said,) = (text for text in document['warnings'] if 'aft_stern.speed.hold: 900' in text)
     assert 'seems to be stored only where it changes' in said
     assert code == 1
-    code, document = checked(log, ', hold: 900', capsys)
+    code, document = check_log(log, ', hold: 900', capsys)
     (bearing,) = document['bearings'].values()
     assert bearing['seconds']['undetermined'] == 0.0
     states = [event['to'] for event in bearing['events']]
@@ -164,5 +167,5 @@ def test_a_sensor_that_was_off_is_no_source_of_changes(
     tenths = np.random.default_rng(9).integers(0, 5, 4000)
     rows = ''.join(f'{t},{136 + tenths[t] / 10:.1f},{1000 + t % 3}\n' for t in times)
     (tmp_path / 'a.csv').write_text('time,speed [rpm],load [N]\n' + rows)
-    _, document = checked(tmp_path / 'a.csv', '', capsys)
+    _, document = check_log(tmp_path / 'a.csv', '', capsys)
     assert not any('speed' in text and 'stored only' in text for text in document['warnings'])

@@ -82,7 +82,9 @@ BEARING = load_config(CONFIG).bearings[0]
 FOLD = 0.2132
 
 
-def asked(speed: list[float], load: list[float], config: BearingConfig = BEARING) -> dict[str, list[str]]:
+def plausibility_questions(
+    speed: list[float], load: list[float], config: BearingConfig = BEARING
+) -> dict[str, list[str]]:
     seen = Plausibility(config)
     points = assess(config.bearing, np.array(speed), np.array(load))
     # In two parts: what is said of a recording does not depend on how it is cut.
@@ -109,7 +111,7 @@ def asked(speed: list[float], load: list[float], config: BearingConfig = BEARING
     ],
 )
 def test_what_can_be_is_not_asked_about(speed: list[float], load: list[float]) -> None:
-    assert asked(speed, load) == {'speed': [], 'load': []}
+    assert plausibility_questions(speed, load) == {'speed': [], 'load': []}
 
 
 @pytest.mark.parametrize(
@@ -125,7 +127,7 @@ def test_what_can_be_is_not_asked_about(speed: list[float], load: list[float]) -
 def test_what_cannot_be_is_asked_about(
     speed: list[float], load: list[float], quantity: str, words: str
 ) -> None:
-    found = asked(speed, load)
+    found = plausibility_questions(speed, load)
     (question,) = found.pop(quantity)
     assert question.startswith(words)
     assert question.endswith('?')
@@ -134,25 +136,25 @@ def test_what_cannot_be_is_asked_about(
 
 def test_a_shaft_a_hundred_metres_thick() -> None:
     thick = replace(BEARING, bearing=replace(BEARING.bearing, journal_diameter=100.0))
-    assert asked([0.2], [1000.0], thick)['speed'] == [
+    assert plausibility_questions([0.2], [1000.0], thick)['speed'] == [
         'turns a journal of 100 m: is journal_diameter in metres?'
     ]
 
 
 def test_friction_that_rises_from_rest_is_asked_about() -> None:
     swapped = replace(BEARING, bearing=replace(BEARING.bearing, friction=Stribeck(0.1, 0.3, 10.0)))
-    (question,) = asked([0.2], [1000.0], swapped)['speed']
+    (question,) = plausibility_questions([0.2], [1000.0], swapped)['speed']
     assert question.endswith('are static and kinetic swapped?')
 
 
 def test_a_load_of_exactly_nothing_under_a_turning_shaft() -> None:
     for others in (1, 18):
-        (question,) = asked([0.2] * (2 + others), [0.0, 0.0] + [1000.0] * others)['load']
+        (question,) = plausibility_questions([0.2] * (2 + others), [0.0, 0.0] + [1000.0] * others)['load']
         assert question.startswith(
             f'is exactly 0 in {2 / (2 + others):.0%} of the values while the shaft turns'
         )
-    assert asked([0.2] * 50, [0.0, 0.0] + [1000.0] * 48)['load'] == []
-    assert asked([0.0, 0.0, 0.3], [0.0, 0.0, 1000.0])['load'] == []
+    assert plausibility_questions([0.2] * 50, [0.0, 0.0] + [1000.0] * 48)['load'] == []
+    assert plausibility_questions([0.0, 0.0, 0.3], [0.0, 0.0, 1000.0])['load'] == []
 
 
 @pytest.mark.parametrize(
@@ -166,7 +168,7 @@ def test_a_load_of_exactly_nothing_under_a_turning_shaft() -> None:
     ids=['kN for N half way', 'some values', 'a light ship', 'all between'],
 )
 def test_a_load_whose_unit_was_changed_on_the_way(load: list[float], told: str) -> None:
-    (question,) = asked([0.3] * len(load), load)['load'] or ['']
+    (question,) = plausibility_questions([0.3] * len(load), load)['load'] or ['']
     assert question.startswith(told)
     assert bool(question) == bool(told)
 
@@ -174,31 +176,33 @@ def test_a_load_whose_unit_was_changed_on_the_way(load: list[float], told: str) 
 def test_coulomb_friction_has_a_fold_of_the_exact_model_alone() -> None:
     """1 kN on 2 MN/m: a cycle sticks up to 7.19 rpm (0.0377 m/s), by time integration 7.2 rpm."""
     coulomb = replace(BEARING, bearing=replace(BEARING.bearing, friction=Coulomb(0.3, 0.1)))
-    assert asked([0.03, 0.1], [1000.0] * 2, coulomb) == {'speed': [], 'load': []}
-    assert asked([0.9], [1000.0], coulomb)['speed'][0].startswith('is never below 23.9 times the fold speed')
+    assert plausibility_questions([0.03, 0.1], [1000.0] * 2, coulomb) == {'speed': [], 'load': []}
+    assert plausibility_questions([0.9], [1000.0], coulomb)['speed'][0].startswith(
+        'is never below 23.9 times the fold speed'
+    )
 
 
 FLOAT, STAMPED = 'std_msgs/msg/Float64', 'geometry_msgs/msg/WrenchStamped'
 SPEED, LOAD = '/shaft/speed', '/bearing/aft_stern/load'
 
 
-def facts(**known: Any) -> str:
+def load_fault(**known: Any) -> str:
     """The running monitor's sentence on the load."""
     return input_fault(InputFacts(LOAD, FLOAT, True, **known))
 
 
 CASES = {
-    'missing': (None, None, facts()[:-1] + f": the recording has no topic '{LOAD}': it has {SPEED}"),
-    'silent': (FLOAT, (), facts()),
+    'missing': (None, None, load_fault()[:-1] + f": the recording has no topic '{LOAD}': it has {SPEED}"),
+    'silent': (FLOAT, (), load_fault()),
     'type': (
         'std_msgs/msg/Bool',
         (),
-        facts(publishers=[Publisher("Bag 'bag.mcap'", 'std_msgs/msg/Bool')])[:-1],
+        load_fault(publishers=[Publisher("Bag 'bag.mcap'", 'std_msgs/msg/Bool')])[:-1],
     ),
     'refused': (
         FLOAT,
         np.full(100, np.nan),
-        facts(publishers=[Publisher('x', FLOAT)], refused=Status.NOT_FINITE),
+        load_fault(publishers=[Publisher('x', FLOAT)], refused=Status.NOT_FINITE),
     ),
 }
 
@@ -252,7 +256,7 @@ def test_clocks_that_differ_lose_nothing(tmp_path: Path, capsys: pytest.CaptureF
     assert [event['to'] for event in bearing['events']] == ['bistable']
 
 
-def checked(path: Path, interval: float, rpm: list[float], config: Path = CONFIG) -> dict[str, Any]:
+def check_recorded(path: Path, interval: float, rpm: list[float], config: Path = CONFIG) -> dict[str, Any]:
     """The record of a check of a recording, MCAP or CSV, of some speeds under one load."""
     seconds = interval * np.arange(len(rpm))
     if path.suffix == '.csv':
@@ -270,7 +274,7 @@ def checked(path: Path, interval: float, rpm: list[float], config: Path = CONFIG
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
 @pytest.mark.parametrize(('interval', 'told'), [(9.9, False), (20.0, True)])
 def test_samples_far_apart_are_told(tmp_path: Path, name: str, interval: float, told: bool) -> None:
-    warnings = ' '.join(checked(tmp_path / name, interval, [60.0] * 30)['warnings'])
+    warnings = ' '.join(check_recorded(tmp_path / name, interval, [60.0] * 30)['warnings'])
     text = f'samples are {interval:g} s apart: stick-slip shorter than some minutes cannot be seen'
     assert (text in warnings) == told
 
@@ -278,7 +282,7 @@ def test_samples_far_apart_are_told(tmp_path: Path, name: str, interval: float, 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
 def test_a_speed_that_is_held_is_asked_about(tmp_path: Path, name: str) -> None:
     rpm = np.repeat(60.0 + 5.0 * np.sin(1.3 * np.arange(30) ** 1.1), 20).tolist()
-    (bearing,) = checked(tmp_path / name, 0.5, rpm)['bearings'].values()
+    (bearing,) = check_recorded(tmp_path / name, 0.5, rpm)['bearings'].values()
     (asked,) = bearing['inputs']['speed']['questions']
     assert asked.startswith('has a new value only every 10 s, though 2 messages a second come')
     assert bearing['inputs']['load']['questions'] == []
@@ -287,13 +291,13 @@ def test_a_speed_that_is_held_is_asked_about(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
 def test_messages_without_a_value_are_counted(tmp_path: Path, name: str) -> None:
     rpm = [60.0, np.nan, 60.0, -999.25, 60.0, np.nan] * 5
-    (bearing,) = checked(tmp_path / name, 1.0, rpm)['bearings'].values()
+    (bearing,) = check_recorded(tmp_path / name, 1.0, rpm)['bearings'].values()
     counts = [(own['messages'], own['used'], own['without_value']) for own in bearing['inputs'].values()]
     assert counts == [(30, 15, 15), (30, 30, 0)]
 
 
 def test_a_shaft_at_rest_is_not_the_worst_of_a_voyage(tmp_path: Path) -> None:
-    record = checked(tmp_path / 'a.mcap', 1.0, [60.0] * 20 + [0.0] * 20)
+    record = check_recorded(tmp_path / 'a.mcap', 1.0, [60.0] * 20 + [0.0] * 20)
     worst = record['bearings']['aft_stern']['worst']
     known = assess(BEARING.bearing, BEARING.bearing.speed.factor('rpm') * 60.0, 1000.0)
     assert worst['fold_margin']['value'] == pytest.approx(known.fold_margin, rel=1e-7)
@@ -305,7 +309,7 @@ def test_messages_without_time_between_them_are_no_quiet_voyage(
     interval: float, complete: bool, tmp_path: Path
 ) -> None:
     """Log times of 0, as of a recorder on simulated time without a /clock, or in s for ns."""
-    record = checked(tmp_path / 'a.mcap', interval, [20.0] * 200)
+    record = check_recorded(tmp_path / 'a.mcap', interval, [20.0] * 200)
     assert record['complete'] == complete
     assert complete != any('hardly any time between them' in text for text in record['warnings'])
 
@@ -334,7 +338,7 @@ def test_the_worst_margin_of_a_law_without_an_averaged_fold(tmp_path: Path) -> N
     text, law = CONFIG.read_text(), '{law: coulomb, static: 0.30, kinetic: 0.10}'
     config = tmp_path / 'coulomb.yaml'
     config.write_text(re.sub(r'friction: \{.*\}', f'friction: {law}', text))
-    record = checked(tmp_path / 'a.mcap', 1.0, [60.0] * 20 + [5.0] * 20, config)
+    record = check_recorded(tmp_path / 'a.mcap', 1.0, [60.0] * 20 + [5.0] * 20, config)
     (bearing,) = record['bearings'].values()
     known = assess(load_config(config).bearings[0].bearing, 5.0 * math.pi * 0.1 / 60.0, 1000.0)
     # Read off the table of the exact fold, which is right to 1e-8 (the fold itself to 1e-9).
@@ -353,6 +357,6 @@ def test_a_large_load_has_no_exponent(unit: str, scale: float, shown: str, tmp_p
     """30 kN and 12 345.6 N, each to four digits."""
     config = tmp_path / 'config.yaml'
     config.write_text(CONFIG.read_text('utf-8').replace('unit: N,', f'unit: {unit}, scale: {scale},'))
-    report = checked(tmp_path / 'bag.mcap', 1.0, [30.0] * 9, config)
+    report = check_recorded(tmp_path / 'bag.mcap', 1.0, [30.0] * 9, config)
     (bearing,) = report['bearings'].values()
     assert bearing['inputs']['load']['values'] == shown

@@ -43,7 +43,7 @@ def write_chunks(path: Path, chunks: Sequence[Rows]) -> None:
         writer.finish()
 
 
-def counted(times: Sequence[int], topic: str = '/x') -> Rows:
+def count_up(times: Sequence[int], topic: str = '/x') -> Rows:
     return [(topic, int(time), float(k)) for k, time in enumerate(times)]
 
 
@@ -57,7 +57,7 @@ def test_what_follows_a_step_back_comes_behind_what_was_before(tmp_path: Path, s
     """Steps inside of chunks, exactly between two, and beside such a boundary."""
     times = START + np.arange(400) * SECOND
     times[step:] -= 150 * SECOND
-    write_chunks(tmp_path / 'a.mcap', in_chunks(counted(times.tolist()), size))
+    write_chunks(tmp_path / 'a.mcap', in_chunks(count_up(times.tolist()), size))
     recording = open_bag(tmp_path / 'a.mcap')
     series = recording.read([X])[X]
     np.testing.assert_array_equal(series.value, np.arange(400.0))
@@ -80,13 +80,13 @@ def test_steps_of_several_topics_are_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize('order', ['messages', 'chunks', 'topics', 'late', 'burst'])
 def test_blocks_in_no_order_of_time_keep_their_times(tmp_path: Path, order: str) -> None:
     times, rng = START + np.arange(600) * SECOND, np.random.default_rng(5)
-    rows = counted(times.tolist())
+    rows = count_up(times.tolist())
     if order == 'messages':
         chunks = in_chunks([rows[k] for k in rng.permutation(600)], 100)
     elif order == 'chunks':
         chunks = [in_chunks(rows, 100)[k] for k in (0, 3, 1, 2, 5, 4)]
     elif order == 'topics':
-        chunks = in_chunks([*rows, *counted(times.tolist(), '/y')], 350)
+        chunks = in_chunks([*rows, *count_up(times.tolist(), '/y')], 350)
     elif order == 'burst':
         chunks = in_chunks([*rows[:510], *rows[515:550], *rows[510:515], *rows[550:]], 100)
     else:
@@ -105,7 +105,7 @@ def test_a_step_back_to_before_the_beginning_is_a_clock_that_was_set(tmp_path: P
     """Chunks in another order would fit together without a seam."""
     times = START + np.arange(400) * SECOND
     times[200:] -= 4000 * SECOND
-    write_chunks(tmp_path / 'a.mcap', in_chunks(counted(times.tolist()), 50))
+    write_chunks(tmp_path / 'a.mcap', in_chunks(count_up(times.tolist()), 50))
     recording = open_bag(tmp_path / 'a.mcap')
     series = recording.read([X])[X]
     np.testing.assert_array_equal(series.value, np.arange(400.0))
@@ -118,7 +118,7 @@ def test_nothing_is_lost_where_chunks_are_in_no_order_behind_a_step_back(tmp_pat
     """More messages than are handed on at a time, whatever reason is found of the steps."""
     times = START + np.arange(30_000) * (SECOND // 100)
     times[10_000:] -= 75 * SECOND
-    chunks = in_chunks(counted(times.tolist()), 2500)
+    chunks = in_chunks(count_up(times.tolist()), 2500)
     write_chunks(tmp_path / 'a.mcap', [*chunks[:8], *chunks[10:7:-1], chunks[11]])
     recording = open_bag(tmp_path / 'a.mcap')
     series = recording.read([X])[X]
@@ -127,7 +127,7 @@ def test_nothing_is_lost_where_chunks_are_in_no_order_behind_a_step_back(tmp_pat
     assert recording.losses == ()
 
 
-def changes(path: Path, step: int, edge: int) -> list[tuple[Any, Any]]:
+def condition_changes(path: Path, step: int, edge: int) -> list[tuple[Any, Any]]:
     """The changes of two slow-downs, between which the clock is set back [s], in chunks."""
     seconds = np.arange(0, 600, 0.2)
     rpm = 60.0 - 50.0 * np.exp(-(((seconds % 300.0 - 150.0) / 40.0) ** 2))
@@ -143,10 +143,10 @@ def changes(path: Path, step: int, edge: int) -> list[tuple[Any, Any]]:
 
 def test_no_verdict_is_lost_or_doubled_at_a_step_back(tmp_path: Path) -> None:
     """A slow-down on either side of a step, whose chunk begins beside it, is told as without it."""
-    expected = changes(tmp_path / 'a.mcap', 0, 3000)
+    expected = condition_changes(tmp_path / 'a.mcap', 0, 3000)
     assert len(expected) >= 8
     for edge in (2999, 3000, 3001):
-        assert changes(tmp_path / 'b.mcap', 280, edge) == expected
+        assert condition_changes(tmp_path / 'b.mcap', 280, edge) == expected
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_dates_in_another_unit_are_asked_about(factor: int, unit: str) -> None:
     assert ask_for_time_unit(START, START + 300 * SECOND, 3000) == ''
 
 
-def _checked(folder: Path, log_times: Any) -> CheckReport:
+def check_log_times(folder: Path, log_times: Any) -> CheckReport:
     """60 rpm for a minute, 20 rpm for three, 60 rpm for one, stamped ten times a second."""
     stamp = START + np.arange(3000) * (SECOND // 10)
     rpm = np.where((np.arange(3000) >= 600) & (np.arange(3000) < 2400), 20.0, 60.0)
@@ -191,7 +191,7 @@ def _stick_slip(report: CheckReport) -> tuple[float, list[str]]:
 
 
 def test_what_is_played_at_its_own_pace_is_no_fault(tmp_path: Path) -> None:
-    seconds, faults = _stick_slip(_checked(tmp_path, lambda stamp: stamp + SECOND // 100))
+    seconds, faults = _stick_slip(check_log_times(tmp_path, lambda stamp: stamp + SECOND // 100))
     assert seconds == pytest.approx(180.0, abs=15.0)
     assert faults == ['', '']
 
@@ -199,7 +199,7 @@ def test_what_is_played_at_its_own_pace_is_no_fault(tmp_path: Path) -> None:
 @pytest.mark.parametrize('pace', [0.1, 0.002, 20.0])
 def test_rewritten_log_times_are_told_and_hide_nothing(tmp_path: Path, pace: float) -> None:
     later = START + 86_400 * SECOND
-    seconds, faults = _stick_slip(_checked(tmp_path, lambda stamp: later + (stamp - START) * pace))
+    seconds, faults = _stick_slip(check_log_times(tmp_path, lambda stamp: later + (stamp - START) * pace))
     assert seconds == pytest.approx(180.0, abs=15.0)
     assert set(faults) == {
         f'Log times pass {pace:g} times as fast as the stamps, so they were rewritten: judged by the stamps.'

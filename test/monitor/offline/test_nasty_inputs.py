@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from nasty_logs import COLUMNS, LOGS, opened
+from nasty_logs import COLUMNS, LOGS, open_log
 
 from fuzz.mutants import mutant
 from stickslip_logs.errors import BagError
@@ -38,7 +38,7 @@ def test_every_number_and_every_time(name: str, tmp_path: Path) -> None:
     speed, load = COLUMNS.get(name, ('', ''))
     text = text.replace('speed: {topic', f"speed: {{column: '{speed}', topic")
     (tmp_path / 'ship.yaml').write_text(text.replace('load: {topic', f"load: {{column: '{load}', topic"))
-    recording = opened(tmp_path, log.raw)
+    recording = open_log(tmp_path, log.raw)
     inputs = bound_inputs(recording, tmp_path / 'ship.yaml')
     found = recording.read([Request(source.topic, 'data') for source in inputs.values()])
     for series, expected in zip(found.values(), (log.speed, log.load), strict=True):
@@ -51,7 +51,7 @@ def test_every_number_and_every_time(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings('error')
 def test_a_number_that_its_unit_takes_beyond_all_is_read_in_silence(tmp_path: Path) -> None:
-    recording = opened(tmp_path, 'time,speed [Hz],load [N]\n0,0.5,900\n1,1e308,901\n')
+    recording = open_log(tmp_path, 'time,speed [Hz],load [N]\n0,0.5,900\n1,1e308,901\n')
     (series,) = recording.read([Request(bound_inputs(recording)['speed'].topic, 'data')]).values()
     assert series.value.tolist() == pytest.approx([30.0, math.inf])
 
@@ -104,7 +104,7 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
 )
 def test_a_column_of_another_quantity_is_no_input(text: str, quantity: str, tmp_path: Path) -> None:
     """12 knots or 1.2 kips, taken for 12 kN or 1.2 N, would be judged stable."""
-    absent = bind(opened(tmp_path, text), load_config(CONFIG)).absent
+    absent = bind(open_log(tmp_path, text), load_config(CONFIG)).absent
     assert list(absent) == [('aft_stern', quantity)]
     assert f'write aft_stern.{quantity}.column' in absent['aft_stern', quantity]
 
@@ -128,7 +128,7 @@ def test_the_other_side_is_another_shaft(heading: str, bearing: str, is_its: boo
 
 
 def test_columns_of_one_heading_are_told_apart_by_their_places(tmp_path: Path) -> None:
-    recording = opened(tmp_path, 'time,speed [rpm],speed [rpm],load [N]\n0,30,60,900\n1,30,60,901\n')
+    recording = open_log(tmp_path, 'time,speed [rpm],speed [rpm],load [N]\n0,30,60,900\n1,30,60,901\n')
     told = bind(recording, load_config(CONFIG)).absent['aft_stern', 'speed']
     assert "2 columns may be the speed: '#2', '#3'; write aft_stern.speed.column" in told
 
@@ -136,7 +136,7 @@ def test_columns_of_one_heading_are_told_apart_by_their_places(tmp_path: Path) -
 def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> None:
     config = tmp_path / 'ship.yaml'
     config.write_text(CONFIG.read_text().replace('aft_stern', 'stern_thruster'))
-    bound_inputs(opened(tmp_path, 'time,Stern thruster rpm,load [N]\n0,30,900\n1,31,901\n'), config)
+    bound_inputs(open_log(tmp_path, 'time,Stern thruster rpm,load [N]\n0,30,900\n1,31,901\n'), config)
 
 
 @pytest.mark.parametrize(
@@ -148,14 +148,14 @@ def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> Non
     ],
 )
 def test_the_speed_of_an_engine_is_asked_about(text: str, tmp_path: Path) -> None:
-    asked = bind(opened(tmp_path, text), load_config(CONFIG)).questions['aft_stern', 'speed']
+    asked = bind(open_log(tmp_path, text), load_config(CONFIG)).questions['aft_stern', 'speed']
     assert "is it the shaft's own? Write aft_stern.speed.column, and gear" in asked
 
 
 def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
     own = CONFIG.read_text().replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
     (tmp_path / 'own.yaml').write_text(own)
-    recording = opened(tmp_path, 'time,rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
+    recording = open_log(tmp_path, 'time,rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
     asked = bind(recording, load_config(tmp_path / 'own.yaml')).questions
     assert asked == {
         ('aft_stern', 'load'): "is column 'Load [klbf]' in N, and its heading says 'klbf': is that right?"
@@ -196,7 +196,7 @@ def test_a_level_is_taken_in_the_unit_of_its_heading(tmp_path: Path) -> None:
     config = tmp_path / 'ship.yaml'
     level = "      level: {column: 'Lining [g]', unit: m/s^2}\n      alarm:"
     config.write_text(CONFIG.read_text().replace('      alarm:', level))
-    recording = opened(tmp_path, 'time,rpm,load [N],Lining [g]\n0,30,900,2\n1,31,900,3\n')
+    recording = open_log(tmp_path, 'time,rpm,load [N],Lining [g]\n0,30,900,2\n1,31,900,3\n')
     request = Request(bound_inputs(recording, config)['level'].topic, 'data')
     assert recording.read([request])[request].value == pytest.approx([19.6133, 29.41995])
 
@@ -204,7 +204,7 @@ def test_a_level_is_taken_in_the_unit_of_its_heading(tmp_path: Path) -> None:
 def test_a_shaft_that_is_named_after_its_side_is_not_asked_about(tmp_path: Path) -> None:
     config = tmp_path / 'ship.yaml'
     config.write_text(CONFIG.read_text().replace('aft_stern', 'port'))
-    recording = opened(tmp_path, 'time,Port Shaft RPM,Stbd Shaft RPM,load [N]\n0,30,60,900\n1,31,60,901\n')
+    recording = open_log(tmp_path, 'time,Port Shaft RPM,Stbd Shaft RPM,load [N]\n0,30,60,900\n1,31,60,901\n')
     bound = bind(recording, load_config(config))
     assert (bound.absent, bound.questions) == ({}, {})
 
@@ -218,7 +218,7 @@ def test_lines_centuries_apart_are_judged(tmp_path: Path, capsys: pytest.Capture
 
 
 def test_lines_far_apart_are_told_and_a_value_counts_for_three_of_them(tmp_path: Path) -> None:
-    recording = opened(tmp_path, 'time,rpm,kN\n' + ''.join(f'{20 * k},30,1\n' for k in range(30)))
+    recording = open_log(tmp_path, 'time,rpm,kN\n' + ''.join(f'{20 * k},30,1\n' for k in range(30)))
     inputs = bound_inputs(recording)
     assert inputs['speed'].timeout_ns == inputs['load'].timeout_ns == 60 * 10**9
     said = ' '.join(recording.warnings)
@@ -249,7 +249,7 @@ def test_which_numbers_are_still_to_be_scaled(text: str, speed: float, says: str
     config = tmp_path / 'ship.yaml'
     own = "unit: rpm, scale: 0.25, column: 'Engine speed'" if 'speed,' in text else 'unit: rpm, scale: 0.25'
     config.write_text(CONFIG.read_text().replace('unit: rpm', own, 1))
-    recording = opened(tmp_path, text)
+    recording = open_log(tmp_path, text)
     (bearing,) = bind(recording, load_config(config)).config.bearings
     request = Request(bearing.speed.topic, 'data')
     assert 0.25 * recording.read([request])[request].value[0] == pytest.approx(speed)
@@ -275,7 +275,7 @@ def test_one_column_is_not_the_load_of_two_bearings(
         for name in ('aft', 'mid')
     ]
     config.write_text(head.replace('[aft_stern]', '[aft, mid]') + ''.join(sections))
-    bound = bind(opened(tmp_path, f'time,rpm,{heading}\n0,30,900,901\n1,31,901,902\n'), load_config(config))
+    bound = bind(open_log(tmp_path, f'time,rpm,{heading}\n0,30,900,901\n1,31,901,902\n'), load_config(config))
     assert bound.absent.keys() == lost
 
 
@@ -284,7 +284,7 @@ def test_a_scale_beside_a_named_column_applies(tmp_path: Path) -> None:
     config = tmp_path / 'ship.yaml'
     own = "unit: rpm, scale: 0.25, column: 'ME [rpm]'"
     config.write_text(CONFIG.read_text().replace('unit: rpm', own, 1))
-    recording = opened(tmp_path, 'time,ME [rpm],load [N]\n0,80,900\n1,80,901\n')
+    recording = open_log(tmp_path, 'time,ME [rpm],load [N]\n0,80,900\n1,80,901\n')
     (bearing,) = bind(recording, load_config(config)).config.bearings
     request = Request(bearing.speed.topic, 'data')
     assert bearing.speed.scale * recording.read([request])[request].value[0] == pytest.approx(20.0)
@@ -330,7 +330,7 @@ def test_lines_of_two_shafts_are_refused_or_chosen(tmp_path: Path) -> None:
         for t in range(9)
         for shaft, rpm, load in (('port', 30, 900), ('stbd', 60, 800))
     )
-    recording = opened(tmp_path, text)
+    recording = open_log(tmp_path, text)
     absent = bind(recording, load_config(CONFIG)).absent
     assert list(absent) == [('aft_stern', 'speed'), ('aft_stern', 'load')]
     assert (

@@ -48,7 +48,7 @@ def address() -> Iterator[str]:
         yield cluster.scheduler_address
 
 
-def diary(folder: Path) -> list[tuple[int, int]]:
+def calls_begun(folder: Path) -> list[tuple[int, int]]:
     """Number and process of each call that was begun."""
     names = (path.name.split('_') for path in folder.glob('*_*'))
     return [(int(number), int(process)) for number, process, _ in names]
@@ -80,14 +80,14 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
     found: list[tuple[str, int]] = []
     reader = Thread(target=lambda: found.extend(arriving))
     reader.start()
-    at_work = until(lambda: len({p for _, p in diary(tmp_path)}) == 2 and diary(tmp_path))
+    at_work = until(lambda: len({p for _, p in calls_begun(tmp_path)}) == 2 and calls_begun(tmp_path))
     number, victim = at_work[0]
     os.kill(victim, signal.SIGKILL)
     (tmp_path / 'leave').touch()
     reader.join(LIMIT)
     assert Counter(key for key, _ in found) == Counter(list(calls))
     assert dict(found) == {key: number**2 for key, (number,) in calls.items()}
-    begun = [process for each, process in diary(tmp_path) if each == number]
+    begun = [process for each, process in calls_begun(tmp_path) if each == number]
     # The call that was killed was begun again, by another process.
     assert begun.count(victim) == 1
     assert len(begun) > 1
@@ -115,7 +115,7 @@ def test_a_bag_that_kills_every_worker_is_given_up(address: str) -> None:
     assert died(found['die-1'])
 
 
-def archive(folder: Path) -> list[Path]:
+def make_archive(folder: Path) -> list[Path]:
     """Recordings with and without warnings, one cut, and one that is none."""
     names = ('coast_down', 'voyage', 'two_bearings', 'history_above', 'cut_short')
     for name in names:
@@ -125,7 +125,7 @@ def archive(folder: Path) -> list[Path]:
     return sorted(folder.iterdir())
 
 
-def checked(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
+def check_as_json(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
     assert main(['check', *map(str, arguments), '--config', str(CONFIG), '--json']) == 2
     return json.loads(capsys.readouterr().out)
 
@@ -134,17 +134,17 @@ def checked(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
 def test_an_archive_is_checked_as_on_this_machine(
     address: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bags = archive(tmp_path)
-    there = checked(capsys, tmp_path, '--scheduler', address)
+    bags = make_archive(tmp_path)
+    there = check_as_json(capsys, tmp_path, '--scheduler', address)
     assert [document['path'] for document in there] == [str(bag) for bag in bags]
     assert [document['path'] for document in there if 'error' in document] == [str(bags[0])]
-    assert there == checked(capsys, tmp_path, '--jobs', 1)
+    assert there == check_as_json(capsys, tmp_path, '--jobs', 1)
 
 
 # --- what goes wrong ---------------------------------------------------------------------------
 
 
-def refusal(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+def refusal_of_check(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     bag = ROOT / 'bags' / 'voyage'
     assert main(['check', str(bag), '--config', str(CONFIG), *map(str, arguments)]) == 2
     said = capsys.readouterr()
@@ -161,17 +161,17 @@ def test_a_scheduler_that_is_not_there_is_named(
         # Bound but not listening: nobody answers, and nobody else gets the port.
         taken.bind(('127.0.0.1', 0))
         address = f'tcp://127.0.0.1:{taken.getsockname()[1]}'
-        line = refusal(capsys, '--scheduler', address)
+        line = refusal_of_check(capsys, '--scheduler', address)
     assert line.startswith(f"ERROR: scheduler '{address}' cannot be reached: Timed out trying")
-    assert 'known schemes' in refusal(capsys, '--scheduler', 'ftp://ship:1')
-    assert "missing port number in address 'ship'" in refusal(capsys, '--scheduler', 'ship')
+    assert 'known schemes' in refusal_of_check(capsys, '--scheduler', 'ftp://ship:1')
+    assert "missing port number in address 'ship'" in refusal_of_check(capsys, '--scheduler', 'ship')
 
 
 def test_a_worker_is_no_scheduler(address: str, capsys: pytest.CaptureFixture[str]) -> None:
     with distributed.Client(address, set_as_default=False) as client:
         client.wait_for_workers(1)
         (worker, *_) = client.scheduler_info()['workers']
-    assert refusal(capsys, '--scheduler', worker).endswith('it is another part of Dask')
+    assert refusal_of_check(capsys, '--scheduler', worker).endswith('it is another part of Dask')
 
 
 def test_another_version_on_the_workers_is_refused(
@@ -179,7 +179,7 @@ def test_another_version_on_the_workers_is_refused(
 ) -> None:
     # Here only: the workers are processes of their own.
     monkeypatch.setattr(processes, '__version__', '9.9')
-    line = refusal(capsys, '--scheduler', address)
+    line = refusal_of_check(capsys, '--scheduler', address)
     assert re.search(
         r'worker \S+ of .* has stickslip_monitor 0\..*, not stickslip_monitor 9\.9, .* as here', line
     )

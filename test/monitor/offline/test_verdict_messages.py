@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shared import CONFIG, ROOT, record
+from shared import CONFIG, ROOT, write_recording
 
 from stickslip_logs.recordings import mcap_recording
 from stickslip_logs.recordings.reader import open_bag
@@ -72,7 +72,7 @@ SAMPLES: list[tuple[int, int, float]] = [
 ]
 
 
-def sail(path: Path, samples: list[tuple[int, int, float]], period: int | None = None) -> Path:
+def write_samples(path: Path, samples: list[tuple[int, int, float]], period: int | None = None) -> Path:
     """A recording, a sample a second; the stamps of the load's headers begin again after a period [s]."""
     with BagWriter(path, chunk_size=400) as writer:
         writer.add_topic('/shaft', 'std_msgs/msg/Float64')
@@ -92,17 +92,17 @@ def sail(path: Path, samples: list[tuple[int, int, float]], period: int | None =
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording with garbage and silence; the load has a header."""
-    return sail(tmp_path_factory.mktemp('bag') / 'in', SAMPLES)
+    return write_samples(tmp_path_factory.mktemp('bag') / 'in', SAMPLES)
 
 
 @pytest.fixture(scope='module')
 def written(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('out') / 'out.mcap'
-    write(bag, path)
+    write_verdicts(bag, path)
     return path
 
 
-def write(bag: Path, path: Path, config: MonitorConfig | None = None) -> CheckReport:
+def write_verdicts(bag: Path, path: Path, config: MonitorConfig | None = None) -> CheckReport:
     """Check a recording and write the verdicts on it."""
     with VerdictWriter(path) as writer:
         return check_recording(bag, config or config_of(), [writer])
@@ -126,7 +126,7 @@ def rosbags_messages(path: Path) -> list[tuple[str, int, Any]]:
         ]
 
 
-def live(until: int | None = None) -> tuple[list[Verdict], list[Event], Monitor]:
+def monitor_live(until: int | None = None) -> tuple[list[Verdict], list[Event], Monitor]:
     """The same samples one by one through the monitor as the node uses it."""
     monitor = Monitor(config_of())
     verdicts, events = [], monitor.advance(START)
@@ -150,7 +150,7 @@ def test_topics_are_those_of_the_node_beside_the_inputs(written: Path) -> None:
 
 @pytest.mark.slow
 def test_another_reader_sees_what_the_live_monitor_says(written: Path) -> None:
-    verdicts, events, _ = live()
+    verdicts, events, _ = monitor_live()
     said = rosbags_messages(written)
     for name, value in (
         ('amplitude', lambda p: 0.0 if np.isnan(p.amplitude) else p.amplitude),
@@ -195,7 +195,7 @@ def test_diagnostics_are_those_of_the_live_monitor(written: Path) -> None:
     seconds = [t for t in arrays if (t - START) % NS == 0]
     assert seconds == [START + s * NS for s in range(70)]
     for second in (0, 5, 12, 29, 31, 36, 45, 51, 52, 69):
-        _, _, monitor = live(second)
+        _, _, monitor = monitor_live(second)
         state = BearingState(monitor.bearings['aft'])
         expected = diagnostic_record('stickslip_monitor', state)
         message = arrays[START + second * NS]
@@ -215,7 +215,7 @@ def test_blocks_of_a_few_messages_give_the_same_file_and_check(
 ) -> None:
     whole = to_json(check_recording(bag, config_of()))
     monkeypatch.setattr(mcap_recording, '_MAX_OF_TOPIC', 2)
-    assert to_json(write(bag, tmp_path / 'out.mcap')) == whole
+    assert to_json(write_verdicts(bag, tmp_path / 'out.mcap')) == whole
     one, other = (
         sorted((m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages())
         for path in (written, tmp_path / 'out.mcap')
@@ -233,7 +233,7 @@ def test_blocks_of_a_few_messages_give_the_same_file_and_check(
 
 def test_a_publish_period_thins_the_values_and_keeps_the_changes(bag: Path, tmp_path: Path) -> None:
     config = config_of(publish_period=5.0)
-    found = write(bag, tmp_path / 'out.mcap', config)
+    found = write_verdicts(bag, tmp_path / 'out.mcap', config)
     regimes = open_bag(tmp_path / 'out.mcap').messages(['/stickslip_monitor/aft/regime'])
     times = [message.log_time_ns for message in regimes]
     changes = {event.time_ns for event in found.bearings['aft'].events}
@@ -250,9 +250,9 @@ def test_a_quiet_recording_has_its_diagnostics(tmp_path: Path) -> None:
     """Without a change of the alarm, which would be the only times not on the grid."""
     times = START + np.arange(50) * 10**8
     columns = {'/shaft': (times, np.full(50, 60.0)), '/load': (times, np.full(50, 1000.0))}
-    record(tmp_path / 'in', columns)
+    write_recording(tmp_path / 'in', columns)
     config = config_of(**PLAIN)
-    found = write(tmp_path / 'in', tmp_path / 'out.mcap', config)
+    found = write_verdicts(tmp_path / 'in', tmp_path / 'out.mcap', config)
     assert found.bearings['aft'].events == []
     assert open_bag(tmp_path / 'out.mcap').topics['/diagnostics'].count == 5
 
@@ -264,11 +264,11 @@ def test_values_that_stand_are_the_same_in_any_blocks_and_are_no_samples(
         (0, 1, 1000.0),
         *((t, 0, rpm) for t, rpm in ((0, 60.0), (100, 20.0), (101, 20.5), (400, 60.0))),
     ]
-    sail(tmp_path / 'in', [*samples, (500, 0, 61.0)])
+    write_samples(tmp_path / 'in', [*samples, (500, 0, 61.0)])
     config = config_of(**{'aft.speed.hold': 900.0, 'aft.load.hold': 900.0})
-    whole = write(tmp_path / 'in', tmp_path / 'out.mcap', config)
+    whole = write_verdicts(tmp_path / 'in', tmp_path / 'out.mcap', config)
     monkeypatch.setattr(mcap_recording, '_MAX_OF_TOPIC', 2)
-    assert to_json(write(tmp_path / 'in', tmp_path / 'again.mcap', config)) == to_json(whole)
+    assert to_json(write_verdicts(tmp_path / 'in', tmp_path / 'again.mcap', config)) == to_json(whole)
     one, other = (
         {(t, n): m for t, n, m in rosbags_messages(tmp_path / f'{p}.mcap')} for p in ('out', 'again')
     )
@@ -283,9 +283,9 @@ def test_a_mix_of_two_sources_is_no_all_clear_for_a_minute(tmp_path: Path) -> No
     """Two of 1000 and two of 20 rpm in turn for 10 s, then 60 rpm: as on the page of a running node."""
     times, turn = START + np.arange(800) * 10**8, np.arange(800)
     rpm = np.where(turn < 100, np.where(turn % 4 < 2, 20.0, 1000.0), 60.0)
-    record(tmp_path / 'in', {'/shaft': (times, rpm), '/load': (times, np.full(800, 1000.0))})
+    write_recording(tmp_path / 'in', {'/shaft': (times, rpm), '/load': (times, np.full(800, 1000.0))})
     config = config_of(**PLAIN)
-    write(tmp_path / 'in', tmp_path / 'out.mcap', config)
+    write_verdicts(tmp_path / 'in', tmp_path / 'out.mcap', config)
     said = [
         (t - START, m) for topic, t, m in rosbags_messages(tmp_path / 'out.mcap') if topic == '/diagnostics'
     ]
@@ -299,7 +299,7 @@ def test_a_mix_of_two_sources_is_no_all_clear_for_a_minute(tmp_path: Path) -> No
 def test_what_is_refused_is_no_second_source(tmp_path: Path, number: float) -> None:
     times = START + np.arange(300) * 10**8
     rpm = np.where(np.arange(300) % 3, 60.0, number)
-    record(tmp_path / 'in', {'/shaft': (times, rpm), '/load': (times, np.full(300, 1000.0))})
+    write_recording(tmp_path / 'in', {'/shaft': (times, rpm), '/load': (times, np.full(300, 1000.0))})
     config = config_of(**PLAIN)
     speed = check_recording(tmp_path / 'in', config).bearings['aft'].inputs[0]
     assert (speed.used, speed.sources) == (200, ())
@@ -307,7 +307,7 @@ def test_what_is_refused_is_no_second_source(tmp_path: Path, number: float) -> N
 
 def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
     samples = [(second, place, (20.0, 1000.0)[place]) for second in range(60) for place in (1, 0)]
-    found = write(sail(tmp_path / 'in', samples, period=30), tmp_path / 'out.mcap')
+    found = write_verdicts(write_samples(tmp_path / 'in', samples, period=30), tmp_path / 'out.mcap')
     counts = Counter(topic for topic, _, _ in rosbags_messages(tmp_path / 'out.mcap'))
     assert counts['/stickslip_monitor/aft/regime'] == found.bearings['aft'].evaluations
 
@@ -315,14 +315,14 @@ def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
 # --- the command -------------------------------------------------------------------------------
 
 
-def check(*arguments: object) -> int:
+def run_check(*arguments: object) -> int:
     return main(['check', *map(str, arguments), '--config', str(CONFIG)])
 
 
 @pytest.mark.slow
 def test_the_command_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / 'out.mcap'
-    assert check(ROOT / 'bags' / 'coast_down', '--mcap', out, '--json') == 1
+    assert run_check(ROOT / 'bags' / 'coast_down', '--mcap', out, '--json') == 1
     document = json.loads(capsys.readouterr().out)['bearings']['aft_stern']
     topics = open_bag(out).topics
     assert topics['/stickslip_monitor/warnings'].count == len(document['events'])

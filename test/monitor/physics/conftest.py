@@ -75,7 +75,7 @@ class Oracle:
         return self.harmonic(v, v, groups.r) - groups.kappa * v / 2
 
 
-def _harmonic(law: FrictionLaw, speed: float, amplitude: float) -> float:
+def friction_harmonic(law: FrictionLaw, speed: float, amplitude: float) -> float:
     """``S`` of any law by scipy's adaptive quadrature, split wherever the law is not smooth."""
     levels = [0.0, *law.breakpoints, *(-level for level in law.breakpoints)]
     cosines = [(speed - level) / amplitude for level in levels]
@@ -90,7 +90,7 @@ def _harmonic(law: FrictionLaw, speed: float, amplitude: float) -> float:
 
 @pytest.fixture(scope='session')
 def harmonic_by_quad() -> Callable[[FrictionLaw, float, float], float]:
-    return _harmonic
+    return friction_harmonic
 
 
 @pytest.fixture(scope='session')

@@ -52,10 +52,10 @@ class Slip:
             xs, vs = self.series(x, v)
             h = self.step(xs, vs)
             yield time, xs, vs, h
-            x, v, time = at(xs, h), at(vs, h), time + h
+            x, v, time = polynomial_at(xs, h), polynomial_at(vs, h), time + h
 
 
-def at(series, t):
+def polynomial_at(series, t):
     value = mp.mpf(0)
     for coefficient in reversed(series):
         value = value * t + coefficient
@@ -66,27 +66,27 @@ def derivative(series):
     return [k * series[k] for k in range(1, len(series))]
 
 
-def crossing(series, level, low, high):
+def find_crossing(series, level, low, high):
     """Where a Taylor series passes a level between two times, by bisection and Newton."""
-    sign = mp.sign(at(series, high) - level)
+    sign = mp.sign(polynomial_at(series, high) - level)
     for _ in range(40):
         middle = (low + high) / 2
-        if mp.sign(at(series, middle) - level) == sign:
+        if mp.sign(polynomial_at(series, middle) - level) == sign:
             high = middle
         else:
             low = middle
     t = (low + high) / 2
     slope = derivative(series)
     for _ in range(3):
-        t -= (at(series, t) - level) / at(slope, t)
+        t -= (polynomial_at(series, t) - level) / polynomial_at(slope, t)
     return t
 
 
-def summit(motion, vs, low, high):
+def nearest_to_belt(motion, vs, low, high):
     """Where a step comes nearest the belt: its end, or where the acceleration vanishes."""
     rate = derivative(vs)
-    if motion.side * at(rate, low) > 0 > motion.side * at(rate, high):
-        return crossing(rate, 0, low, high)
+    if motion.side * polynomial_at(rate, low) > 0 > motion.side * polynomial_at(rate, high):
+        return find_crossing(rate, 0, low, high)
     return high
 
 
@@ -98,26 +98,26 @@ def slip_phase(motion, x, turns=2):
     extremes = []
     for time, xs, vs, h in motion.steps(x, mp.mpf(1)):
         low = mp.mpf(0)
-        if len(extremes) < turns and at(vs, h) * (-1) ** len(extremes) < 0:
-            low = crossing(vs, 0, low, h)
-            extremes.append(at(xs, low))
+        if len(extremes) < turns and polynomial_at(vs, h) * (-1) ** len(extremes) < 0:
+            low = find_crossing(vs, 0, low, h)
+            extremes.append(polynomial_at(xs, low))
         if len(extremes) == turns:
-            high = summit(motion, vs, low, h)
-            if motion.side * (at(vs, high) - 1) > 0:
-                t = crossing(vs, 1, low, high)
-                return time + t, at(xs, t), extremes
+            high = nearest_to_belt(motion, vs, low, h)
+            if motion.side * (polynomial_at(vs, high) - 1) > 0:
+                t = find_crossing(vs, 1, low, high)
+                return time + t, polynomial_at(xs, t), extremes
     raise AssertionError('no contact')
 
 
-def clearance(motion, x):
+def belt_clearance(motion, x):
     """How far the lining, after two turns, overtakes the belt if it never meets it; < 0: not."""
     turns = 0
     for _, _, vs, h in motion.steps(x, mp.mpf(1)):
         low, rate = mp.mpf(0), derivative(vs)
-        if turns < 2 and at(vs, h) * (-1) ** turns < 0:
-            low, turns = crossing(vs, 0, low, h), turns + 1
-        if turns == 2 and at(rate, low) > 0 > at(rate, h):
-            return at(vs, crossing(rate, 0, low, h)) - 1
+        if turns < 2 and polynomial_at(vs, h) * (-1) ** turns < 0:
+            low, turns = find_crossing(vs, 0, low, h), turns + 1
+        if turns == 2 and polynomial_at(rate, low) > 0 > polynomial_at(rate, h):
+            return polynomial_at(vs, find_crossing(rate, 0, low, h)) - 1
     raise AssertionError('no summit')
 
 
@@ -135,9 +135,9 @@ def return_map(zeta, static, kinetic, decay, x):
     turns = []
     for time, xs, vs, h in Slip(zeta, static, kinetic, decay).steps(x, mp.mpf(0)):
         # An even count moves up until the velocity falls through zero.
-        if time > 0 and at(vs, h) * (-1) ** len(turns) < 0:
-            t = crossing(vs, 0, mp.mpf(0), h)
-            turns.append(at(xs, t))
+        if time > 0 and polynomial_at(vs, h) * (-1) ** len(turns) < 0:
+            t = find_crossing(vs, 0, mp.mpf(0), h)
+            turns.append(polynomial_at(xs, t))
             if len(turns) == 2:
                 return turns, time + t
     raise AssertionError('no return')

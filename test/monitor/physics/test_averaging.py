@@ -37,7 +37,7 @@ spread = pytest.mark.parametrize('size', SPREAD.values(), ids=SPREAD)
 TWO_FALLS = LAWS['two falls']
 
 
-def _bearing(law: FrictionLaw, damping: float = 400.0) -> Bearing:
+def bearing_of(law: FrictionLaw, damping: float = 400.0) -> Bearing:
     return Bearing(50.0, damping, 2.0e6, law, 0.1)
 
 
@@ -79,8 +79,8 @@ def test_bistable_amplitudes_to_twelve_digits(
 def test_viscous_rise_acts_as_damping(reference: Bearing, oracle: Any) -> None:
     """PHYSICS.md's closed forms with ``c + N nu`` in place of ``c``: the same bearing."""
     load, nu = 1000.0, 0.05
-    rising = _bearing(LAWS['viscous'])
-    plain = _bearing(LAWS['stribeck'], 400.0 + load * nu)
+    rising = bearing_of(LAWS['viscous'])
+    plain = bearing_of(LAWS['stribeck'], 400.0 + load * nu)
     assert hopf_speed(rising, load) == pytest.approx(hopf_speed(plain, load), rel=1e-13)
     assert fold_speed(rising, load) == pytest.approx(fold_speed(plain, load), rel=1e-13)
     speed = np.linspace(0.01, 0.2, 9)
@@ -107,14 +107,14 @@ def test_viscous_rise_acts_as_damping(reference: Bearing, oracle: Any) -> None:
 )
 def test_without_enough_fall_there_is_no_boundary(law: FrictionLaw, damping: float, load: float) -> None:
     """PHYSICS.md: no Hopf speed when kappa >= 1, nor where friction does not fall at all."""
-    bearing = _bearing(law, damping)
+    bearing = bearing_of(law, damping)
     assert np.isnan(hopf_speed(bearing, load))
     assert np.isnan(fold_speed(bearing, load))
     assert stationary_amplitudes(bearing, [0.01, 0.2, 5.0], load).amplitude.shape == (3, 0)
 
 
 def test_without_damping_no_speed_bounds_stick_slip() -> None:
-    bearing = _bearing(LAWS['stribeck'], 0.0)
+    bearing = bearing_of(LAWS['stribeck'], 0.0)
     assert hopf_speed(bearing, 1000.0) == np.inf
     assert fold_speed(bearing, 1000.0) == np.inf
     assert hopf_load(bearing, 0.1) == 0.0
@@ -126,7 +126,7 @@ def test_without_damping_no_speed_bounds_stick_slip() -> None:
 
 @pytest.mark.parametrize('name', LAWS)
 def test_astern_mirrors_ahead(name: str) -> None:
-    bearing, speed = _bearing(LAWS[name]), np.array([0.01, 0.1, 0.2, 0.24])
+    bearing, speed = bearing_of(LAWS[name]), np.array([0.01, 0.1, 0.2, 0.24])
     ahead, astern = (stationary_amplitudes(bearing, s * speed, 1600.0) for s in (1.0, -1.0))
     np.testing.assert_array_equal(ahead.amplitude, astern.amplitude)
     np.testing.assert_array_equal(ahead.stable, astern.stable)
@@ -151,7 +151,7 @@ def test_growth_rate_is_the_eigenvalue_of_the_linear_system(reference: Bearing) 
 @pytest.mark.parametrize('damping', [0.0, 400.0])
 def test_cycles_are_zeros_of_the_amplitude_rate(name: str, damping: float) -> None:
     """``dA/dt = 0`` there, and its change of sign says whether the cycle is stable."""
-    bearing = _bearing(LAWS[name], damping)
+    bearing = bearing_of(LAWS[name], damping)
     for speed in (0.013, 0.11, 0.175, 0.199, 0.24, 0.7):
         cycles = stationary_amplitudes(bearing, speed, 1600.0)
         a = cycles.amplitude
@@ -183,11 +183,11 @@ def test_a_close_pair_of_cycles_is_not_lost(share: float, harmonic_by_quad: Any)
     height, h = slope(top), 2e-4
     curvature = (slope(top + h) - 2.0 * height + slope(top - h)) / (h * h)
     half_width = np.sqrt(2.0 * height * share / -curvature)
-    cycles = stationary_amplitudes(_bearing(TWO_FALLS), speed, 400.0 / (height * (1.0 - share)))
+    cycles = stationary_amplitudes(bearing_of(TWO_FALLS), speed, 400.0 / (height * (1.0 - share)))
     pair = 200.0 * cycles.amplitude[:2]
     assert cycles.stable[:2].tolist() == [False, True]
     np.testing.assert_allclose(pair, [top - half_width, top + half_width], atol=0.2 * half_width)
-    fewer = stationary_amplitudes(_bearing(TWO_FALLS), speed, 400.0 / (height * (1.0 + share)))
+    fewer = stationary_amplitudes(bearing_of(TWO_FALLS), speed, 400.0 / (height * (1.0 + share)))
     assert fewer.amplitude.size == cycles.amplitude.size - 2
 
 
@@ -204,7 +204,7 @@ def test_hopf_speed_is_found_however_narrow_the_unstable_range(share: float) -> 
     height = level + 0.5 * tilt * top
     load = 400.0 / (height * (1.0 - share))
     width = np.sqrt(height * share / -curvature)
-    bearing = _bearing(law)
+    bearing = bearing_of(law)
     assert hopf_speed(bearing, load) == pytest.approx(top + width, rel=1e-7)
     # About the top of a concave slope every motion averages less than the slope itself.
     assert fold_speed(bearing, load) == pytest.approx(hopf_speed(bearing, load), rel=1e-12)

@@ -95,7 +95,7 @@ def _random_tables(count: int) -> list[Tabulated]:
     return tables
 
 
-def _points(law: Tabulated, count: int) -> tuple[np.ndarray, np.ndarray]:
+def random_points(law: Tabulated, count: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(6)
     speed = rng.uniform(0.005, 1.3 * law.speed[-1], count) * rng.choice([1.0, 1.0, 0.1], count)
     steepest = averaging_by_scan.peak_curve(law).peak.max()
@@ -118,7 +118,7 @@ def test_the_table_of_a_law_hides_no_cycle() -> None:
         )
     )[1:]
     for law in _random_tables(4):
-        speed, q = _points(law, 60)
+        speed, q = random_points(law, 60)
         x, v = (grid.ravel() for grid in np.meshgrid(fine, speed))
         above = averaging_by_scan.slope_surface(law, x, v).reshape(60, -1) > q[:, None]
         changes = np.count_nonzero(above[:, 1:] != above[:, :-1], axis=1)
@@ -135,7 +135,7 @@ def test_the_table_of_a_law_hides_no_cycle() -> None:
 def test_the_fold_of_a_table_is_where_the_highest_average_passes() -> None:
     """The whole grid of amplitudes, refined about its highest point, just below and above."""
     for law in _random_tables(5):
-        q = _points(law, 60)[1]
+        q = random_points(law, 60)[1]
         fold = averaging_by_scan.fold_speed(law, q)
         q, fold = q[np.isfinite(fold)], fold[np.isfinite(fold)]
 
@@ -159,7 +159,7 @@ def test_a_fine_table_takes_memory_and_speeds_in_bounds() -> None:
     assert hopf == pytest.approx(hopf_speed(same, 1000.0), rel=1e-4)
 
 
-def _measured(points: int, scatter: float, step: float) -> Tabulated:
+def measured_curve(points: int, scatter: float, step: float) -> Tabulated:
     """A curve as a bench or a reader leaves it: it scatters, or has steps."""
     speed = np.append(0.0, np.geomspace(0.005, 1.0, points - 1))
     noise = scatter * np.random.default_rng(points).standard_normal(points)
@@ -175,7 +175,7 @@ def test_above_the_fold_of_a_measured_table_no_speed_has_a_cycle(
     points: int, scatter: float, step: float
 ) -> None:
     """By a scan of 600 speeds and 17 amplitudes above it; just below it one has."""
-    law, load = _measured(points, scatter, step), 609.0
+    law, load = measured_curve(points, scatter, step), 609.0
     fold = fold_speed(Bearing(50.0, 400.0, 2.0e6, law, 0.1), load)
     below, above = np.array([fold * (1.0 - 1e-9)]), np.geomspace(fold * (1.0 + 1e-9), 3.0, 600)
     assert load * averaging_by_scan.peak_slope(law, below) >= 400.0

@@ -15,11 +15,11 @@ PLATEAU = Tabulated([0.0, 0.02, 0.05, 0.1, 0.2, 0.4], [0.3, 0.3, 0.3, 0.2, 0.12,
 RPM = np.pi * 0.1 / 60.0
 
 
-def bench(law: FrictionLaw) -> Bearing:
+def bearing_of(law: FrictionLaw) -> Bearing:
     return Bearing(50.0, 400.0, 2.0e6, law, 0.1)
 
 
-def integrated(bearing: Bearing, speed: float, load: float, start: float) -> float:
+def amplitude_by_integration(bearing: Bearing, speed: float, load: float, start: float) -> float:
     """Amplitude [m] after 150 turns that begin at a share of the sliding limit."""
     turn, law = 2.0 * np.pi / bearing.natural_frequency, bearing.friction
 
@@ -39,20 +39,20 @@ def integrated(bearing: Bearing, speed: float, load: float, start: float) -> flo
 @pytest.mark.parametrize(('law', 'rpm'), [(RISES_FIRST, 45.0), (PLATEAU, 49.5)])
 @pytest.mark.parametrize('points', [1, 40])  # one after another, and together as arrays
 def test_the_vibration_is_that_of_direct_integration(law, rpm, points):
-    bearing, speed = bench(law), np.full(points, rpm * RPM)
+    bearing, speed = bearing_of(law), np.full(points, rpm * RPM)
     cycle = exact_cycle(bearing, speed, 1000.0)
-    expected = integrated(bearing, rpm * RPM, 1000.0, 0.95)
+    expected = amplitude_by_integration(bearing, rpm * RPM, 1000.0, 0.95)
     assert np.all(cycle.kind == CycleKind.PURE_SLIP)
     np.testing.assert_allclose(cycle.amplitude, expected, rtol=1e-4)
     np.testing.assert_allclose(assess(bearing, speed, 1000.0).amplitude_exact, expected, rtol=1e-4)
     # Steady sliding is stable beside it: a small start dies out.
-    assert integrated(bearing, rpm * RPM, 1000.0, 0.2) < 0.2 * expected
+    assert amplitude_by_integration(bearing, rpm * RPM, 1000.0, 0.2) < 0.2 * expected
 
 
 @pytest.mark.parametrize('law', [RISES_FIRST, PLATEAU, Stretched(0.3, 0.1, 10.0, 0.0, 4.0)])
 def test_a_vibration_goes_on_up_to_about_the_averaged_fold(law):
     """First order averaging has a pure slip's end to the order of eta squared."""
-    bearing = bench(law)
+    bearing = bearing_of(law)
     end = fold_speed(bearing, 1000.0)
     exists = np.isfinite(exact_cycle(bearing, end * np.array([0.99, 1.01]), 1000.0).amplitude)
     assert exists.tolist() == [True, False]

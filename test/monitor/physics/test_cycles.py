@@ -36,7 +36,7 @@ def unit_bearing(zeta: float, law: FrictionLaw = LAW) -> Bearing:
     return Bearing(1.0, 2.0 * zeta, 1.0, law, 0.1)
 
 
-def rpm(value: float) -> float:
+def surface_speed(value: float) -> float:
     return float(BENCH.speed.to_surface(value, 'rpm'))
 
 
@@ -51,7 +51,7 @@ def rpm(value: float) -> float:
     ],
 )
 def test_the_bench_of_physics_md(speed, amplitude, period):
-    cycle = exact_cycle(BENCH, rpm(speed), 1000.0)
+    cycle = exact_cycle(BENCH, surface_speed(speed), 1000.0)
     assert cycle.kind is CycleKind.STICK_SLIP
     assert cycle.amplitude * 1e3 == pytest.approx(amplitude, abs=6e-7)
     if period:
@@ -120,7 +120,7 @@ def test_the_fold_of_damped_coulomb_in_closed_form():
 
 def test_the_fold_and_the_unstable_cycle_of_physics_md():
     assert exact_fold_speed(BENCH, 1000.0) == pytest.approx(0.2131982, abs=6e-8)
-    cycle = exact_unstable_cycle(BENCH, rpm(34.0), 1000.0)
+    cycle = exact_unstable_cycle(BENCH, surface_speed(34.0), 1000.0)
     assert cycle.amplitude * 1e3 == pytest.approx(0.592815, abs=6e-7)
 
 

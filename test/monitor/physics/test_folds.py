@@ -21,7 +21,7 @@ SPEEDS = (0.0, *np.geomspace(0.01, 1.0, 12))
 TABLE = Tabulated(SPEEDS, [0.1 + 0.2 * float(np.exp(-10.0 * v)) for v in SPEEDS])
 
 
-def bench(law: FrictionLaw, damping: float = 400.0) -> Bearing:
+def bearing_of(law: FrictionLaw, damping: float = 400.0) -> Bearing:
     return Bearing(50.0, damping, 2.0e6, law, 0.100)
 
 
@@ -37,18 +37,18 @@ def bench(law: FrictionLaw, damping: float = 400.0) -> Bearing:
 )
 def test_many_loads_are_the_loads_one_by_one(law, least, most, rounding):
     load = np.geomspace(least, most, 200)
-    together = exact_fold_speed(bench(law), load)
+    together = exact_fold_speed(bearing_of(law), load)
     some = [3, 60, 117, 196]
-    alone = [exact_fold_speed(bench(law), load[i]) for i in some]
+    alone = [exact_fold_speed(bearing_of(law), load[i]) for i in some]
     np.testing.assert_allclose(together[some], alone, rtol=rounding)
 
 
 @pytest.mark.parametrize(
     ('bearing', 'load'),
     [
-        (bench(Stribeck(0.3, 0.1, 10.0)), 700.0),
-        (bench(Stribeck(0.3, 0.1, 1000.0)), 50.0),
-        (bench(TABLE), 700.0),
+        (bearing_of(Stribeck(0.3, 0.1, 10.0)), 700.0),
+        (bearing_of(Stribeck(0.3, 0.1, 1000.0)), 50.0),
+        (bearing_of(TABLE), 700.0),
         # A law so sharp that a step would pass over its layer.
         (Bearing(50.0, 15.0, 2.0e6, Stribeck(0.3, 0.1, 5e5), 0.1), 8000.0),
         # A heavily damped lining with a steep law, whose fold was not found before.
@@ -90,9 +90,9 @@ RISES_FIRST = Tabulated([0.0, 0.02, 0.05, 0.1, 0.2, 0.4], [0.15, 0.25, 0.3, 0.2,
     ('bearing', 'load', 'slowest', 'fastest'),
     [
         # Averaging has its fold far below: stick-slip of 6.8 mm was called stable.
-        (bench(RisesFarOut()), 1e5, 0.5, 2.0),
+        (bearing_of(RisesFarOut()), 1e5, 0.5, 2.0),
         (Bearing(106.0, 4542.5, 8.267e7, TWO_FALLS, 0.1), 8878.0, 0.05, 0.5),
-        (bench(RISES_FIRST), 1160.0, 0.05, 0.5),
+        (bearing_of(RISES_FIRST), 1160.0, 0.05, 0.5),
     ],
 )
 def test_the_fold_is_where_a_dense_grid_of_cycles_ends_whatever_averaging_says(
@@ -111,13 +111,13 @@ def test_the_fold_is_where_a_dense_grid_of_cycles_ends_whatever_averaging_says(
 def test_no_lining_sticks_beyond_the_speeds_that_friction_can_give():
     """Against the fold of a law that feeds a vibration all it can: Coulomb's falls at once."""
     for damping in (4.0, 400.0, 8e3):
-        bearing = bench(Coulomb(0.3, 0.1), damping)
+        bearing = bearing_of(Coulomb(0.3, 0.1), damping)
         (highest,) = folds.Grazing(bearing).highest_speeds(np.array([1000.0]))
         assert 1.0 < highest / exact_fold_speed(bearing, 1000.0) < 100.0
 
 
 def test_a_fold_in_proportion_to_the_load_under_coulombs_law():
-    fold = exact_fold_speed(bench(Coulomb(0.3, 0.1)), np.array([10.0, 1000.0, 7e4]))
+    fold = exact_fold_speed(bearing_of(Coulomb(0.3, 0.1)), np.array([10.0, 1000.0, 7e4]))
     np.testing.assert_allclose(fold / fold[0], [1.0, 100.0, 7e3], rtol=1e-10)
 
 
@@ -126,17 +126,17 @@ def test_a_fold_in_proportion_to_the_load_under_coulombs_law():
     [
         # Its onset is at 200 N, in the table's first step; 1.5 % above it the fold rises 67 times as
         # fast as the load.
-        (bench(Stribeck(0.3, 0.1, 10.0)), [200.2, 203.0, 311.0, 1007.0, 9001.0], 1e-7),
+        (bearing_of(Stribeck(0.3, 0.1, 10.0)), [200.2, 203.0, 311.0, 1007.0, 9001.0], 1e-7),
         # A steep law has its onset at 2 N, far below its loads; near grazing its orbits part at once.
-        (bench(Stribeck(0.3, 0.1, 1000.0)), [3.0, 311.0, 1007.0, 9001.0], 3e-6),
+        (bearing_of(Stribeck(0.3, 0.1, 1000.0)), [3.0, 311.0, 1007.0, 9001.0], 3e-6),
         # Just above the own onset of exact folds, at lower speeds than averaging's.
         *(
-            (bench(Stretched(0.3, 0.1, 10.0, 0.0, n)), [at], 1e-3)
+            (bearing_of(Stretched(0.3, 0.1, 10.0, 0.0, n)), [at], 1e-3)
             for n, at in ((1.5, 310.0), (2.0, 310.0), (4.0, 285.0))
         ),
         # Twice critical damping.
         *(
-            (bench(law, 4e4), [3.6e4, 8e4, 8e5], 1e-4)
+            (bearing_of(law, 4e4), [3.6e4, 8e4, 8e5], 1e-4)
             for law in (Stribeck(0.3, 0.1, 10.0), Stribeck(0.3, 0.1, 10.0, 0.02), TABLE)
         ),
     ],
@@ -156,7 +156,7 @@ def test_the_table_over_the_load_is_the_exact_fold(bearing, load, rounding):
 )
 def test_a_vibration_without_sticking_lasts_up_to_the_fold(law, load, error):
     """Beyond the end of sticking, against the cycles themselves."""
-    bearing = bench(law)
+    bearing = bearing_of(law)
     fold = end_of_vibration(bearing, load)
     assert fold > 1.05 * exact_fold_speed(bearing, load)
     last = exact_cycle(bearing, fold * (1.0 - error), load)
@@ -173,7 +173,7 @@ def sticking_ends(bearing, load):
     return curve.exact_fold(np.atleast_1d(np.asarray(load, float)))
 
 
-def measured(count: int, noise: float, seed: int) -> Tabulated:
+def measured_curve(count: int, noise: float, seed: int) -> Tabulated:
     """A Stribeck curve as a test bench measures it."""
     speed = [0.0, *np.geomspace(0.005, 1.0, count - 1)]
     scatter = noise * np.random.default_rng(seed).standard_normal(count)
@@ -195,7 +195,7 @@ def dense_fold(bearing: Bearing, load: float) -> float:
 
 @pytest.mark.parametrize(('count', 'noise', 'seed'), [(7, 0.02, 1), (13, 0.01, 2)])
 def test_the_fold_of_a_noisy_table_is_where_a_dense_grid_of_cycles_ends(count, noise, seed):
-    bearing = bench(measured(count, noise, seed))
+    bearing = bearing_of(measured_curve(count, noise, seed))
     load = np.array([612.0, 2345.0])
     dense = [dense_fold(bearing, n) for n in load]
     np.testing.assert_allclose([exact_fold_speed(bearing, n) for n in load], dense, rtol=3e-6)
@@ -213,7 +213,7 @@ def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
 
     folds.fold_curve.cache_clear()
     monkeypatch.setattr(folds, 'follow', counted)
-    bearing = bench(measured(count, noise, count))
+    bearing = bearing_of(measured_curve(count, noise, count))
     boundary_table(bearing)
     assert 600 < followed < 1800
     # The last load is there for the size of the table: more than 1e-3 is not claimed above 100 kN.
@@ -226,7 +226,7 @@ def test_few_steps_tabulate_a_table_that_scatters(monkeypatch):
     monkeypatch.setattr(orbits, 'PATIENCE', math.inf)
     folds.fold_curve.cache_clear()
     begun = orbits._Effort.steps
-    bearing = bench(measured(100, 0.004, 3))
+    bearing = bearing_of(measured_curve(100, 0.004, 3))
     boundary_table(bearing)
     assert 10_000 < orbits._Effort.steps - begun < 110_000
     for load in 500.0, 3000.0:
@@ -247,7 +247,7 @@ def test_a_soft_lining_is_tabulated_by_no_stiff_orbits(monkeypatch):
     monkeypatch.setattr(orbits, 'PATIENCE', math.inf)
     speed = [0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8]
     law = Tabulated(speed, [0.3, 0.26, 0.22, 0.17, 0.13, 0.11, 0.1])
-    bearing = replace(bench(law), stiffness=2.0e4)
+    bearing = replace(bearing_of(law), stiffness=2.0e4)
     table = boundary_table(bearing)
     assert 5_000 < steps < 50_000
     assert table.fold(2000.0) == pytest.approx(exact_fold_speed(bearing, 2000.0), rel=1e-4)
@@ -255,7 +255,7 @@ def test_a_soft_lining_is_tabulated_by_no_stiff_orbits(monkeypatch):
 
 @pytest.mark.parametrize('exponent', [1.5, 2.0, 4.0])
 def test_the_fold_of_a_law_with_an_exponent_is_found_from_its_onset_on(exponent):
-    bearing = bench(Stretched(0.3, 0.1, 10.0, 0.0, exponent))
+    bearing = bearing_of(Stretched(0.3, 0.1, 10.0, 0.0, exponent))
     load = np.geomspace(100.0, 1000.0, 47)
     fold = np.array([exact_fold_speed(bearing, n) for n in load])
     first = int(np.flatnonzero(fold > 0.0)[0])
@@ -270,14 +270,14 @@ def test_the_fold_of_a_law_with_an_exponent_is_found_from_its_onset_on(exponent)
 
 
 def test_without_damping_a_measured_table_has_no_last_speed():
-    bearing = bench(measured(13, 0.01, 2), damping=0.0)
+    bearing = bearing_of(measured_curve(13, 0.01, 2), damping=0.0)
     assert np.all(exact_fold_speed(bearing, np.geomspace(1e-3, 1e4, 20)) == np.inf)
     assert np.all(boundary_table(bearing).fold(np.array([1.0, 1000.0])) == np.inf)
 
 
 def test_the_lower_end_of_a_law_that_first_rises_is_its_lowest_unstable_speed():
     """Of the Gaussian law ``2 N Delta beta^2 V exp(-(beta V)^2) = c`` there."""
-    bearing, load = bench(Stretched(0.3, 0.1, 10.0, 0.0, 2.0)), 1000.0
+    bearing, load = bearing_of(Stretched(0.3, 0.1, 10.0, 0.0, 2.0)), 1000.0
 
     def excess(speed: float) -> float:
         return load * 0.2 * 2.0 * 100.0 * speed * np.exp(-((10.0 * speed) ** 2)) - 400.0
@@ -295,7 +295,7 @@ def test_the_lower_end_of_a_law_that_first_rises_is_its_lowest_unstable_speed():
 
 @pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0), Coulomb(0.3, 0.1), TABLE])
 def test_a_law_that_falls_from_rest_has_no_lower_end(law):
-    assert np.all(boundary_table(bench(law)).lower_end([1.0, 300.0, 1e4, 1e9]) == 0.0)
+    assert np.all(boundary_table(bearing_of(law)).lower_end([1.0, 300.0, 1e4, 1e9]) == 0.0)
 
 
 @pytest.mark.parametrize(
@@ -307,7 +307,7 @@ def test_a_fold_of_a_table_is_the_last_stick_slip_however_it_is_damped(viscous, 
 
     The last is a stiffness in MN/m taken for N/m: twenty times critical damping.
     """
-    bearing = bench(Stribeck(0.3, 0.1, 10.0, viscous), damping)
+    bearing = bearing_of(Stribeck(0.3, 0.1, 10.0, viscous), damping)
     load = np.geomspace(1e3, 3e5, 7)
     table = boundary_table(bearing)
     fold = table.fold(load)
@@ -321,7 +321,7 @@ def test_a_fold_of_a_table_is_the_last_stick_slip_however_it_is_damped(viscous, 
 
 def test_beyond_critical_damping_coulombs_slip_never_returns():
     """Its slip is linear and overdamped: the velocity changes its sign once, so no fold is found."""
-    assert np.all(np.isnan(exact_fold_speed(bench(Coulomb(0.3, 0.1), 4e5), [1e3, 1e5])))
+    assert np.all(np.isnan(exact_fold_speed(bearing_of(Coulomb(0.3, 0.1), 4e5), [1e3, 1e5])))
 
 
 @pytest.mark.parametrize(
@@ -334,7 +334,7 @@ def test_beyond_critical_damping_coulombs_slip_never_returns():
 )
 def test_a_lining_that_sticks_at_no_speed_has_no_exact_fold(law, damping, load):
     """Against cycles at many speeds: it vibrates at some, too little to stick."""
-    bearing = bench(law, damping)
+    bearing = bearing_of(law, damping)
     kind = exact_cycle(bearing, np.geomspace(1e-3, 1.0, 120), load).kind
     assert set(kind.tolist()) == {CycleKind.PURE_SLIP, CycleKind.NONE}
     assert np.isnan(exact_fold_speed(bearing, load))
@@ -354,7 +354,7 @@ def test_the_table_of_a_law_that_rises_again_is_its_exact_fold_up_to_the_last_lo
     )
 
 
-def scattered(speed, fall, scatter, seed, damping):
+def scattered_bearing(speed, fall, scatter, seed, damping):
     """Return a lining of mass and stiffness 1 on a table that falls by ``fall exp(-V)`` and scatters."""
     noise = np.random.default_rng(seed).normal(0.0, scatter, speed.size)
     return Bearing(1.0, damping, 1.0, Tabulated(speed, 0.2 + fall * np.exp(-speed) + noise), 0.1)
@@ -367,13 +367,13 @@ FAR_APART, EVENLY = np.append(0.0, np.geomspace(0.02, 10.0, 99)), np.linspace(0.
     ('bearing', 'load'),
     [
         # What grazes passes a short steep fall far from the belt before it would be drawn there.
-        (scattered(FAR_APART, 0.07, 0.0014, 6, 0.44), 2.647),
-        (scattered(FAR_APART, 0.07, 0.0014, 14, 0.44), 3.218),
-        (scattered(FAR_APART, 0.07, 0.0014, 43, 0.44), 3.548),
+        (scattered_bearing(FAR_APART, 0.07, 0.0014, 6, 0.44), 2.647),
+        (scattered_bearing(FAR_APART, 0.07, 0.0014, 14, 0.44), 3.218),
+        (scattered_bearing(FAR_APART, 0.07, 0.0014, 43, 0.44), 3.548),
         # Orbits that take too many steps are decided by their contact with the belt.
-        (scattered(EVENLY, 0.1, 0.0006, 1, 1.4), 882.4),
-        (scattered(EVENLY, 0.1, 0.0006, 3, 1.4), 1230.5),
-        (scattered(EVENLY, 0.1, 0.0006, 9, 1.4), 1753.1),
+        (scattered_bearing(EVENLY, 0.1, 0.0006, 1, 1.4), 882.4),
+        (scattered_bearing(EVENLY, 0.1, 0.0006, 3, 1.4), 1230.5),
+        (scattered_bearing(EVENLY, 0.1, 0.0006, 9, 1.4), 1753.1),
     ],
 )
 def test_scattered_tables_stick_below_their_fold_and_not_above(bearing, load):
@@ -389,7 +389,7 @@ def test_the_fold_of_a_lining_with_hardly_any_damping_is_averagings(kappa, force
     """Averaging is right to the square of ``force = N Delta/(m omega V)``; the orbits gain 1e-7 in a turn."""
     v = brentq(lambda v: 2.0 * i1e(v) / v - kappa, 1e-6, 1e3, xtol=1e-15)
     damping = force * kappa * v * 50.0 * 200.0
-    bearing = bench(Stribeck(0.3, 0.1, 10.0), damping)
+    bearing = bearing_of(Stribeck(0.3, 0.1, 10.0), damping)
     assert exact_fold_speed(bearing, damping / (2.0 * kappa)) == pytest.approx(
         v / 10.0, rel=1e-9 + 0.1 * force**2
     )

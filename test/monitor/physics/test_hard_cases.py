@@ -58,7 +58,7 @@ def test_the_exact_fold_is_where_the_slip_phase_grazes(eta, kappa, side):
     motion = taylor.Slip(
         mp.mpf(bearing.damping) / 2, force * mp.mpf(0.3), force * mp.mpf(0.1), speed, refine=1
     )
-    assert mp.sign(taylor.clearance(motion, motion.static - 2 * motion.zeta)) == -side
+    assert mp.sign(taylor.belt_clearance(motion, motion.static - 2 * motion.zeta)) == -side
 
 
 @pytest.mark.parametrize('kappa', [0.9, 0.2, 1e-3, 1e-6])

@@ -34,12 +34,12 @@ class Unnamed:
         return -(self.static - self.kinetic) * self.decay * gone
 
 
-def bench(law: FrictionLaw, zeta: float) -> Bearing:
+def bearing_of(law: FrictionLaw, zeta: float) -> Bearing:
     """50 kg at 200 rad/s."""
     return Bearing(50.0, 2.0e4 * zeta, 2.0e6, law, 0.1)
 
 
-def lands(bearing: Bearing, speed: float, load: float) -> bool:
+def reaches_belt(bearing: Bearing, speed: float, load: float) -> bool:
     """Whether slip that begins at the static limit reaches the belt's speed again.
 
     In units of ``V/omega`` and ``1/omega``. It is over when the lining turns to follow the belt and falls
@@ -84,17 +84,17 @@ NOISY = Tabulated(NOISY_SPEEDS, 0.1 + 0.2 * np.exp(-10.0 * NOISY_SPEEDS) + NOISE
     ids=['viscous', 'Gaussian', 'unnamed', 'noisy'],
 )
 def test_slip_meets_the_belt_below_the_fold_and_not_above(law, zeta, times):
-    bearing = bench(law, zeta)
+    bearing = bearing_of(law, zeta)
     load = times * bearing.damping / float(np.max(-law.slope(np.geomspace(1e-4, 10.0, 500))))
     fold = exact_fold_speed(bearing, load)
-    assert lands(bearing, fold * (1.0 - 3e-4), load)
-    assert not lands(bearing, fold * (1.0 + 3e-4), load)
-    assert not lands(bearing, fold * 1.3, load)
+    assert reaches_belt(bearing, fold * (1.0 - 3e-4), load)
+    assert not reaches_belt(bearing, fold * (1.0 + 3e-4), load)
+    assert not reaches_belt(bearing, fold * 1.3, load)
 
 
 def test_a_law_that_names_no_breakpoints_has_the_boundaries_of_the_same_law_that_does():
     """0.3 of critical damping, 30 kN: it had none."""
-    own, known = (bench(law, 0.3) for law in (Unnamed(), Stribeck(0.3, 0.1, 1.0)))
+    own, known = (bearing_of(law, 0.3) for law in (Unnamed(), Stribeck(0.3, 0.1, 1.0)))
     load = np.array([3.2e4, 1e5, 1e6])
     np.testing.assert_allclose(exact_fold_speed(own, load), exact_fold_speed(known, load), rtol=1e-9)
     tables = [boundary_table(each) for each in (own, known)]

@@ -171,7 +171,7 @@ LAWS = [
 ]
 
 
-def columns(motion: Motion) -> list[np.ndarray]:
+def motion_columns(motion: Motion) -> list[np.ndarray]:
     return [
         motion.displacement,
         motion.velocity,
@@ -190,7 +190,7 @@ def test_numba_and_python_agree(law: Stribeck) -> None:
         for compiled in (True, False)
     ]
     compiled, plain = motions
-    for a, b in zip(columns(compiled), columns(plain), strict=True):
+    for a, b in zip(motion_columns(compiled), motion_columns(plain), strict=True):
         assert a == pytest.approx(b, rel=1e-12, abs=1e-12 * np.max(np.abs(b)))
     assert (compiled.steps, compiled.slip_steps) == (plain.steps, plain.slip_steps)
     assert np.array_equal(compiled.phase, plain.phase)
@@ -248,8 +248,8 @@ def test_cutting_a_drive_at_its_samples_changes_no_bit(law: Stribeck) -> None:
         mine = mine if first else np.append(0.0, mine)
         parts.append(integrate(bearing, drive, state, mine, compiled=False))
         state = parts[-1].final
-    for i, column in enumerate(columns(whole)):
-        assert np.array_equal(column, np.concatenate([columns(part)[i] for part in parts]))
+    for i, column in enumerate(motion_columns(whole)):
+        assert np.array_equal(column, np.concatenate([motion_columns(part)[i] for part in parts]))
     assert state == whole.final
 
 

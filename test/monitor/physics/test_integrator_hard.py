@@ -31,7 +31,7 @@ def _raising() -> Iterator[None]:
         yield
 
 
-def breakaway(bearing: Bearing, speed: float, load: float) -> MotionState:
+def breakaway_state(bearing: Bearing, speed: float, load: float) -> MotionState:
     limit = bearing.friction.static * load - bearing.damping * speed
     return MotionState(limit / bearing.stiffness, 0.0)
 
@@ -59,7 +59,7 @@ def test_a_distance_of_1e_12_from_the_fold_decides(side: float, sticks: bool, lo
     motion = integrate(
         REFERENCE,
         Drive.constant(speed, load, 10.5 * period),
-        breakaway(REFERENCE, speed, load),
+        breakaway_state(REFERENCE, speed, load),
         compiled=False,
     )
     phases = motion.transitions.after.tolist()
@@ -94,7 +94,7 @@ def test_hard_cycles_are_the_exact_ones(name: str) -> None:
     assert exact.kind is CycleKind.STICK_SLIP
     slip = exact.period * (1.0 - exact.stick_fraction)
     # Where the motion is small against the deflection it is about, its digits are fewer.
-    start = breakaway(bearing, speed, load)
+    start = breakaway_state(bearing, speed, load)
     grain = 1e-16 * start.displacement / exact.amplitude
     motion = integrate(
         bearing,

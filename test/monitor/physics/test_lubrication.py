@@ -31,7 +31,7 @@ RPM = np.pi * 0.1 / 60.0
 POINTS = [(g, load, water) for g in (0.0, 0.5, 1.0) for load in (600.0, 4000.0) for water in (5.0, 30.0)]
 
 
-def bearings(law, g, load, water):
+def equivalent_bearings(law, g, load, water):
     """A bearing with a lubrication, and the one whose law is written out for a load and a temperature."""
     own = Bearing(50.0, 400.0, 2.0e6, law, 0.1, Lubrication(1000.0, g, 15.0)).at_temperature(water)
     s = (load / 1000.0) ** g * float(viscosity(15.0) / viscosity(water))
@@ -55,7 +55,7 @@ def test_viscosity_of_water(temperature, salinity, expected):
 @pytest.mark.parametrize(('g', 'load', 'water'), POINTS)
 @pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0), Stribeck(0.3, 0.1, 10.0, viscous=0.01)], ids=str)
 def test_every_speed_and_amplitude_is_of_the_law_written_out(law, g, load, water):
-    own, there, s = bearings(law, g, load, water)
+    own, there, s = equivalent_bearings(law, g, load, water)
     speed = 0.6 * float(fold_speed(there, load))
     for boundary in (hopf_speed, fold_speed, exact_fold_speed):
         assert boundary(own, load) == pytest.approx(boundary(there, load), rel=1e-12)
@@ -78,7 +78,7 @@ def test_every_speed_and_amplitude_is_of_the_law_written_out(law, g, load, water
 
 @pytest.mark.parametrize(('g', 'load', 'water'), POINTS)
 def test_loads_are_the_inverse_of_speeds(g, load, water):
-    own, there, _ = bearings(Stribeck(0.3, 0.1, 10.0), g, load, water)
+    own, there, _ = equivalent_bearings(Stribeck(0.3, 0.1, 10.0), g, load, water)
     for of_load, of_speed in ((hopf_speed, hopf_load), (fold_speed, fold_load)):
         assert of_speed(own, of_load(own, load)) == pytest.approx(load, rel=1e-11)
         assert of_load(own, load) == pytest.approx(of_load(there, load), rel=1e-12)
@@ -86,7 +86,7 @@ def test_loads_are_the_inverse_of_speeds(g, load, water):
 
 def test_a_table_has_its_points_at_other_speeds():
     law = Tabulated([0.0, 0.1, 0.2, 0.4, 1.0], [0.3, 0.2, 0.15, 0.11, 0.1])
-    own, there, _ = bearings(law, 1.0, 2500.0, 5.0)
+    own, there, _ = equivalent_bearings(law, 1.0, 2500.0, 5.0)
     for boundary in (hopf_speed, fold_speed, exact_fold_speed):
         assert boundary(own, 2500.0) == pytest.approx(boundary(there, 2500.0), rel=1e-9)
     assert fold_load(own, fold_speed(own, 2500.0)) == pytest.approx(2500.0, rel=1e-9)
@@ -102,14 +102,14 @@ def test_the_published_example():
 
 
 def test_no_load_and_no_number_are_outcomes():
-    own = bearings(Stribeck(0.3, 0.1, 10.0), 1.0, 600.0, 5.0)[0]
+    own = equivalent_bearings(Stribeck(0.3, 0.1, 10.0), 1.0, 600.0, 5.0)[0]
     assert np.isnan(fold_speed(own, [0.0, -5.0, np.nan])).all()
     assert growth_rate(own, 0.1, 0.0) == pytest.approx(-4.0)
     assert np.isnan(exact_amplitude(own, [0.1, np.nan], [0.0, 600.0])).all()
 
 
 def test_a_motion_is_that_of_the_law_written_out():
-    own, there, _ = bearings(Stribeck(0.3, 0.1, 10.0), 0.5, 2500.0, 5.0)
+    own, there, _ = equivalent_bearings(Stribeck(0.3, 0.1, 10.0), 0.5, 2500.0, 5.0)
     drive, times = Drive.constant(0.1, 2500.0, 0.3), np.linspace(0.0, 0.3, 50)
     motions = [integrate(each, drive, MotionState(0.0, 0.1), times, compiled=False) for each in (own, there)]
     for name in ('displacement', 'velocity', 'relative_speed', 'acceleration'):
@@ -126,7 +126,7 @@ def test_a_scale_of_one_number_is_that_of_an_array():
 
 
 def test_as_measured_is_without():
-    own = bearings(Stribeck(0.3, 0.1, 10.0), 1.0, 600.0, 5.0)[0]
+    own = equivalent_bearings(Stribeck(0.3, 0.1, 10.0), 1.0, 600.0, 5.0)[0]
     assert as_measured(own).lubrication is None
     plain = as_measured(own)
     assert as_measured(plain) is plain

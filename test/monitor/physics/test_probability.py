@@ -62,14 +62,14 @@ def test_three_tolerances_keep_the_published_values(rpm: float, load: float, can
     assert THREE.probabilities(rpm * RPM, load) == pytest.approx((can, will), abs=1.5e-3)
 
 
-def _points(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def random_points(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     random = np.random.default_rng(5)
     return np.exp(random.uniform(-7.0, 3.0, size)), np.exp(random.uniform(2.0, 11.5, size))
 
 
 def test_compiled_look_ups_are_those_of_single_points() -> None:
     pytest.importorskip('numba')
-    speed, load = _points(1000)
+    speed, load = random_points(1000)
     one = [THREE.probabilities(v, n) for v, n in zip(speed.tolist(), load.tolist(), strict=True)]
     many = np.array(THREE.probabilities(np.tile(speed, 110), np.tile(load, 110)))
     assert np.array_equal(np.transpose(one), many[:, :1000])

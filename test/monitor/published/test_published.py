@@ -28,14 +28,14 @@ from stickslip_monitor import (
 )
 
 
-def block(mass: float, damping: float, stiffness: float, law: FrictionLaw) -> Bearing:
+def block_on_belt(mass: float, damping: float, stiffness: float, law: FrictionLaw) -> Bearing:
     return Bearing(mass, damping, stiffness, law, journal_diameter=1.0)
 
 
 # bSTAB (TU Hamburg, MATLAB case_friction; its Python port is pyBasin): xi 0.05, mu_d 0.5, ratio 2,
 # v0 0.5. In steps of 0.075 the equilibrium appears between 1.100 and 1.175, and the limit cycle
 # disappears between 1.775 and 1.850.
-BSTAB = block(1.0, 0.1, 1.0, Stribeck(1.0, 0.5, 2.0))
+BSTAB = block_on_belt(1.0, 0.1, 1.0, Stribeck(1.0, 0.5, 2.0))
 
 
 @pytest.mark.parametrize('speed', np.round(np.arange(0.5, 1.926, 0.075), 4).tolist())
@@ -54,7 +54,7 @@ def test_bstab_boundaries() -> None:
 # hardware-in-the-loop rig with viscous friction.
 def test_veraszto_and_stepan_hopf_speed() -> None:
     static, kinetic, decay, damping, viscous = 6.0, 2.0, 10.0, 5.746, 0.2
-    rig = block(0.538, damping, 6957.0, Stribeck(static, kinetic, decay, viscous))
+    rig = block_on_belt(0.538, damping, 6957.0, Stribeck(static, kinetic, decay, viscous))
     equation_11 = math.log(decay * (static - kinetic) / (damping + viscous)) / decay
     assert hopf_speed(rig, 1.0) == pytest.approx(equation_11, rel=1e-12)
     assert equation_11 == pytest.approx(0.190616, abs=5e-7)
@@ -66,7 +66,7 @@ def test_veraszto_and_stepan_hopf_speed() -> None:
 # F = 1/(1 + 3 v), m = k = 1, belt at 0.2, no damping. Turning point 1.135 and 1.141 by two steps.
 def test_leine_turning_point() -> None:
     speed = np.r_[0.0, np.geomspace(1e-3, 8.0, 60)]
-    leine = block(1.0, 0.0, 1.0, Tabulated(speed, 1.0 / (1.0 + 3.0 * speed)))
+    leine = block_on_belt(1.0, 0.0, 1.0, Tabulated(speed, 1.0 / (1.0 + 3.0 * speed)))
     cycle = exact_cycle(leine, 0.2, 1.0)
     _, displacement, _ = cycle.waveform(4001)
     assert displacement.max() == pytest.approx(1.135, rel=2e-3)
@@ -82,7 +82,7 @@ END = math.sqrt((K1 - 2.0 * ZETA) / (3.0 * K3))
 @pytest.fixture(scope='module')
 def cubic() -> Bearing:
     v = np.linspace(0.0, 2.0, 401)
-    return block(1.0, 2.0 * ZETA, 1.0, Tabulated(v, STATIC - K1 * v + K3 * v**3))
+    return block_on_belt(1.0, 2.0 * ZETA, 1.0, Tabulated(v, STATIC - K1 * v + K3 * v**3))
 
 
 def test_thomsen_and_fidlin_end_of_vibration(cubic: Bearing) -> None:
@@ -117,7 +117,7 @@ def test_thomsen_and_fidlin_pure_slip_amplitude(cubic: Bearing, speed: float) ->
 def test_coulomb_closed_form(
     static: float, kinetic: float, load: float, mass: float, stiffness: float, speed: float
 ) -> None:
-    cycle = exact_cycle(block(mass, 0.0, stiffness, Coulomb(static, kinetic)), speed, load)
+    cycle = exact_cycle(block_on_belt(mass, 0.0, stiffness, Coulomb(static, kinetic)), speed, load)
     omega, drop = math.sqrt(stiffness / mass), (static - kinetic) * load / stiffness
     assert cycle.amplitude == pytest.approx(math.hypot(drop, speed / omega), rel=1e-11)
     slip = 2.0 * (math.pi - math.atan(drop * omega / speed)) / omega
@@ -167,7 +167,7 @@ def test_brockley_banerjee_straight_fall(speed: float) -> None:
     mass, damping, stiffness, load, fall = 50.0, 40.0, 2.0e6, 1000.0, 0.1
     places = [0.0, 0.5, 1.0, 1.5, 2.0, 3.0]
     law = Tabulated(places, [0.3 - fall * min(v, 2.0) for v in places])
-    bearing = block(mass, damping, stiffness, law)
+    bearing = block_on_belt(mass, damping, stiffness, law)
     cycle = exact_cycle(bearing, speed, load)
     reach = 2.0 * law.static * load / stiffness
     amplitude, period = _straight_slip(mass, damping - fall * load, stiffness, speed, reach)

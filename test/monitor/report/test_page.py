@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import CONFIG, ROOT, contrast, luminance
+from shared import CONFIG, ROOT, contrast_ratio, relative_luminance
 
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS
@@ -66,13 +66,13 @@ DRAWING = '<svg role="img" aria-label="m"></svg>'
 START = 1_777_852_800 * 10**9  # a midnight
 
 
-def event(number: int, severity: str = 'ERROR', text: str = 'x') -> dict[str, Any]:
+def warning_event(number: int, severity: str = 'ERROR', text: str = 'x') -> dict[str, Any]:
     condition = {'OK': 'normal', 'WARN': 'caution', 'ERROR': 'stick_slip'}[severity]
     at = START + number * 10**9
     return {'time': at, 'severity': severity, 'from': 'normal', 'to': condition, 'text': text}
 
 
-def document(text: str) -> dict[str, Any]:
+def check_document(text: str) -> dict[str, Any]:
     """What a check prints, with a text wherever a name or a sentence stands."""
     topics = {text: {'type': text, 'messages': 7, 'problem': text}}
     spoken = {
@@ -87,7 +87,7 @@ def document(text: str) -> dict[str, Any]:
     bearing = {
         'evaluations': 7,
         'seconds': {'stable': 1.0, 'bistable': 3.0, 'unstable': 0.0},
-        'events': [event(0, text=text), event(5), event(86_400)],
+        'events': [warning_event(0, text=text), warning_event(5), warning_event(86_400)],
         'inputs': {'speed': spoken},
     }
     return {
@@ -112,7 +112,7 @@ def page_of(text: str) -> str:
     part = BearingPart('bag-1-aft', finding, {'speed': own}, facts, picture, picture, text)
     failed = {'path': text, 'error': text}
     parts = [
-        RecordingPart('bag-1', text, document(text), (finding,), {text: part}),
+        RecordingPart('bag-1', text, check_document(text), (finding,), {text: part}),
         RecordingPart('bag-2', text, failed, (finding,), {}),
     ]
     made = datetime(2026, 5, 5, tzinfo=timezone.utc)
@@ -156,22 +156,22 @@ def test_it_is_well_formed_and_can_be_found_the_way_around_in() -> None:
     assert targets <= set(ids)
 
 
-def style() -> str:
+def page_style() -> str:
     import stickslip_monitor.report.page as module
 
     return (Path(module.__file__).parent / 'page.css').read_text('utf-8')
 
 
 def test_on_paper_the_bar_of_regimes_is_darker_with_trouble() -> None:
-    (paper,) = re.findall(r'@media print \{\s*:root \{(.*?)\}', style())
+    (paper,) = re.findall(r'@media print \{\s*:root \{(.*?)\}', page_style())
     colour = dict(re.findall(r'--([a-z]+): (#[0-9a-f]{6})', paper))
-    greys = [luminance(colour[each]) for each in ('undetermined', 'stable', 'bistable', 'unstable')]
+    greys = [relative_luminance(colour[each]) for each in ('undetermined', 'stable', 'bistable', 'unstable')]
     assert min(light / dark for light, dark in pairwise(greys)) > 1.3
 
 
 @pytest.mark.parametrize('night', [False, True])
 def test_words_stand_out_from_what_is_behind_them(night: bool) -> None:
-    day, dark = re.findall(r':root \{(.*?)\}', style(), flags=re.DOTALL)[:2]
+    day, dark = re.findall(r':root \{(.*?)\}', page_style(), flags=re.DOTALL)[:2]
     colour = dict(re.findall(r'--([a-z-]+): (#[0-9a-f]{6})', day + (dark if night else '')))
     assert len(re.findall(r'--[a-z-]+:', dark)) == len(colour)
     grades = ('clear', 'warning', 'alarm', 'unknown')
@@ -180,7 +180,7 @@ def test_words_stand_out_from_what_is_behind_them(night: bool) -> None:
     pairs += [(grade, f'{grade}-back') for grade in grades]
     pairs += [('text', f'{grade}-back') for grade in grades]
     for front, back in pairs:
-        assert contrast(colour[front], colour[back]) >= 4.5, (front, back)
+        assert contrast_ratio(colour[front], colour[back]) >= 4.5, (front, back)
 
 
 def test_the_cards_say_units_scales_and_what_is_assumed(tmp_path: Path) -> None:
@@ -206,7 +206,11 @@ def test_the_cards_say_units_scales_and_what_is_assumed(tmp_path: Path) -> None:
 
 def test_of_an_archive_what_is_not_shown_is_a_row_whatever_came_of_it() -> None:
     finding, made = Finding('unknown', ('no verdict',)), datetime(2026, 5, 5, tzinfo=timezone.utc)
-    documents = [document('x'), document('x') | {'complete': False}, {'path': 'x', 'error': 'torn'}]
+    documents = [
+        check_document('x'),
+        check_document('x') | {'complete': False},
+        {'path': 'x', 'error': 'torn'},
+    ]
     parts = [RecordingPart(f'bag-{k}', 'x', documents[k % 3], (finding,)) for k in range(MOST_DRAWN + 3)]
     text = html_page(parts, load_config(CONFIG), str(CONFIG), made).decode()
     rows = re.findall(r'<tr><td>x</td><td>(.*?)</td><td>(.*?)</td><td>.*?no verdict(.*?)</td>', text)
@@ -216,7 +220,7 @@ def test_of_an_archive_what_is_not_shown_is_a_row_whatever_came_of_it() -> None:
 
 
 def test_of_very_many_events_the_severe_stay() -> None:
-    events = [event(i, 'ERROR' if i % 100 == 50 else 'WARN') for i in range(MOST_EVENTS + 200)]
+    events = [warning_event(i, 'ERROR' if i % 100 == 50 else 'WARN') for i in range(MOST_EVENTS + 200)]
     rows = shown_events(events)
     numbers = [number for number, _ in rows]
     assert len(rows) == MOST_EVENTS

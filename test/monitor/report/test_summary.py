@@ -28,7 +28,7 @@ from stickslip_monitor.report.summary import Course, Finding, facts, finding_of,
 Make = Callable[..., Course]
 
 
-def said(finding: Finding) -> str:
+def sentences_of(finding: Finding) -> str:
     return ' '.join(finding.sentences).replace('\N{NO-BREAK SPACE}', ' ')
 
 
@@ -39,10 +39,10 @@ def test_clear(course: Make) -> None:
         'aft_stern: no stick-slip was predicted, and the bearing kept clear of it.'
     )
     # 60 / 40.7179 - 1, by the exact fold of PHYSICS.md
-    assert 'least fold margin was +47.4 %, at 60.0 rpm and 1 kN' in said(finding)
+    assert 'least fold margin was +47.4 %, at 60.0 rpm and 1 kN' in sentences_of(finding)
 
 
-def spells(*parts: tuple[int, Condition]) -> list[ConditionInterval]:
+def condition_spells(*parts: tuple[int, Condition]) -> list[ConditionInterval]:
     """Conditions that follow each other, each with the second that it lasts to."""
     edges = [START, *(START + end * 10**9 for end, _ in parts)]
     return [
@@ -52,7 +52,7 @@ def spells(*parts: tuple[int, Condition]) -> list[ConditionInterval]:
 
 
 def test_stick_slip_comes_first(course: Make) -> None:
-    in_and_out = spells((13, Condition.NORMAL), (28, Condition.STICK_SLIP), (40, Condition.NORMAL))
+    in_and_out = condition_spells((13, Condition.NORMAL), (28, Condition.STICK_SLIP), (40, Condition.NORMAL))
     own = course([60.0] * 10 + [20.0] * 10 + [60.0] * 20)
     finding = finding_of(replace(own, spells=in_and_out))
     assert finding.grade == 'alarm'
@@ -60,21 +60,23 @@ def test_stick_slip_comes_first(course: Make) -> None:
         'aft_stern: stick-slip was predicted for 15 s, from 06:00:13 to 06:00:28 UTC on 2026-05-04.'
     )
     # At 20 rpm first-order KBM has 0.52688 mm and the exact cycle 0.556755 mm.
-    assert 'amplitude was 0.557 mm, at 20.0 rpm and 1 kN, below the limit' in said(finding)
-    twice = [*in_and_out, *spells((50, Condition.NORMAL), (77, Condition.STICK_SLIP))[1:]]
-    text = said(finding_of(replace(own, spells=twice)))
+    assert 'amplitude was 0.557 mm, at 20.0 rpm and 1 kN, below the limit' in sentences_of(finding)
+    twice = [*in_and_out, *condition_spells((50, Condition.NORMAL), (77, Condition.STICK_SLIP))[1:]]
+    text = sentences_of(finding_of(replace(own, spells=twice)))
     assert 'stick-slip was predicted for 42 s in 2 spells, between 06:00:13 and' in text
 
 
 def test_close(course: Make) -> None:
     calm = course([60.0] * 40)
-    near = spells((12, Condition.NORMAL), (25, Condition.CAUTION), (40, Condition.NORMAL))
+    near = condition_spells((12, Condition.NORMAL), (25, Condition.CAUTION), (40, Condition.NORMAL))
     finding = finding_of(replace(calm, spells=near))
     assert finding.grade == 'warning'
-    assert 'no stick-slip was predicted, but the bearing was within the caution margin' in said(finding)
-    assert 'a disturbance' not in said(finding)
-    inside = spells((12, Condition.NORMAL), (24, Condition.BISTABLE), (40, Condition.NORMAL))
-    text = said(finding_of(replace(calm, spells=inside)))
+    assert 'no stick-slip was predicted, but the bearing was within the caution margin' in sentences_of(
+        finding
+    )
+    assert 'a disturbance' not in sentences_of(finding)
+    inside = condition_spells((12, Condition.NORMAL), (24, Condition.BISTABLE), (40, Condition.NORMAL))
+    text = sentences_of(finding_of(replace(calm, spells=inside)))
     assert 'for 12 s where a disturbance could have started it' in text
 
 
@@ -92,14 +94,14 @@ def test_lost_time_is_said_and_is_no_clear_verdict(course: Make) -> None:
     # The last samples at second 29 count for 5 s, so from 34 on an input is lost.
     some = finding_of(course([60.0] * 30, seconds=40))
     assert some.grade == 'warning'
-    assert 'An input was missing for 6.0 s (15 % of the time)' in said(some)
+    assert 'An input was missing for 6.0 s (15 % of the time)' in sentences_of(some)
     assert finding_of(course([60.0] * 30, seconds=300)).grade == 'unknown'
 
 
 def test_nothing_usable(course: Make) -> None:
     finding = finding_of(course([], seconds=60))
     assert (finding.grade, finding.word) == ('unknown', 'No verdict')
-    assert 'no verdict' in said(finding)
+    assert 'no verdict' in sentences_of(finding)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +142,7 @@ def test_probabilities_are_a_fact_where_there_are_any(course: Callable[..., Cour
 NS = 10**9
 
 
-def ns(text: str) -> int:
+def epoch_ns(text: str) -> int:
     return int(datetime.fromisoformat(text).replace(tzinfo=timezone.utc).timestamp()) * NS
 
 
@@ -180,13 +182,13 @@ def test_times_are_utc_whatever_the_machine_says(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv('TZ', 'Asia/Tokyo')
     time.tzset()
     try:
-        at = ns('2026-05-04T06:01:27') + 49 * 10**6
+        at = epoch_ns('2026-05-04T06:01:27') + 49 * 10**6
         assert summary.date(at) == '2026-05-04'
         assert summary.clock(at) == '06:01:27.0'
         assert summary.minute(at) == '06:01:27'
         assert summary.iso(at) == '2026-05-04T06:01:27.049000Z'
         # Tenths carry over midnight.
-        assert summary.clock(ns('2026-05-04T23:59:59') + 960 * 10**6) == '00:00:00.0'
+        assert summary.clock(epoch_ns('2026-05-04T23:59:59') + 960 * 10**6) == '00:00:00.0'
     finally:
         monkeypatch.undo()
         time.tzset()

@@ -46,7 +46,7 @@ STAMPED = {
 _AHEAD = 0.4
 
 
-def parameters(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
+def node_parameters(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
     """Node parameters with one reference bearing, aft, some of its values replaced."""
     values = dict(PARAMETERS)
     for change in changes:
@@ -54,9 +54,9 @@ def parameters(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
     return {'bearings': ['aft']} | node | {f'aft.{key}': value for key, value in values.items()}
 
 
-def stamped(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
+def stamped_parameters(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
     """The same for STAMPED on simulated time, which :class:`Telemetry` moves: no machine is too slow."""
-    return parameters(STAMPED, *changes, use_sim_time=True, **node)
+    return node_parameters(STAMPED, *changes, use_sim_time=True, **node)
 
 
 class Peer:
@@ -285,10 +285,10 @@ class Telemetry:
             self.now = at = round(self.now + 0.1, 9)
         if self._clock is not None:
             clock = Clock()
-            clock.clock.sec, clock.clock.nanosec = _seconds(self.now + _AHEAD)
+            clock.clock.sec, clock.clock.nanosec = ros_seconds(self.now + _AHEAD)
             self._clock.publish(clock)
         message = JointState()
-        message.header.stamp.sec, message.header.stamp.nanosec = _seconds(at)
+        message.header.stamp.sec, message.header.stamp.nanosec = ros_seconds(at)
         message.velocity = [] if rpm is None else [float(rpm)]
         message.effort = [] if load is None else [float(load)]
         self._publisher.publish(message)
@@ -332,17 +332,17 @@ class Telemetry:
         return simulated if self._clock is not None else round((time.time_ns() - T0) / SECOND, 1)
 
 
-def _seconds(after: float) -> tuple[int, int]:
+def ros_seconds(after: float) -> tuple[int, int]:
     """A time after T0 as ROS has it."""
     return divmod(T0 + round(after * SECOND), SECOND)
 
 
-def events(warnings: list[Any]) -> list[dict[str, Any]]:
+def decode_warnings(warnings: list[Any]) -> list[dict[str, Any]]:
     """The warnings heard, decoded."""
     return [json.loads(message.data) for message in warnings]
 
 
-def status(diagnostics: list[Any], bearing: str = 'aft') -> dict[str, Any]:
+def latest_status(diagnostics: list[Any], bearing: str = 'aft') -> dict[str, Any]:
     """The latest diagnostic status of a bearing, as a flat record."""
     found = next(
         (s for m in reversed(diagnostics) for s in m.status if s.name.endswith(f': {bearing}')), None

@@ -88,7 +88,7 @@ class _Clocks:
         return Moment(self.steady_ns, self.node.now)
 
 
-def _inputs(node: Any, kind: str, field: str, step_ns: int = 0, simulated: bool = False) -> Any:
+def two_bearings_inputs(node: Any, kind: str, field: str, step_ns: int = 0, simulated: bool = False) -> Any:
     """Two bearings on one shaft, each with a load of its own."""
     values: dict[str, Any] = {'bearings': ['fore', 'aft']}
     for name in values['bearings']:
@@ -96,7 +96,7 @@ def _inputs(node: Any, kind: str, field: str, step_ns: int = 0, simulated: bool 
         for quantity, topic in (('speed', 'speed'), ('load', f'load/{name}')):
             source = {'topic': topic, 'type': kind, 'field': field, 'timeout': 2.0}
             own |= {f'{quantity}.{key}': value for key, value in source.items()}
-        bearing = kit.parameters(own)
+        bearing = kit.node_parameters(own)
         del bearing['bearings']
         values |= {key.replace('aft', name, 1): value for key, value in bearing.items()}
     config = build_config(values)
@@ -105,13 +105,13 @@ def _inputs(node: Any, kind: str, field: str, step_ns: int = 0, simulated: bool 
     return config, inputs
 
 
-def _heard(inputs: Any) -> list[Any]:
+def fetch_numbers(inputs: Any) -> list[Any]:
     """What a turn brings for the aft bearing."""
     inputs.fetch(False)
     return [number for number in inputs.numbers() if number.bearing == 'aft']
 
 
-def _lane(inputs: Any, topic: str) -> Any:
+def lane_of(inputs: Any, topic: str) -> Any:
     (lane,) = (lane for lane in inputs.lanes if lane.name == topic)
     return lane
 
@@ -119,10 +119,10 @@ def _lane(inputs: Any, topic: str) -> Any:
 def test_simulated_time_of_arrival_is_between_turns() -> None:
     """At ``ros2 bag play --rate 20`` a turn is a second long."""
     node = _Node()
-    _, inputs = _inputs(node, 'std_msgs/msg/Float64', 'data', simulated=True)
+    _, inputs = two_bearings_inputs(node, 'std_msgs/msg/Float64', 'data', simulated=True)
     # Before the first /clock there is no time, and nothing is used.
     node.put('speed', Float64(data=1.0))
-    assert _heard(inputs) == []
+    assert fetch_numbers(inputs) == []
     node.now = BEGIN
     inputs.fetch(False)
     # The middleware has this machine's clock: after a tenth of a second a second has passed.
@@ -132,7 +132,7 @@ def test_simulated_time_of_arrival_is_between_turns() -> None:
         node.now = wall - 10**8 + 10**7 * number
         node.put('speed', Float64(data=float(number)))
     node.now = BEGIN + 10**9
-    times = np.array([number.arrival_ns for number in _heard(inputs)])
+    times = np.array([number.arrival_ns for number in fetch_numbers(inputs)])
     assert len(times) == 10
     assert (np.diff(times) > 0).all()
     assert BEGIN <= times[0] < times[-1] <= BEGIN + 10**9
@@ -140,26 +140,26 @@ def test_simulated_time_of_arrival_is_between_turns() -> None:
 
 def test_a_stamp_before_1970_is_none() -> None:
     node = _Node()
-    _, inputs = _inputs(node, STAMPED, 'vector.x')
+    _, inputs = two_bearings_inputs(node, STAMPED, 'vector.x')
     node.now = BEGIN
     for second in (-5, 0, BEGIN // 10**9 - 1):
         message = Vector3Stamped()
         message.header.stamp.sec = second
         node.put('speed', message)
-    assert [n.time_ns for n in _heard(inputs)] == [BEGIN, BEGIN, BEGIN - 10**9]
+    assert [n.time_ns for n in fetch_numbers(inputs)] == [BEGIN, BEGIN, BEGIN - 10**9]
 
 
 @pytest.mark.parametrize(('held', 'counts'), [(False, (3, 0)), (True, (0, 3))])
 def test_what_is_missing_between_two_numbers_is_counted(held: bool, counts: tuple[int, int]) -> None:
     """Of what is missing while the node was held up nobody knows that it was lost on the way."""
     node = _Node()
-    _, inputs = _inputs(node, 'std_msgs/msg/Float64', 'data')
+    _, inputs = two_bearings_inputs(node, 'std_msgs/msg/Float64', 'data')
     node.now = BEGIN
     # The first number of a sender says nothing; one that begins anew has lost nothing.
     for number in (1, 2, 7, 8):
         node.put('speed', Float64(data=1.0), number)
     inputs.fetch(False)
-    lane = _lane(inputs, 'speed')
+    lane = lane_of(inputs, 'speed')
     assert (lane.lost, lane.left_out) == (4, 0)
     # Nothing waits yet at the turn that is late.
     inputs.fetch(held)
@@ -174,12 +174,12 @@ def test_what_is_missing_between_two_numbers_is_counted(held: bool, counts: tupl
 
 def test_of_a_flood_every_so_many_are_left_out_and_the_last_is_not() -> None:
     node = _Node()
-    _, inputs = _inputs(node, 'std_msgs/msg/Float64', 'data')
+    _, inputs = two_bearings_inputs(node, 'std_msgs/msg/Float64', 'data')
     for number in range(1500):
         node.now = BEGIN + number
         node.put('speed', Float64(data=float(number)))
-    values = [number.value for number in _heard(inputs)]
-    lane = _lane(inputs, 'speed')
+    values = [number.value for number in fetch_numbers(inputs)]
+    lane = lane_of(inputs, 'speed')
     assert lane.left_out == 1500 - len(values)
     assert lane.lost == 0
     assert values[-1] == 1499.0
@@ -190,16 +190,16 @@ def test_of_a_flood_every_so_many_are_left_out_and_the_last_is_not() -> None:
         for number in range(600):
             node.put('speed', Float64(data=float(number)))
         inputs.fetch(False)
-    assert len(_heard(inputs)) + len(values) + lane.left_out == 2700
+    assert len(fetch_numbers(inputs)) + len(values) + lane.left_out == 2700
 
 
 def test_a_turn_ends_by_time_and_the_next_goes_on() -> None:
     node = _Node()
-    _, inputs = _inputs(node, 'std_msgs/msg/Float64', 'data', step_ns=TURN_NS // 10)
+    _, inputs = two_bearings_inputs(node, 'std_msgs/msg/Float64', 'data', step_ns=TURN_NS // 10)
     node.now = BEGIN
     for number in range(15):
         node.put('speed', Float64(data=float(number)))
-    turns = [[n.value for n in _heard(inputs)] for _ in range(3)]
+    turns = [[n.value for n in fetch_numbers(inputs)] for _ in range(3)]
     assert [value for turn in turns for value in turn] == [float(k) for k in range(15)]
     assert all(0 < len(turn) <= 10 for turn in turns[:2])
 
@@ -261,7 +261,7 @@ ARRIVALS = st.lists(
 )
 
 
-def _events(arrivals: list[tuple[str, int, float]], piles: list[int]) -> dict[str, list[Any]]:
+def events_of_bearings(arrivals: list[tuple[str, int, float]], piles: list[int]) -> dict[str, list[Any]]:
     """What is told of each bearing; messages pile up before each turn.
 
     Args:
@@ -270,7 +270,7 @@ def _events(arrivals: list[tuple[str, int, float]], piles: list[int]) -> dict[st
     """
     said: dict[str, list[Any]] = {'fore': [], 'aft': []}
     node = _Node()
-    config, inputs = _inputs(node, STAMPED, 'vector.x')
+    config, inputs = two_bearings_inputs(node, STAMPED, 'vector.x')
     monitor = Monitor(config)
     node.now, todo = BEGIN, deque(arrivals)
     for size in piles:
@@ -293,7 +293,7 @@ def test_messages_that_wait_tell_what_they_tell_one_by_one(
     arrivals: list[tuple[str, int, float]], piles: list[int]
 ) -> None:
     rest = [1] * len(arrivals)
-    assert _events(arrivals, [*piles, *rest]) == _events(arrivals, rest)
+    assert events_of_bearings(arrivals, [*piles, *rest]) == events_of_bearings(arrivals, rest)
 
 
 JOINT = 'sensor_msgs/msg/JointState'
@@ -339,9 +339,9 @@ VECTOR = 'geometry_msgs/msg/Vector3'
 )
 def test_an_input_that_leads_to_no_number_is_refused(change: dict[str, Any], text: str) -> None:
     outputs = {'/monitor/aft/amplitude'}
-    check_inputs(build_config(kit.parameters()), outputs)
+    check_inputs(build_config(kit.node_parameters()), outputs)
     with pytest.raises(RosError) as error:
-        check_inputs(build_config(kit.parameters(change)), outputs)
+        check_inputs(build_config(kit.node_parameters(change)), outputs)
     assert str(error.value) == text
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import kit
 import pytest
-from shared import SCHEMAS, complaints
+from shared import SCHEMAS, schema_complaints
 
 from stickslip_monitor import Monitor, Sample, build_config
 from stickslip_monitor.commands import assess as assess_command
@@ -25,7 +25,7 @@ PAGE = Path(__file__).resolve().parents[3] / 'docs' / 'interfaces.md'
 @pytest.fixture
 def monitor() -> Monitor:
     """A monitor that has warned."""
-    monitor = Monitor(build_config(kit.parameters({'alarm.on_delay': 0.0})))
+    monitor = Monitor(build_config(kit.node_parameters({'alarm.on_delay': 0.0})))
     monitor.update(Sample('aft', 'speed', 1, 20.0))
     return monitor
 
@@ -41,15 +41,15 @@ def test_every_schema_is_named_on_the_page() -> None:
 def test_an_assessment_and_an_action_keep_their_schemas(monitor: Monitor) -> None:
     verdict = monitor.update(Sample('aft', 'load', 2, 1000.0)).verdict
     document = assess_command.to_json('aft', verdict.assessment)
-    assert complaints('assessment-2', document) == []
+    assert schema_complaints('assessment-2', document) == []
     for action in Action:
         request = ActionRequest(action, 'Ada', reason='new oil')
-        assert complaints('action-1', request_record(request)) == []
+        assert schema_complaints('action-1', request_record(request)) == []
     (example,) = re.findall(r'```json\n(.*?)```', PAGE.read_text(), flags=re.DOTALL)
-    assert complaints('action-1', json.loads(example)) == []
+    assert schema_complaints('action-1', json.loads(example)) == []
 
 
-def fields(title: str) -> list[str]:
+def documented_fields(title: str) -> list[str]:
     """The names in the first column of a section's table."""
     (text,) = [part for part in PAGE.read_text().split('\n## ') if part.startswith(title)]
     rows = re.findall(r'^\| (`[^|]*) \|', text, flags=re.MULTILINE)
@@ -60,7 +60,7 @@ def test_the_services() -> None:
     pytest.importorskip('rclpy', reason='ROS 2 is not installed')
     from stickslip_monitor.ros.running import SWITCHES, TRIGGERS
 
-    assert fields('Services') == [*TRIGGERS, *SWITCHES]
+    assert documented_fields('Services') == [*TRIGGERS, *SWITCHES]
 
 
 def test_keys_of_diagnostics(monitor: Monitor) -> None:
@@ -69,7 +69,7 @@ def test_keys_of_diagnostics(monitor: Monitor) -> None:
     inputs = dict.fromkeys(('speed', 'load'), InputState(fault='nobody publishes'))
     state = BearingState(monitor.bearings['aft'], inputs)
     keys = diagnostic_record('monitor', state).values
-    named = {name.replace('... ', 'speed samples ') for name in fields('Diagnostics')}
+    named = {name.replace('... ', 'speed samples ') for name in documented_fields('Diagnostics')}
     optional = {row.key for row in BEARING if row.key and row.needs}
     assert named - optional <= set(keys)
     assert {name for name in keys if name.startswith('speed samples')} <= named

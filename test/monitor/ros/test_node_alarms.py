@@ -49,7 +49,7 @@ class Panel:
 
 
 def test_the_services(host: Any) -> None:
-    monitor = host(kit.stamped(shelve_time=1.0))
+    monitor = host(kit.stamped_parameters(shelve_time=1.0))
     panel, telemetry = Panel(monitor), kit.Telemetry(monitor)
     assert panel.ask('acknowledge') == (False, 'there is nothing to acknowledge')
     telemetry.until(20.0, 1000.0, panel.states, 'the alarm')
@@ -84,7 +84,7 @@ def test_the_services(host: Any) -> None:
 def test_requests_on_the_topic(host: Any) -> None:
     from std_msgs.msg import String
 
-    monitor = host(kit.stamped())
+    monitor = host(kit.stamped_parameters())
     panel = Panel(monitor)
     publisher = monitor.peer.talk(String, monitor.name('actions'))
     good = '{"schema": "stickslip_monitor/action/1", "action": "remove", "by": "Ada"'
@@ -103,7 +103,7 @@ def test_requests_on_the_topic(host: Any) -> None:
 def test_a_state_file_of_zeros_is_put_aside_and_the_node_monitors(host: Any, tmp_path: Path) -> None:
     file = tmp_path / 'alarms.json'
     file.write_bytes(bytes(4096))  # as a power cut leaves it
-    monitor = host(kit.parameters() | {'state_file': str(file)})
+    monitor = host(kit.node_parameters() | {'state_file': str(file)})
     aside = f'{file}.damaged'
     lines = [line for line in monitor.log.lines if aside in line]
     assert len(lines) == 1
@@ -111,7 +111,7 @@ def test_a_state_file_of_zeros_is_put_aside_and_the_node_monitors(host: Any, tmp
     panel, diagnostics = Panel(monitor), monitor.diagnostics()
 
     def level() -> Any:
-        return kit.status(diagnostics, 'the node').get('level')
+        return kit.latest_status(diagnostics, 'the node').get('level')
 
     panel.peer.until(lambda: level() == b'\x01', 'the status says so')
     assert Path(aside).read_bytes() == bytes(4096)
@@ -121,7 +121,7 @@ def test_a_state_file_of_zeros_is_put_aside_and_the_node_monitors(host: Any, tmp
 
 def test_an_acknowledged_alarm_survives_a_restart(host: Any, tmp_path: Path) -> None:
     file = tmp_path / 'alarms.json'
-    values = kit.stamped(state_file=str(file))
+    values = kit.stamped_parameters(state_file=str(file))
     first = host(values)
     panel, telemetry = Panel(first), kit.Telemetry(first)
     telemetry.until(20.0, 1000.0, panel.states, 'the alarm')
@@ -136,7 +136,7 @@ def test_an_acknowledged_alarm_survives_a_restart(host: Any, tmp_path: Path) -> 
     # A greeting at 60 rpm would end the stick-slip.
     kit.Telemetry(second, 20.0, telemetry.now).hold(20.0, 1000.0, 2.0)
     # The condition goes on, and so does the alarm: somebody knows already.
-    panel.peer.until(lambda: kit.status(diagnostics).get('reason') == 'stick_slip', 'stick-slip')
+    panel.peer.until(lambda: kit.latest_status(diagnostics).get('reason') == 'stick_slip', 'stick-slip')
     assert panel.states() == {'stick_slip': 'acknowledged', **COVERED}
     assert panel.changes == []
     assert not any(record['sounding'] for record in panel.lists)

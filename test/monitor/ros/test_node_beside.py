@@ -104,9 +104,9 @@ def open_page(run: Any, tmp_path: Path) -> Iterator[Any]:
 @pytest.mark.slow
 def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(start: Any, open_page: Any) -> None:
     """Twin screws: the bearings have one name, and so have the topics but for the namespace."""
-    port = start(kit.parameters(kit.STAMPED))
+    port = start(kit.node_parameters(kit.STAMPED))
     shared = ('-r', f'/diagnostics:=/{port.space}/diagnostics')
-    starboard = start(kit.parameters(kit.STAMPED), *shared)
+    starboard = start(kit.node_parameters(kit.STAMPED), *shared)
     shown = open_page(port, starboard)[1]
     other, peer = Page(shown.url, starboard.space), port.peer
     sick, well = kit.Telemetry(port), kit.Telemetry(starboard)
@@ -167,7 +167,7 @@ def test_of_two_bearings_on_one_shaft_the_speed_is_published_once() -> None:
 @pytest.mark.slow
 def test_a_node_between_two_ends_of_a_bus(start: Any, run: Any, tmp_path: Path) -> None:
     changes = {'alarm.on_delay': 0.2, 'speed.timeout': 2.0, 'load.timeout': 2.0}
-    monitor, bus = start(kit.parameters(changes)), Bus()
+    monitor, bus = start(kit.node_parameters(changes)), Bus()
     path = tmp_path / f'{monitor.space}.yaml'
     document = yaml.safe_load(path.read_text())
     document['/stickslip_links'] = {'ros__parameters': bus.links('aft')}

@@ -21,14 +21,18 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 @pytest.fixture
 def values(tmp_path: Path) -> dict[str, Any]:
     """One bearing, and clips of two seconds before and after an alarm."""
-    return kit.stamped() | {'clips.directory': str(tmp_path / 'clips'), 'clips.around': 2.0, 'clips.most': 2}
+    return kit.stamped_parameters() | {
+        'clips.directory': str(tmp_path / 'clips'),
+        'clips.around': 2.0,
+        'clips.most': 2,
+    }
 
 
-def clips(tmp_path: Path) -> list[Path]:
+def clip_files(tmp_path: Path) -> list[Path]:
     return sorted((tmp_path / 'clips').glob('*.mcap'))
 
 
-def alarm(telemetry: Any, seconds: float) -> float:
+def raise_alarm(telemetry: Any, seconds: float) -> float:
     """Five quiet seconds, then stick-slip for so long; when its alarm is raised [s].
 
     By the median, 20 rpm are there from the second value on, and for the on-delay of 0.5 s.
@@ -42,9 +46,9 @@ def test_an_alarm_leaves_a_clip_that_can_be_checked(
     host: Callable[..., Any], values: dict[str, Any], tmp_path: Path
 ) -> None:
     monitor = host(values)
-    raised = alarm(kit.Telemetry(monitor), 4.0)
-    monitor.peer.until(lambda: clips(tmp_path), 'the clip')
-    path = clips(tmp_path)[0]
+    raised = raise_alarm(kit.Telemetry(monitor), 4.0)
+    monitor.peer.until(lambda: clip_files(tmp_path), 'the clip')
+    path = clip_files(tmp_path)[0]
     bag = open_bag(path)
     space = f'/{monitor.space}'
     kinds = {name: topic.type for name, topic in bag.topics.items()}
@@ -58,7 +62,7 @@ def test_an_alarm_leaves_a_clip_that_can_be_checked(
     assert raised + 1.3 <= seconds[-1] <= raised + 2.1
     # The same monitor over the clip alone says the same.
     inputs = {f'aft.{quantity}.topic': f'{space}/shaft' for quantity in ('speed', 'load')}
-    found = check_recording(path, build_config(kit.parameters(kit.STAMPED) | inputs))
+    found = check_recording(path, build_config(kit.node_parameters(kit.STAMPED) | inputs))
     told = [e for e in found.bearings['aft'].events if e.after.value == 'stick_slip']
     assert told[0].time_ns == pytest.approx(kit.T0 + raised * kit.SECOND, abs=1e3)
 
@@ -67,10 +71,10 @@ def test_a_clip_that_is_not_over_is_written_when_the_node_stops(
     host: Callable[..., Any], values: dict[str, Any], tmp_path: Path
 ) -> None:
     monitor = host(values)
-    alarm(kit.Telemetry(monitor), 1.0)
-    assert clips(tmp_path) == []
+    raise_alarm(kit.Telemetry(monitor), 1.0)
+    assert clip_files(tmp_path) == []
     monitor.end()
-    (path,) = clips(tmp_path)
+    (path,) = clip_files(tmp_path)
     assert path.name.endswith('_aft_stick_slip.mcap')
     assert open_bag(path).message_count > 10
     assert not list((tmp_path / 'clips').glob('.*'))
@@ -85,15 +89,15 @@ def test_a_clip_that_cannot_be_written_is_told_and_written_when_there_is_room_ag
     telemetry = kit.Telemetry(monitor)
     shutil.rmtree(tmp_path / 'clips')
     (tmp_path / 'clips').touch()
-    alarm(telemetry, 4.0)
+    raise_alarm(telemetry, 4.0)
     monitor.peer.until(lambda: 'an event clip is lost' in monitor.output, 'the log')
     assert "clips' is a file, not a folder" in monitor.output
     assert telemetry.step(60.0, 1000.0)['regime'] == 'stable'
 
     def health() -> str:
-        return str(kit.status(diagnostics, 'the node').get('message', ''))
+        return str(kit.latest_status(diagnostics, 'the node').get('message', ''))
 
     monitor.peer.until(lambda: 'an event clip is lost' in health(), 'the fault')
     (tmp_path / 'clips').unlink()
-    monitor.peer.until(lambda: clips(tmp_path), 'the clip')
+    monitor.peer.until(lambda: clip_files(tmp_path), 'the clip')
     monitor.peer.until(lambda: 'an event clip is lost' not in health(), 'the end of the fault')

@@ -16,7 +16,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 
 def test_garbage_is_counted_named_and_never_evaluated(host: Any) -> None:
-    monitor = host(kit.stamped({'load.minimum': -100.0}))
+    monitor = host(kit.stamped_parameters({'load.minimum': -100.0}))
     diagnostics, warnings = monitor.diagnostics(), monitor.warnings()
     telemetry = kit.Telemetry(monitor)
     peer, good, rounds = monitor.peer, telemetry.now, 20
@@ -42,7 +42,7 @@ def test_garbage_is_counted_named_and_never_evaluated(host: Any) -> None:
             ('out of order', 1),
         )
     }
-    peer.until(lambda: expected.items() <= kit.status(diagnostics).items(), f'counts {expected}')
+    peer.until(lambda: expected.items() <= kit.latest_status(diagnostics).items(), f'counts {expected}')
     assert {name: len(heard) for name, heard in telemetry.heard.items()} == before
     assert not warnings
     assert telemetry.step(20.0, 1000.0)['regime'] == 'unstable'
@@ -54,12 +54,12 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
     """While the node is busy, messages pile up in its queue; of a flood some are left out."""
     from stickslip_monitor.ros.inputs import MOST_ANSWERED, MOST_WAITING
 
-    monitor = host(kit.stamped())
+    monitor = host(kit.stamped_parameters())
     diagnostics = monitor.diagnostics()
     telemetry = kit.Telemetry(monitor)
     telemetry.step(61.0, 1000.0)
     peer, key = monitor.peer, 'speed samples accepted'
-    peer.until(lambda: kit.status(diagnostics).get('shaft speed [rpm]') == '61', 'diagnostics')
+    peer.until(lambda: kit.latest_status(diagnostics).get('shaft speed [rpm]') == '61', 'diagnostics')
     heard = telemetry.heard['hopf_margin']
 
     def taken() -> int:
@@ -79,12 +79,12 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
         telemetry.send(60.0, 1000.0)
 
     def left_out() -> int:
-        return int(kit.status(diagnostics, 'the node').get('messages left out', 0))
+        return int(kit.latest_status(diagnostics, 'the node').get('messages left out', 0))
 
     peer.until(left_out, 'the flood')
     peer.until(lambda: taken() + left_out() == before + count + MOST_WAITING + 500, 'every message counted')
-    peer.until(lambda: kit.status(diagnostics, 'the node')['level'] == b'\x01', 'a warning')
-    assert int(kit.status(diagnostics)[key]) > before
+    peer.until(lambda: kit.latest_status(diagnostics, 'the node')['level'] == b'\x01', 'a warning')
+    assert int(kit.latest_status(diagnostics)[key]) > before
 
 
 def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
@@ -96,7 +96,7 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
     values: dict[str, Any] = {'bearings': names}
     # Null in a file, as 'ros2 param dump' writes it, comes as one of these words.
     for name, null in zip(names, ('null', 'Null', 'NULL', '~'), strict=True):
-        own = kit.parameters({'speed.topic': f'{name}/speed', 'friction.speed': null})
+        own = kit.node_parameters({'speed.topic': f'{name}/speed', 'friction.speed': null})
         values |= {key.replace('aft', name, 1): v for key, v in own.items() if key != 'bearings'}
     monitor = host(values)
     peer, diagnostics = monitor.peer, monitor.diagnostics()
@@ -129,10 +129,10 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
         for each in mixed:
             each.publish(Float64(data=60.0))
         peer.spin(0.05)
-        return {name: kit.status(diagnostics, name).get('speed fault', '') for name in expected}
+        return {name: kit.latest_status(diagnostics, name).get('speed fault', '') for name in expected}
 
     peer.until(lambda: all(told()[name].startswith(text) for name, text in expected.items()), f'{expected}')
-    mixed_status = kit.status(diagnostics, 'mixed')
+    mixed_status = kit.latest_status(diagnostics, 'mixed')
     assert (mixed_status['level'], mixed_status['reason']) == (b'\x01', 'normal')
     assert expected['mixed'] in mixed_status['message']
     for name, text in expected.items():
@@ -153,7 +153,7 @@ def test_messages_of_another_definition_are_said_to_be(host: Any) -> None:
 
     kind = 'std_msgs/msg/Float64MultiArray'
     own = {'load.type': kind, 'load.field': 'data[0]', 'load.timeout': 1.0}
-    monitor = host(kit.parameters(own))
+    monitor = host(kit.node_parameters(own))
     peer, diagnostics = monitor.peer, monitor.diagnostics()
     talk = peer.talk(Float64MultiArray, monitor.input('aft/load'))
     wrong = b'\0\1\0\0' + struct.pack('<IIIId', 0, 0, 50, 0, 1.0)
@@ -161,7 +161,7 @@ def test_messages_of_another_definition_are_said_to_be(host: Any) -> None:
     def told() -> bool:
         talk.publish(wrong)
         text = f'cannot be decoded: its sender has another definition of {kind}'
-        return text in kit.status(diagnostics).get('load fault', '')
+        return text in kit.latest_status(diagnostics).get('load fault', '')
 
     peer.until(told, 'the fault')
 
@@ -169,7 +169,7 @@ def test_messages_of_another_definition_are_said_to_be(host: Any) -> None:
 def test_a_publisher_that_has_gone_is_named_once(host: Any) -> None:
     from std_msgs.msg import Float64
 
-    monitor = host(kit.parameters({'speed.timeout': 1.0}))
+    monitor = host(kit.node_parameters({'speed.timeout': 1.0}))
     peer, diagnostics = monitor.peer, monitor.diagnostics()
     load, speed = monitor.talk('aft/load'), peer.talk(Float64, monitor.input('shaft/speed'))
     sent: list[Any] = [load]
@@ -179,7 +179,7 @@ def test_a_publisher_that_has_gone_is_named_once(host: Any) -> None:
             for each in sent:
                 each(60.0)
             peer.spin(0.05)
-            return kit.status(diagnostics).get(key, '').startswith(text)
+            return kit.latest_status(diagnostics).get(key, '').startswith(text)
 
         return check
 
@@ -193,7 +193,7 @@ def test_a_publisher_that_has_gone_is_named_once(host: Any) -> None:
     topic, name = monitor.input('shaft/speed'), f'/{peer.node.get_name()}'
     text = f'No publisher on {topic}: {name}, which published on it, has gone.'
     peer.until(told('speed fault', text), 'who has gone')
-    assert kit.status(diagnostics)['message'].count(text) == 1
+    assert kit.latest_status(diagnostics)['message'].count(text) == 1
 
 
 SENDER = """
@@ -209,7 +209,7 @@ rclpy.spin(node)
 
 def test_a_sender_that_was_killed_and_came_back_is_one(host: Any, run: Any) -> None:
     """Nobody takes leave of a killed one: DDS has it in the graph for its lease of 20 s."""
-    monitor = host(kit.parameters())
+    monitor = host(kit.node_parameters())
     peer, topic = monitor.peer, monitor.input('shaft/speed')
     # Without shared memory, which a killed program leaves behind.
     sender = ('env', 'FASTDDS_BUILTIN_TRANSPORTS=UDPv4', sys.executable, '-c', SENDER, topic)
@@ -237,7 +237,7 @@ def test_an_assumed_load_and_a_speed_by_its_name(host: Any, load: dict[str, Any]
     from sensor_msgs.msg import JointState
 
     speed = {name: value for name, value in kit.STAMPED.items() if not name.startswith('load.')}
-    values = kit.parameters(speed | {'speed.field': 'velocity[shaft]', 'load.unit': 'kN'})
+    values = kit.node_parameters(speed | {'speed.field': 'velocity[shaft]', 'load.unit': 'kN'})
     del values['aft.load.topic']
     monitor = host(values | {f'aft.load.{name}': value for name, value in load.items()})
     diagnostics = monitor.diagnostics()
@@ -251,14 +251,14 @@ def test_an_assumed_load_and_a_speed_by_its_name(host: Any, load: dict[str, Any]
         'shaft speed [rpm]': '60',
         'load [N]': '30000',
     }
-    monitor.peer.until(lambda: expected.items() <= kit.status(diagnostics).items(), f'{expected}')
-    assert text in kit.status(diagnostics)['message']
+    monitor.peer.until(lambda: expected.items() <= kit.latest_status(diagnostics).items(), f'{expected}')
+    assert text in kit.latest_status(diagnostics)['message']
     assert 'load in kN from' not in monitor.output
 
 
 def test_the_water_is_measured_and_its_silence_told(host: Any) -> None:
     values = {'friction.at_temperature': 15.0, 'water_temperature.topic': 'water'}
-    monitor = host(kit.parameters(values | {'water_temperature.timeout': 1.0}))
+    monitor = host(kit.node_parameters(values | {'water_temperature.timeout': 1.0}))
     peer, diagnostics = monitor.peer, monitor.diagnostics()
     speed, load, water = (monitor.talk(topic) for topic in ('shaft/speed', 'aft/load', 'water'))
 
@@ -267,14 +267,14 @@ def test_the_water_is_measured_and_its_silence_told(host: Any) -> None:
             load(1000.0)
             speed(200.0)
             peer.spin(0.05)
-            return text in kit.status(diagnostics).get('message', '')
+            return text in kit.latest_status(diagnostics).get('message', '')
 
         return check
 
     peer.until(told('water at 15 C (not measured yet, as where friction was measured)'), 'no temperature')
     water(5.0)
     peer.until(told('water at 5 C (not measured for'), 'its silence')
-    assert kit.status(diagnostics)['water_temperature samples accepted'] == '1'
+    assert kit.latest_status(diagnostics)['water_temperature samples accepted'] == '1'
     assert 'water_temperature in C from' in monitor.output
 
 
@@ -283,7 +283,7 @@ def test_messages_of_others_on_the_topic_are_no_fault_and_a_name_that_none_has_i
     from sensor_msgs.msg import JointState
 
     speed = {name: value for name, value in kit.STAMPED.items() if not name.startswith('load.')}
-    values = kit.parameters(
+    values = kit.node_parameters(
         speed | {'speed.field': 'velocity[shaft]', 'load.unit': 'kN', 'load.constant': 30}
     )
     del values['aft.load.topic']
@@ -298,10 +298,10 @@ def test_messages_of_others_on_the_topic_are_no_fault_and_a_name_that_none_has_i
             for publisher, name in zip(talk, ('shaft', 'rudder'), strict=True):
                 publisher.publish(JointState(name=[name], velocity=[60.0 if name == 'shaft' else 0.01]))
             peer.spin(0.05)
-            return kit.status(diagnostics, 'fore').get('speed fault') == fault
+            return kit.latest_status(diagnostics, 'fore').get('speed fault') == fault
 
         peer.until(told, fault)
-        aft = kit.status(diagnostics)
+        aft = kit.latest_status(diagnostics)
         assert (aft['level'], aft['reason'], aft['shaft speed [rpm]']) == (b'\x00', 'normal', '60')
         assert 'speed fault' not in aft
         assert not any(line.startswith('[warning] aft') and '/shaft' in line for line in monitor.log.lines)

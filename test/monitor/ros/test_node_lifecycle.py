@@ -19,7 +19,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 def test_an_activation_that_fails_can_be_repeated(host: Any) -> None:
     # The node publishes this topic itself, with another type.
     topics = {'speed.topic': '/parameter_events'}
-    monitor = host(kit.parameters(topics, autostart=False))
+    monitor = host(kit.node_parameters(topics, autostart=False))
     assert monitor.go('configure')
     for _ in range(2):
         assert not monitor.go('activate')
@@ -30,19 +30,19 @@ def test_an_activation_that_fails_can_be_repeated(host: Any) -> None:
 
 @pytest.mark.parametrize('state', ['unconfigured', 'inactive'])
 def test_shutdown_from_a_state_that_is_not_active(host: Any, state: str) -> None:
-    monitor = host(kit.stamped(autostart=False))
+    monitor = host(kit.stamped_parameters(autostart=False))
     assert state == 'unconfigured' or monitor.go('configure')
     assert monitor.go('shutdown')
 
 
 def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets(host: Any) -> None:
-    monitor = host(kit.stamped())
+    monitor = host(kit.stamped_parameters())
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
     alarms = monitor.listen('alarms', latched=True)
     telemetry = kit.Telemetry(monitor)
 
     def reason(text: str) -> Any:
-        return lambda: kit.status(diagnostics).get('reason') == text
+        return lambda: kit.latest_status(diagnostics).get('reason') == text
 
     telemetry.until(20.0, 1000.0, reason('stick_slip'), 'the alarm')
 
@@ -51,7 +51,7 @@ def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets
     assert monitor.go('deactivate')
     # The last word: what readers keep is not the state of a bearing that nobody watches.
     peer.until(reason('not_monitoring'), 'the last diagnostics')
-    assert kit.status(diagnostics)['level'] == b'\x01'
+    assert kit.latest_status(diagnostics)['level'] == b'\x01'
     peer.until(lambda: not json.loads(alarms[-1].data)['monitoring'], 'the last list')
     # All that was done to the node is on record.
     said = [note for m in alarms for note in json.loads(m.data)['notes']]
@@ -74,8 +74,8 @@ def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets
     # The state was kept: still the alarm of before, until a sample says otherwise.
     peer.until(reason('stick_slip'), 'diagnostics')
     peer.until(lambda: json.loads(alarms[-1].data)['monitoring'], 'the list')
-    telemetry.until(60.0, 1000.0, lambda: kit.events(warnings)[-1]['to'] == 'normal', 'the clearing')
-    assert kit.events(warnings)[-1]['from'] == 'stick_slip'
+    telemetry.until(60.0, 1000.0, lambda: kit.decode_warnings(warnings)[-1]['to'] == 'normal', 'the clearing')
+    assert kit.decode_warnings(warnings)[-1]['from'] == 'stick_slip'
 
     telemetry.until(20.0, 1000.0, reason('stick_slip'), 'the alarm again')
     assert monitor.go('deactivate', 'cleanup')
@@ -83,7 +83,7 @@ def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets
     assert monitor.go('configure', 'activate')
     diagnostics.clear()
     peer.until(reason('waiting'), 'a fresh start')
-    assert kit.status(diagnostics)['load samples accepted'] == '0'
+    assert kit.latest_status(diagnostics)['load samples accepted'] == '0'
 
 
 def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -112,7 +112,7 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_callback_that_fails_is_told_and_survived(host: Any) -> None:
-    monitor = host(kit.parameters())
+    monitor = host(kit.node_parameters())
 
     def fails(message: object) -> None:
         raise ZeroDivisionError('float division by zero')
@@ -127,7 +127,7 @@ def test_a_callback_that_fails_is_told_and_survived(host: Any) -> None:
 
 def test_deactivation_under_load_leaves_nothing_behind(host: Any) -> None:
     """Messages wait at every transition; a callback that fails is counted."""
-    monitor = host(kit.parameters())
+    monitor = host(kit.node_parameters())
     talk = [monitor.talk('shaft/speed'), monitor.talk('aft/load')]
     for _ in range(20):
         for value in (60.0, 1000.0) * 5:
@@ -145,7 +145,7 @@ def test_deactivation_under_load_leaves_nothing_behind(host: Any) -> None:
 def test_a_changed_parameter_stands_until_it_is_acknowledged_or_taken_back(host: Any) -> None:
     from std_srvs.srv import Trigger
 
-    monitor = host(kit.parameters())
+    monitor = host(kit.node_parameters())
     health = monitor.node.health
     assert monitor.set(aft__alarm__on_delay=5.0) == [(True, '')]
     assert health.message == ('Changed over ROS and not acknowledged: aft.alarm.on_delay from 2.0 to 5.0.')

@@ -22,14 +22,14 @@ LEVELS = [(60.0, 'normal'), (42.0, 'caution'), (35.0, 'bistable'), (20.0, 'stick
 
 
 def test_warnings_arrive_clear_and_are_kept_for_late_joiners(host: Any) -> None:
-    monitor = host(kit.stamped())
+    monitor = host(kit.stamped_parameters())
     warnings = monitor.warnings()
     telemetry = kit.Telemetry(monitor)
     # The alarm of caution and bistable ends with that of stick-slip, 3 s after 60 rpm are back.
     expected = [*pairwise(LEVELS), (LEVELS[-1], LEVELS[0])]
 
     def changes() -> list[dict[str, Any]]:
-        return [e for e in kit.events(warnings) if e['from'] != e['to']]  # an onset is told, too
+        return [e for e in kit.decode_warnings(warnings) if e['from'] != e['to']]  # an onset is told, too
 
     for _, (rpm, to) in expected:
         telemetry.until(rpm, 1000.0, lambda to=to: [e for e in changes() if e['to'] == to], to)
@@ -48,8 +48,8 @@ def test_warnings_arrive_clear_and_are_kept_for_late_joiners(host: Any) -> None:
 
 
 def test_published_numbers_equal_the_assessment(host: Any) -> None:
-    bearing = build_config(kit.parameters(kit.STAMPED)).bearing('aft').bearing
-    telemetry = kit.Telemetry(host(kit.stamped()))
+    bearing = build_config(kit.node_parameters(kit.STAMPED)).bearing('aft').bearing
+    telemetry = kit.Telemetry(host(kit.stamped_parameters()))
     points = [(60, 1000), (35, 1000), (20, 1000), (20, 100), (0, 1000), (-20, 1000), (20, 0)]
     answers = {}
     for rpm, load in points:
@@ -76,7 +76,7 @@ def test_published_numbers_equal_the_assessment(host: Any) -> None:
 
 
 def test_quality_of_service_of_every_topic(host: Any) -> None:
-    monitor = host(kit.stamped())
+    monitor = host(kit.stamped_parameters())
     node = monitor.peer.node
     number = ('std_msgs/msg/Float64', 'RELIABLE', 'VOLATILE')
     expected = {
@@ -108,7 +108,7 @@ def test_quality_of_service_of_every_topic(host: Any) -> None:
 def test_a_quality_that_is_overridden_stays_with_its_topic(host: Any) -> None:
     topics = {f'{name}.topic': f'/overridden/{name}' for name in ('speed', 'load')}
     override = {'qos_overrides./overridden/speed.subscription.reliability': 'reliable'}
-    peer = host(kit.parameters(topics) | override).peer
+    peer = host(kit.node_parameters(topics) | override).peer
 
     def reliability(name: str) -> list[str]:
         infos = peer.node.get_subscriptions_info_by_topic(f'/overridden/{name}')
@@ -119,17 +119,17 @@ def test_a_quality_that_is_overridden_stays_with_its_topic(host: Any) -> None:
 
 
 def test_diagnostics_come_without_samples_and_at_once_on_a_change(host: Any) -> None:
-    monitor = host(kit.stamped())
+    monitor = host(kit.stamped_parameters())
     peer, diagnostics = monitor.peer, monitor.diagnostics()
     telemetry = kit.Telemetry(monitor)
     diagnostics.clear()
     for rpm, _ in LEVELS:
         telemetry.hold(rpm, 1000.0, 1.0)
-    peer.until(lambda: kit.status(diagnostics).get('reason') == 'stick_slip', 'stick-slip')
+    peer.until(lambda: kit.latest_status(diagnostics).get('reason') == 'stick_slip', 'stick-slip')
     # Every change was told, though all of them happened within some tenths of a second.
-    said = {kit.status([message]).get('reason') for message in diagnostics}
+    said = {kit.latest_status([message]).get('reason') for message in diagnostics}
     assert {to for _, to in LEVELS[1:]} <= said
-    record = kit.status(diagnostics)
+    record = kit.latest_status(diagnostics)
     assert (record['level'], record['name']) == (b'\x02', f'{monitor.space}/stickslip_monitor: aft')
     assert record['message'].startswith('aft: Stick-slip predicted. ')
     words = [record[key] for key in ('regime', 'outcome', 'stick-slip predicted')]

@@ -12,7 +12,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 def test_descriptors_have_ranges_units_and_rules(host: Any) -> None:
     names = ['aft.mass', 'aft.alarm.hysteresis', 'aft.alarm.on_delay', 'aft.speed.unit']
-    answer = host(kit.stamped()).node.describe_parameters(names)
+    answer = host(kit.stamped_parameters()).node.describe_parameters(names)
     mass, hysteresis, on_delay, unit = answer
     assert mass.description.startswith('Moving mass of the lining.')
     assert '[kg]' in mass.description
@@ -29,7 +29,7 @@ def test_descriptors_have_ranges_units_and_rules(host: Any) -> None:
 
 
 def test_thresholds_are_tuned_while_active(host: Any) -> None:
-    monitor = host(kit.stamped())
+    monitor = host(kit.stamped_parameters())
     peer, warnings = monitor.peer, monitor.warnings()
     telemetry = kit.Telemetry(monitor)
 
@@ -38,7 +38,7 @@ def test_thresholds_are_tuned_while_active(host: Any) -> None:
     assert monitor.set(aft__alarm__caution_margin=0.2) == [(True, '')]
     assert monitor.get('aft.alarm.caution_margin') == [0.2]
     telemetry.hold(46.0, 1000.0, 1.0)
-    peer.until(lambda: [e['to'] for e in kit.events(warnings)] == ['caution'], 'caution')
+    peer.until(lambda: [e['to'] for e in kit.decode_warnings(warnings)] == ['caution'], 'caution')
 
     # Two together, where each rests on the other; an integer for a number; the amplitude alarm.
     assert monitor.set(atomically=True, aft__alarm__minimum_speed=9, aft__speed__maximum=200) == [(True, '')]
@@ -50,11 +50,11 @@ def test_thresholds_are_tuned_while_active(host: Any) -> None:
     assert monitor.set(aft__alarm__amplitude_limit=0.5e-3, aft__load__scale=2) == [(True, '')] * 2
     answer = telemetry.hold(20.0, 500.0, 1.0)
     assert answer['amplitude'] == pytest.approx(0.52688e-3, abs=5e-9)
-    peer.until(lambda: kit.events(warnings)[-1]['to'] == 'amplitude_limit', 'the amplitude alarm')
+    peer.until(lambda: kit.decode_warnings(warnings)[-1]['to'] == 'amplitude_limit', 'the amplitude alarm')
 
 
 def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
-    monitor = host(kit.parameters())
+    monitor = host(kit.node_parameters())
 
     def refused(**changes: Any) -> str:
         before = monitor.get(*changes)
@@ -98,7 +98,7 @@ def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
 def test_geometry_and_topics_change_between_activations(host: Any) -> None:
     from sensor_msgs.msg import JointState
 
-    monitor = host(kit.stamped())
+    monitor = host(kit.stamped_parameters())
     telemetry = kit.Telemetry(monitor)
     before = telemetry.step(20.0, 1000.0)
     assert monitor.go('deactivate')
@@ -120,4 +120,4 @@ def test_geometry_and_topics_change_between_activations(host: Any) -> None:
     assert heard[-1].data == pytest.approx(2.0 * (1.0 + before['fold_margin']) - 1.0, rel=1e-12)
     # Nothing is left of the inputs of before.
     counts = {f'{name} samples accepted': '1' for name in ('speed', 'load')}
-    monitor.peer.until(lambda: counts.items() <= kit.status(diagnostics).items(), 'a fresh start')
+    monitor.peer.until(lambda: counts.items() <= kit.latest_status(diagnostics).items(), 'a fresh start')

@@ -35,10 +35,10 @@ QOS = 'qos_overrides./shaft/speed.subscription'
 UNITS = sorted((ROOT / 'launch_configs' / 'systemd').glob('*.service'))
 
 
-CONFIGURED = build_config(kit.parameters())
+CONFIGURED = build_config(kit.node_parameters())
 
 
-def overridden(name: str, value: object) -> Any:
+def node_with_override(name: str, value: object) -> Any:
     """A node whose topics are as they are given, with one override."""
     parameters = {name.removeprefix('qos_overrides.'): SimpleNamespace(value=value)}
     return SimpleNamespace(
@@ -47,7 +47,7 @@ def overridden(name: str, value: object) -> Any:
     )
 
 
-def refused(program: Any, *texts: str) -> None:
+def assert_refused(program: Any, *texts: str) -> None:
     """It has ended with one sentence that has these words."""
     assert program.wait() == 2
     assert 'Traceback' not in program.output
@@ -56,7 +56,7 @@ def refused(program: Any, *texts: str) -> None:
     assert all(text in errors[0] for text in texts)
 
 
-def command(*arguments: str) -> list[str]:
+def node_command(*arguments: str) -> list[str]:
     return [sys.executable, '-m', 'stickslip_monitor.live', '--ros-args', *arguments]
 
 
@@ -64,14 +64,14 @@ def command(*arguments: str) -> list[str]:
 def test_what_ros_cannot_use_is_refused(run: Any, start: Any, tmp_path: Path) -> None:
     missing = tmp_path / 'missing.yaml'
     for program, *texts in (
-        (run(*command('--params-file', str(missing))), f'{missing}: No such file or directory'),
-        (run(*command('--no-such-option')), 'the ROS arguments cannot be used: ', '--no-such-option'),
+        (run(*node_command('--params-file', str(missing))), f'{missing}: No such file or directory'),
+        (run(*node_command('--no-such-option')), 'the ROS arguments cannot be used: ', '--no-such-option'),
         (
-            start(kit.parameters(), '-r', f'__node:={"n" * 300}'),
+            start(kit.node_parameters(), '-r', f'__node:={"n" * 300}'),
             'the node cannot be created: error creating node: invalid node name: node name length',
         ),
     ):
-        refused(program, *texts)
+        assert_refused(program, *texts)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_what_ros_cannot_use_is_refused(run: Any, start: Any, tmp_path: Path) ->
 )
 def test_a_bad_configuration_is_refused(host: Any, change: dict[str, Any], text: str) -> None:
     with pytest.raises(StickslipError, match=re.escape(text)):
-        host(kit.parameters() | change)
+        host(kit.node_parameters() | change)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_a_bad_configuration_is_refused(host: Any, change: dict[str, Any], text:
     ],
 )
 def test_an_override_that_nothing_reads_is_named(name: str, text: str) -> None:
-    (note,) = check_overrides(overridden(name, 5), CONFIGURED)
+    (note,) = check_overrides(node_with_override(name, 5), CONFIGURED)
     assert note.startswith(f'{name} has no effect: ')
     assert text in note
 
@@ -122,14 +122,14 @@ def test_an_override_that_nothing_reads_is_named(name: str, text: str) -> None:
 )
 def test_an_override_with_another_value_is_refused(policy: str, value: object, text: str) -> None:
     with pytest.raises(ConfigurationError, match=re.escape(text)):
-        check_overrides(overridden(f'{QOS}.{policy}', value), CONFIGURED)
+        check_overrides(node_with_override(f'{QOS}.{policy}', value), CONFIGURED)
 
 
 @pytest.mark.parametrize(
     ('name', 'value'), [(f'{QOS}.reliability', 'reliable'), ('qos_overrides./diagnostics.publisher.depth', 1)]
 )
 def test_an_override_that_is_read_needs_no_word(name: str, value: object) -> None:
-    assert check_overrides(overridden(name, value), CONFIGURED) == []
+    assert check_overrides(node_with_override(name, value), CONFIGURED) == []
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_a_slip_in_how_parameters_are_given_is_told(
 
 
 def test_the_node_asks_what_check_would_ask(host: Any) -> None:
-    monitor = host(kit.parameters() | {'aft.journal_diameter': 100.0})
+    monitor = host(kit.node_parameters() | {'aft.journal_diameter': 100.0})
     assert (
         '[warning] aft: speed turns a journal of 100 m: is journal_diameter in metres?' in monitor.log.lines
     )
@@ -187,7 +187,7 @@ def test_the_node_asks_what_check_would_ask(host: Any) -> None:
     ],
 )
 def test_signals_end_the_node_cleanly(start: Any, signals: list[Any]) -> None:
-    monitor = start(kit.parameters(kit.STAMPED))
+    monitor = start(kit.node_parameters(kit.STAMPED))
     telemetry = kit.Telemetry(monitor)
     for _ in range(5):
         telemetry.send(20.0, 1000.0)
@@ -219,7 +219,7 @@ sys.exit(node.main(sys.argv))
 @pytest.mark.slow
 def test_signals_during_start_up(run: Any, tmp_path: Path) -> None:
     file = tmp_path / 'parameters.yaml'
-    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': kit.parameters()}}))
+    file.write_text(yaml.safe_dump({'/**': {'ros__parameters': kit.node_parameters()}}))
     starting = [sys.executable, '-c', STARTING, '--ros-args', '--params-file', str(file)]
     for number, delay in ((signal.SIGINT, 0.0), (signal.SIGTERM, 0.02), (signal.SIGINT, 0.2)):
         program = run(*starting)
@@ -238,7 +238,7 @@ def test_every_large_message_is_heard_or_told_lost(start: Any) -> None:
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from sensor_msgs.msg import JointState
 
-    monitor = start(kit.parameters(kit.STAMPED))
+    monitor = start(kit.node_parameters(kit.STAMPED))
     peer, diagnostics, topic = monitor.peer, monitor.diagnostics(), monitor.input('shaft')
     best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
     talk = peer.node.create_publisher(JointState, topic, best_effort)
@@ -247,8 +247,8 @@ def test_every_large_message_is_heard_or_told_lost(start: Any) -> None:
     large = JointState(velocity=[60.0] * 10_000, effort=[1000.0] * 10_000)
 
     def counted() -> int:
-        heard = kit.status(diagnostics).get('speed samples accepted', '0')
-        lost = kit.status(diagnostics, 'the node').get('messages lost on the way', '0')
+        heard = kit.latest_status(diagnostics).get('speed samples accepted', '0')
+        lost = kit.latest_status(diagnostics, 'the node').get('messages lost on the way', '0')
         return int(heard) + int(lost)
 
     def one_more() -> int:
@@ -273,12 +273,12 @@ def test_every_large_message_is_heard_or_told_lost(start: Any) -> None:
 
 def test_without_ros_one_sentence_says_so(run: Any) -> None:
     text = "import sys; sys.modules['rclpy'] = None; from stickslip_monitor import live"
-    refused(run(sys.executable, '-c', f'{text}; sys.exit(live.main())'), 'source its setup file')
+    assert_refused(run(sys.executable, '-c', f'{text}; sys.exit(live.main())'), 'source its setup file')
 
 
 @pytest.mark.slow
 def test_a_node_that_was_held_up_blames_no_input(start: Any) -> None:
-    monitor = start(kit.parameters({'speed.timeout': 2.0, 'load.timeout': 2.0}))
+    monitor = start(kit.node_parameters({'speed.timeout': 2.0, 'load.timeout': 2.0}))
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
     speed, load = monitor.talk('shaft/speed'), monitor.talk('aft/load')
 
@@ -292,7 +292,7 @@ def test_a_node_that_was_held_up_blames_no_input(start: Any) -> None:
         return check
 
     def reason() -> Any:
-        return kit.status(diagnostics).get('reason')
+        return kit.latest_status(diagnostics).get('reason')
 
     peer.until(sending(lambda: reason() == 'normal'), 'a quiet bearing')
     warnings.clear()
@@ -303,12 +303,12 @@ def test_a_node_that_was_held_up_blames_no_input(start: Any) -> None:
         monitor.process.send_signal(signal.SIGCONT)
         told = f"'times held up': '{number + 1}'"
         peer.until(
-            sending(lambda: told in str(kit.status(diagnostics, 'the node'))),  # noqa: B023
+            sending(lambda: told in str(kit.latest_status(diagnostics, 'the node'))),  # noqa: B023
             'the delay',
         )
-    assert float(kit.status(diagnostics, 'the node')['longest time held up [s]']) > 3.0
+    assert float(kit.latest_status(diagnostics, 'the node')['longest time held up [s]']) > 3.0
     assert monitor.output.count('the node was held up for') == 2
-    assert [event['to'] for event in kit.events(warnings)] == []
+    assert [event['to'] for event in kit.decode_warnings(warnings)] == []
 
 
 @pytest.mark.slow
@@ -320,7 +320,7 @@ def test_systemd_hears_of_start_life_and_end(
         manager.settimeout(kit.DEADLINE)
         monkeypatch.setenv('NOTIFY_SOCKET', str(tmp_path / 'notify'))
         monkeypatch.setenv('WATCHDOG_USEC', '400000')
-        monitor = start(kit.parameters())
+        monitor = start(kit.node_parameters())
         assert [manager.recv(100) for _ in range(4)] == [b'READY=1', *[b'WATCHDOG=1'] * 3]
         # It is said when the node monitors, not before.
         assert 'the monitor is active' in monitor.output
@@ -332,7 +332,7 @@ def test_systemd_hears_of_start_life_and_end(
 
 @pytest.mark.slow
 def test_health_is_asked_of_a_running_node(host: Any, run: Any) -> None:
-    monitor = host(kit.parameters())
+    monitor = host(kit.node_parameters())
     own = f'/{monitor.space}/stickslip_monitor'
 
     def health(*arguments: str) -> tuple[int, str]:
@@ -349,7 +349,7 @@ def test_health_is_asked_of_a_running_node(host: Any, run: Any) -> None:
     code, text = health()
     assert code == 1
     assert re.fullmatch(rf'{own}: 1 callback failed, last at [\d:]+ UTC: ValueError: odd\n', text)
-    refused(
+    assert_refused(
         run('env', 'ROS_DOMAIN_ID=x', sys.executable, '-m', 'stickslip_monitor', 'health'),
         'ROS cannot be started: failed to initialize rcl: ROS_DOMAIN_ID is not an integral number',
     )
@@ -419,7 +419,7 @@ def test_what_asks_for_security_gets_it_or_does_not_start(
         (str(tmp_path), f"SECURITY ERROR: directory '{tmp_path}/enclaves' does not exist."),
     ):
         monkeypatch.setenv('ROS_SECURITY_KEYSTORE', keystore)
-        refused(start(kit.parameters()), text)
+        assert_refused(start(kit.node_parameters()), text)
 
 
 def test_the_executor_can_be_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -440,7 +440,7 @@ def test_the_security_policy_covers_all_topics_and_services(host: Any) -> None:
     assert [each.tag for each in enclaves] == ['enclave'] * 3
     (profile,) = enclaves[0].iter('profile')
     name = profile.attrib['node']
-    monitor = host(kit.parameters())
+    monitor = host(kit.node_parameters())
     node = monitor.peer.node
     space = f'/{monitor.space}'
 
@@ -466,14 +466,14 @@ def test_a_double_of_the_node_is_noticed(host: Any, monkeypatch: pytest.MonkeyPa
     import rclpy
 
     monkeypatch.setattr('stickslip_monitor.ros.running._DOUBLE_LOOKS', 1)
-    monitor = host(kit.parameters())
+    monitor = host(kit.node_parameters())
     diagnostics = monitor.diagnostics()
     double = rclpy.create_node('stickslip_monitor', namespace=monitor.space)
     try:
         monitor.peer.until(
             lambda: (
                 'Another node has the same full name'
-                in kit.status(diagnostics, 'the node').get('message', '')
+                in kit.latest_status(diagnostics, 'the node').get('message', '')
             ),
             'the word of the double',
         )
@@ -485,10 +485,12 @@ def test_a_second_publisher_of_the_clock_is_named(host: Any, monkeypatch: pytest
     from rosgraph_msgs.msg import Clock
 
     monkeypatch.setattr('stickslip_monitor.ros.running._DOUBLE_LOOKS', 1)
-    monitor = host(kit.parameters(use_sim_time=True))
+    monitor = host(kit.node_parameters(use_sim_time=True))
     diagnostics = monitor.diagnostics()
     for _ in range(2):
         monitor.peer.talk(Clock, monitor.input('clock'))
     own = f'/{monitor.peer.node.get_name()}'
     text = f'Several nodes publish /clock, so time jumps to and fro: {own}, {own}.'
-    monitor.peer.until(lambda: text in kit.status(diagnostics, 'the node').get('message', ''), 'both names')
+    monitor.peer.until(
+        lambda: text in kit.latest_status(diagnostics, 'the node').get('message', ''), 'both names'
+    )

@@ -138,7 +138,7 @@ class Turns:
         from stickslip_monitor.ros.running import Running
 
         changes = {'speed.timeout': 2.0, 'load.timeout': 2.0} | changes
-        self.ship = ship = Ship(build_config(kit.parameters(changes)))
+        self.ship = ship = Ship(build_config(kit.node_parameters(changes)))
         ship.sail(10.0)
         self.waiting: list[Waits] = []
 
@@ -226,10 +226,10 @@ def test_the_state_is_shown_every_second(monkeypatch: pytest.MonkeyPatch) -> Non
 @pytest.mark.parametrize('simulated', [False, True])
 def test_inputs_never_received(host: Any, simulated: bool) -> None:
     timeouts = {'speed.timeout': 0.5, 'load.timeout': 0.5}
-    monitor = host(kit.parameters(timeouts, use_sim_time=simulated))
+    monitor = host(kit.node_parameters(timeouts, use_sim_time=simulated))
     warnings = monitor.warnings()
     monitor.peer.until(lambda: warnings, 'the loss')
-    (event,) = kit.events(warnings)
+    (event,) = kit.decode_warnings(warnings)
     assert (event['from'], event['to']) == ('normal', 'input_stale')
     assert event['input_age'] == {'speed': None, 'load': None}
     assert event['regime'] is None
@@ -241,30 +241,30 @@ def test_inputs_never_received(host: Any, simulated: bool) -> None:
 
 def test_clock_starts_late_and_jumps(host: Any) -> None:
     timing = {'speed.timeout': 2.0, 'load.timeout': 2.0, 'alarm.on_delay': 2.0}
-    monitor = host(kit.parameters(timing, {'alarm.off_delay': 2.0}, use_sim_time=True))
+    monitor = host(kit.node_parameters(timing, {'alarm.off_delay': 2.0}, use_sim_time=True))
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
     regimes, sensors = monitor.listen('aft/regime'), Sensors(monitor)
     run = sensors.run
 
     # No /clock yet: there is no time, so nothing is believed and nothing is lost.
     peer.until(sensors.sending(60.0, 1000.0, lambda: len(diagnostics) > 5), 'diagnostics')
-    assert kit.status(diagnostics)['reason'] == 'waiting'
-    assert kit.status(diagnostics)['level'] == b'\x01'
-    assert kit.status(diagnostics)['speed samples accepted'] == '0'
+    assert kit.latest_status(diagnostics)['reason'] == 'waiting'
+    assert kit.latest_status(diagnostics)['level'] == b'\x01'
+    assert kit.latest_status(diagnostics)['speed samples accepted'] == '0'
     assert not warnings
     assert not regimes
 
     def heard(kind: str) -> Any:
-        return lambda: any(e['to'] == kind for e in kit.events(warnings))
+        return lambda: any(e['to'] == kind for e in kit.decode_warnings(warnings))
 
     now = run(1000.0, 20.0, heard('stick_slip'), 'a warning')
-    event = kit.events(warnings)[-1]
+    event = kit.decode_warnings(warnings)[-1]
     assert 1002.0 <= event['time'] * 1e-9 <= now
 
     # Backward: the alarm stays, and clears after its off-delay of 2 s at the earliest.
     warnings.clear()
     now = run(100.0, 60.0, heard('normal'), 'the clearing')
-    event = kit.events(warnings)[-1]
+    event = kit.decode_warnings(warnings)[-1]
     assert event['from'] == 'stick_slip'
     assert 102.0 <= event['time'] * 1e-9 <= now <= 115.0
 
@@ -272,7 +272,7 @@ def test_clock_starts_late_and_jumps(host: Any) -> None:
     warnings.clear()
     begin = run(now + 0.2, 20.0, lambda: True, 'a sample')
     assert run(begin, None, heard('input_stale'), 'the loss', step=1.0) - begin < 25.0
-    run(now + 100.0, 20.0, lambda: 'input_stale' not in kit.events(warnings)[-1]['to'], 'return')
+    run(now + 100.0, 20.0, lambda: 'input_stale' not in kit.decode_warnings(warnings)[-1]['to'], 'return')
 
     # The player has gone: a clock that stands still says nothing, the steady clock does.
     warnings.clear()

@@ -15,7 +15,7 @@ from typing import Any
 import kit
 import numpy as np
 import pytest
-from shared import record
+from shared import write_recording
 
 from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.monitor.bearing_records import event_record
@@ -29,7 +29,7 @@ BEGIN = 1_700_000_000 * 10**9
 FLOAT64 = 'std_msgs/msg/Float64'
 
 
-def float64(value: float) -> bytes:
+def encode_float64(value: float) -> bytes:
     return b'\x00\x01\x00\x00' + np.float64(value).tobytes()
 
 
@@ -37,7 +37,7 @@ def float64(value: float) -> bytes:
 def bag(tmp_path: Path) -> Path:
     """Two topics at 10 Hz for 2 s, the second 20 ms after the first."""
     times, values = BEGIN + np.arange(20, dtype=np.int64) * 10**8, np.arange(20.0)
-    return record(tmp_path / 'bag', {'/a': (times, values), '/b': (times + 2 * 10**7, -values)})
+    return write_recording(tmp_path / 'bag', {'/a': (times, values), '/b': (times + 2 * 10**7, -values)})
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_timing_clock_and_bytes(peer: Any, bag: Path, play: Any) -> None:
     peer.until(lambda: not player.alive, 'the end')
     assert player.wait() == 0
     assert player.output == 'played 40 messages\n'
-    assert [bytes(message) for message in a.messages] == [float64(k) for k in range(20)]
+    assert [bytes(message) for message in a.messages] == [encode_float64(k) for k in range(20)]
     assert [message.data for message in b.messages] == [-float(k) for k in range(20)]
     # 1.9 s at twice the speed: never sooner, and on a busy machine later.
     assert 0.9 < a.times[-1] - a.times[0] < 3.0
@@ -94,7 +94,7 @@ def test_loop_takes_the_clock_back_and_loses_nothing(peer: Any, tmp_path: Path, 
     from std_msgs.msg import Float64
 
     times = BEGIN + np.arange(400, dtype=np.int64) * 10**6
-    record(tmp_path / 'dense', {'/a': (times, np.arange(400.0))})
+    write_recording(tmp_path / 'dense', {'/a': (times, np.arange(400.0))})
     a = Heard(peer, Float64, '/a')
     clock = peer.listen(Clock, '/clock', reliable=False)
     player = play(tmp_path / 'dense', '--rate', '20', '--loop', '3', '--wait', '60')
@@ -120,7 +120,7 @@ def test_what_cannot_be_played_is_skipped_and_named(peer: Any, tmp_path: Path, p
             writer.add_topic(topic, kind, 'float64 data')
         for k in range(10):
             for topic in ('/a', '/clock', '/not a topic', *unknown):
-                writer.write(topic, BEGIN + k * 10**7, float64(k))
+                writer.write(topic, BEGIN + k * 10**7, encode_float64(k))
     a = Heard(peer, Float64, '/a')
     player = play(path, '--wait', '60')
     peer.until(lambda: len(a.messages) >= 10, 'all messages')
@@ -150,7 +150,7 @@ def test_signals_end_the_player(peer: Any, bag: Path, play: Any, number: int) ->
 DELAYS = {'alarm.on_delay': 1.0, 'alarm.off_delay': 3.0}
 
 
-def coast(seconds: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def coast_down(seconds: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [ns], speeds [rpm] with noise, and loads [N] of a coast-down and recovery."""
     random = np.random.default_rng(7)
     time = np.arange(0.0, seconds, 1.0 / rate)
@@ -159,14 +159,14 @@ def coast(seconds: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return BEGIN + np.round((time + jitter) * 1e9).astype(np.int64), rpm, np.full(time.size, 1e3)
 
 
-def offline(path: Path, values: dict[str, Any]) -> list[dict[str, Any]]:
+def check_offline(path: Path, values: dict[str, Any]) -> list[dict[str, Any]]:
     report = check_recording(path, build_config(values))
     # As JSON brings them.
     events = [event_record(event) for event in report.bearings['aft'].events]
     return list(json.loads(json.dumps(events)))
 
 
-def replay(monitor: Any, run: Any, path: Path, rate: float, count: int) -> Any:
+def replay_to_node(monitor: Any, run: Any, path: Path, rate: float, count: int) -> Any:
     warnings = monitor.warnings()
     topic = monitor.input(monitor.values['aft.speed.topic'])
     monitor.peer.until(lambda: monitor.peer.node.count_subscribers(topic), 'the input')
@@ -176,8 +176,10 @@ def replay(monitor: Any, run: Any, path: Path, rate: float, count: int) -> Any:
     )
     monitor.peer.until(lambda: not player.alive, 'the end', 60.0)
     assert player.wait() == 0, player.output
-    monitor.peer.until(lambda: len(warnings) >= count, f'{count} events, not {kit.events(warnings)}', 5.0)
-    return kit.events(warnings)
+    monitor.peer.until(
+        lambda: len(warnings) >= count, f'{count} events, not {kit.decode_warnings(warnings)}', 5.0
+    )
+    return kit.decode_warnings(warnings)
 
 
 @pytest.mark.slow
@@ -190,18 +192,18 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
     from stickslip_monitor.ros.inputs import definition
 
     # On the player's clock: a stamp counts where it is at most a second older than its arrival.
-    monitor = start(kit.parameters(kit.STAMPED, DELAYS), '-p', 'use_sim_time:=true')
+    monitor = start(kit.node_parameters(kit.STAMPED, DELAYS), '-p', 'use_sim_time:=true')
     path = tmp_path / 'bag'
     with BagWriter(path) as writer:
         topic = monitor.input('shaft')
         writer.add_topic(topic, kit.JOINT, definition(kit.JOINT))
-        for time, rpm, load in zip(*coast(40.0, 10.0), strict=True):
+        for time, rpm, load in zip(*coast_down(40.0, 10.0), strict=True):
             message = JointState(velocity=[rpm], effort=[load])
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(int(time), 10**9)
             # Half of the second for which a stamp counts is there for a late player or node.
             writer.write(topic, int(time) + 500_000_000, serialize_message(message))
     absolute = {'aft.speed.topic': topic, 'aft.load.topic': topic}
-    expected = offline(path, monitor.values | absolute)
+    expected = check_offline(path, monitor.values | absolute)
     assert len(expected) >= 5
-    heard = replay(monitor, run, path, 5.0, len(expected))
+    heard = replay_to_node(monitor, run, path, 5.0, len(expected))
     assert heard == expected
