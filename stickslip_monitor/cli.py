@@ -148,7 +148,7 @@ def _load_command(place: str) -> Any:
 
 
 def module_of(command: str, package: str = PACKAGE) -> str:
-    """Import the module of a command."""
+    """Return the full name of a command's module, which need not be there."""
     return f'{ELSEWHERE.get(command, package) if package == PACKAGE else package}.{command}'
 
 
@@ -188,7 +188,7 @@ def main(
 def _exit_code(
     arguments: list[str], commands: Mapping[str, str], package: str, *, takes_signals: bool
 ) -> int:
-    """Run a command; print what is wrong as one sentence and return the exit code for it."""
+    """Run a command and return its exit code; print an error as one sentence and return the code for it."""
     try:
         if takes_signals:
             interruption.raise_on_signals()
@@ -246,7 +246,7 @@ def _complete_line() -> None:
 
 
 def _with_negative_values(arguments: list[str]) -> list[str]:
-    """``--speed -20rpm`` as ``--speed=-20rpm``, as argparse takes -20rpm for an option."""
+    """Return arguments with ``--speed -20rpm`` as ``--speed=-20rpm``: argparse takes -20rpm for an option."""
     joined: list[str] = []
     for argument in arguments:
         last = joined[-1] if joined else ''

@@ -188,6 +188,7 @@ def _check_bags(
 
 
 def _advice_text(config: MonitorConfig) -> str:
+    """Return a line that advises a tolerance for the bearings without; empty where all have one."""
     exact = printable(', '.join(bearing.name for bearing in config.bearings if bearing.belief is None))
     advice = f'{exact}: add a tolerance for probabilities (docs/calibration.md)'
     return f'{_wrap_line(advice, output.line_width())}\n' if exact else ''
@@ -237,7 +238,10 @@ def _check_all(
 def _run_checks(
     calls: dict[int, tuple[Task, Path]], args: argparse.Namespace, meter: output.ProgressBar
 ) -> Any:
-    """Return a generator of the number and the result of each recording, as it is done."""
+    """Return a generator of the number and the outcome of each recording, as it is done.
+
+    An outcome is a result; where processes or a cluster check, it may be an exception.
+    """
     if args.scheduler is None and (args.jobs == 1 or len(calls) < 2):
         return ((number, check_one(*call, meter.show)) for number, call in calls.items())
     # Processes and clusters are not needed for one recording, and cost time to import.
@@ -251,12 +255,15 @@ def _run_checks(
 def check_one(
     task: Task, bag: Path, progress: Callable[[str, int, int | None], None] | None = None
 ) -> CheckResult:
-    """Check one recording; the result says why it cannot be checked.
+    """Check one recording; write its clips and its recording of verdicts, where the task has them.
 
     Args:
         task: What is wanted.
         bag: The recording.
         progress: Called with what is being done, and how much of how much of it is done.
+
+    Returns:
+        The result; of a recording that cannot be checked, or outputs that cannot be written, the error.
     """
     from stickslip_monitor.offline.check import check_recording, to_json
 
@@ -312,7 +319,7 @@ def _report_part(
 
 
 def _as_result(task: Task, bag: Path, outcome: Any) -> CheckResult:
-    """Return the result of a call, also where its outcome is an exception or a dead process."""
+    """Return the outcome of a call if it is a result; of an exception or a dead process, that of an error."""
     if isinstance(outcome, CheckResult):
         return outcome
     from stickslip_monitor.offline.processes import died
@@ -335,7 +342,11 @@ def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) 
 
 
 def _print_result(result: CheckResult, args: argparse.Namespace, *, listed: bool, shown: str | None) -> None:
-    """Print what came of one recording."""
+    """Print the result of one recording: its text or JSON, or its error, and what came of its clips.
+
+    Where ``shown`` is given, it takes the place of the path in the result's document, too. The JSON of one of
+    several recordings (``listed``) is left to the list of all.
+    """
     document, error = result.document, result.document.get('error')
     if shown is not None:
         error = error and error.replace(document['path'], shown)
@@ -396,7 +407,10 @@ def _colour_text(text: str, document: Mapping[str, Any]) -> str:
 
 
 def _wrap_line(line: str, width: int | None, indent: int = 2) -> str:
-    """Break a line at a number of letters; ``None`` leaves it whole."""
+    """Break a line at blanks, so that each is shorter than a width; ``None`` leaves it whole.
+
+    Lines after the first are indented. A word longer than the width is not broken.
+    """
     if width is None:
         return line
     # The last column stays free: not every terminal breaks behind it. A path that is cut in two

@@ -131,7 +131,7 @@ def _namespace_of(node: str) -> str:
 
 
 def watched(config: MonitorConfig, source: str, node: str = '', *, replay: bool = False) -> WatchedMonitor:
-    """Return a monitor to be shown: its title, and the full name of its node if any."""
+    """Return a monitor to be shown under a title (``source``), and by the full name of its node if any."""
     from stickslip_monitor.dashboard.seen_monitors import WatchedMonitor
 
     views = [bearing_view(bearing) for bearing in config.bearings]
@@ -193,7 +193,10 @@ def page_access(args: argparse.Namespace) -> Access:
 async def _serve_page(
     args: argparse.Namespace, config: MonitorConfig, board: DashboardState, access: Access
 ) -> None:
-    """Serve the page of live monitors or of a replay until a signal ends it."""
+    """Serve the page of live monitors or of a replay until a signal ends it.
+
+    Actions on the page go to the monitors. What ended a replay before, is raised at the end.
+    """
     from stickslip_monitor.dashboard.server import Server
 
     async def show(player: Replay | None) -> None:
@@ -219,7 +222,7 @@ async def _serve_page(
 
 
 def say_address(url: str) -> None:
-    """Print the address of the page."""
+    """Print the address of the page at once."""
     Console(markup=False, highlight=False, soft_wrap=True).print(f'Dashboard on {url}')
     sys.stdout.flush()
 

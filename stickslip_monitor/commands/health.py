@@ -66,7 +66,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _of_page(args: argparse.Namespace) -> int:
-    """Ask a page for its figures: whether monitors are there, and the links to buses work."""
+    """Ask a page for its figures, print whether all works, and return the exit code.
+
+    It is 0 if there are monitors, and each of them and each link to a bus works; else 1.
+
+    Raises:
+        ConfigurationError: The address is none of HTTP.
+        DashboardError: The page gives no figures, or the token cannot be read.
+    """
     from urllib.request import Request, urlopen
 
     if not args.page.startswith(('http://', 'https://')):
@@ -93,7 +100,10 @@ def _of_page(args: argparse.Namespace) -> int:
 
 
 def _wait_for_message(found: dict[str, tuple[int, str]], node: str | None, seconds: float) -> None:
-    """Wait for a node; without a name for the first, and then whether there is another."""
+    """Wait up to some seconds until another thread has put a node among the found.
+
+    Without a name any node will do; then wait a little for a second one.
+    """
     end = time.monotonic() + seconds
     while time.monotonic() < end and not (node in found if node else found):
         time.sleep(_POLL)

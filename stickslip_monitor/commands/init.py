@@ -186,8 +186,10 @@ def run(args: argparse.Namespace) -> int:
 def ask(answer: Callable[[str], str]) -> dict[str, Given]:
     """Ask for all that is needed; an empty answer goes on to what may be given instead.
 
+    What is refused is shown by ``answer``, too, and asked again.
+
     Args:
-        answer: Shows a question and returns what is typed.
+        answer: Shows a text and returns what is typed.
     """
     given: dict[str, Given] = {}
     for need in NEEDS:

@@ -53,6 +53,6 @@ def _read_track(path: str, bearing: BearingConfig) -> Track:
     # Imported only for a track: reading bags takes time to import.
     from stickslip_monitor.offline.check import Kept, check_recording
 
-    outline = Kept()
-    check_recording(path, MonitorConfig((bearing,)), [outline])
-    return track_of_scan(outline.scan(bearing.name))
+    recording = Kept()
+    check_recording(path, MonitorConfig((bearing,)), [recording])
+    return track_of_scan(recording.scan(bearing.name))

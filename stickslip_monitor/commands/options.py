@@ -117,7 +117,7 @@ def add_config(options: _Options, *, required: bool = True, node: bool = True) -
 
 
 def add_drawing(parser: argparse.ArgumentParser) -> None:
-    """Add what both drawing commands take: the bearing and where to write."""
+    """Add what both drawing commands take: configuration, bearing, where to write, and ``--force``."""
     add_config(parser)
     add_shared(parser, '--bearing', help=ONE_OF_SEVERAL)
     text = 'file to write: .png, .svg or .csv'
@@ -196,14 +196,14 @@ def read_quantity(noun: str, text: str, units: Iterable[str]) -> tuple[float, st
 
 
 def parse_speed(text: str, conversion: BearingSpeed, noun: str = 'speed') -> float:
-    """Surface speed [m/s] from a text such as ``'20rpm'``; the unit is required."""
+    """Return the surface speed [m/s] of a text such as ``'20rpm'``; refuse one without a unit."""
     from stickslip_monitor.physics.bearing import SPEED_UNITS
 
     return float(conversion.to_surface(*read_quantity(noun, text, SPEED_UNITS)))
 
 
 def parse_load(text: str, noun: str = 'load') -> float:
-    """Load [N] from a text such as ``'1.2kN'``; the unit is required."""
+    """Return the load [N] of a text such as ``'1.2kN'``; refuse one without a unit."""
     from stickslip_monitor.monitor.parameters import LOAD_UNITS
 
     value, unit = read_quantity(noun, text, LOAD_UNITS)
@@ -211,7 +211,7 @@ def parse_load(text: str, noun: str = 'load') -> float:
 
 
 def parse_loaded(text: str) -> float:
-    """Load [N] of what needs one: above 0."""
+    """Return the load [N] of a text, which must be above 0; raise ConfigurationError for any other."""
     load = parse_load(text)
     if load <= 0.0:
         raise refused('load', text, 'above 0: without load, no friction')
@@ -246,13 +246,13 @@ def require_single_bearing(config: MonitorConfig) -> BearingConfig:
 
 
 def speed_range(text: str | None, config: BearingConfig) -> Range | None:
-    """Surface speeds [m/s] from a text such as ``'5rpm:45rpm'``; ``None`` for no text."""
+    """Return the surface speeds [m/s] of a text such as ``'5rpm:45rpm'``, as :func:`parse_range` does."""
     conversion = config.bearing.speed
     return parse_range(text, 'speeds', lambda part: parse_speed(part, conversion, 'speeds'))
 
 
 def parse_range(text: str | None, noun: str, parse: Callable[[str], float]) -> Range | None:
-    """Two quantities with a colon between them, not negative and rising.
+    """Return two quantities with a colon between them, not negative and rising; ``None`` for no text.
 
     Raises:
         ConfigurationError: The text is anything else; it is named, with the rule.

@@ -179,23 +179,23 @@ class Feed(Sink):
         return self._watches and time.monotonic() - self._heard < SILENT
 
     def take_record(self, record: dict[str, Any]) -> None:
-        """Pass on the record of a bearing."""
+        """Pass the record of a bearing to every sink; note the time, and whether its monitor is active."""
         self._heard, self._watches = time.monotonic(), record.get('monitoring') is not False
         for sink in self.sinks:
             sink.take_record(record)
 
     def take_health(self, level: int, text: str) -> None:
-        """Pass on the status of a node beside; only a page shows it."""
+        """Pass the status of the node to the page, which alone shows it."""
         for monitor in self.monitors:
             monitor.take_health(level, text)
 
     def take_other(self, node: str) -> None:
-        """Pass on that another monitor sends."""
+        """Tell the page that another monitor sends."""
         for monitor in self.monitors:
             monitor.take_other(node)
 
     def take_alarms(self, record: Any) -> None:
-        """Pass on the list of alarms; anything else is ignored."""
+        """Pass the list of alarms to every sink; ignore anything else."""
         if isinstance(record, dict) and record.get('schema') == ALARM_SCHEMA:
             for sink in self.sinks:
                 sink.take_alarms(record)
@@ -232,7 +232,10 @@ class LinkStates:
 async def _watch_ship(
     args: argparse.Namespace, config: MonitorConfig, links: LinksConfig, board: DashboardState | None
 ) -> None:
-    """Run monitor, clients and page until one of them ends, then close the clients and cancel the rest."""
+    """Run monitor, clients and page until one of them ends, then close the clients and cancel the rest.
+
+    What the one that ended has raised, passes through. A page gets states, actions and link states.
+    """
     feed = Feed(() if board is None else board.monitors)
     report = LinkStates({} if board is None else board.links).report
     with _make_monitor(args, config, links, feed) as (take, run_monitor):
@@ -310,7 +313,13 @@ async def _tick_clients(clients: Sequence[Client], feed: Feed) -> None:
 def _make_monitor(
     args: argparse.Namespace, config: MonitorConfig, links: LinksConfig, feed: Feed
 ) -> Iterator[tuple[Take, Callable[[], Coroutine[Any, Any, Any]]]]:
-    """Yield the sample handler and the coroutine that serves it."""
+    """Yield what takes samples, and the coroutine that runs the monitor, here or (``--node``) in ROS.
+
+    Sets ``feed.act``; at the end the file of states is closed, or the node's watcher.
+
+    Raises:
+        RosError: A node is asked for, and ROS 2 is not there.
+    """
     if args.node is not None:
         with dashboard.listen_to_nodes({args.node: feed}, args.diagnostics) as watcher:
             from stickslip_monitor.ros.other_nodes import Bridge
@@ -340,7 +349,7 @@ def _make_monitor(
 async def _report_files(
     config: MonitorConfig, store: StateWriter | None, live: LiveMonitor, feed: Feed
 ) -> None:
-    """Report to log and page which files cannot be used, as a node does."""
+    """Look for ever which files cannot be used; report each change to the page, new faults to the log."""
     reported = ''
     while True:
         fault = '' if store is None else store.fault
@@ -380,7 +389,7 @@ def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
 
 
 def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
-    """Return the clients of the buses."""
+    """Return the clients of the configured buses; warn of one that takes datagrams from anybody."""
     from stickslip_monitor.links.nmea_client import NmeaClient
     from stickslip_monitor.links.signalk import SignalKInputs
     from stickslip_monitor.links.signalk_client import SignalKClient
@@ -410,6 +419,7 @@ def _read_signalk_token(path: str) -> str:
 
     Raises:
         LinkError: Others can read the file.
+        DashboardError: It cannot be read, or holds no token.
     """
     if not path:
         return ''

@@ -104,7 +104,10 @@ class RecordingPart:
 
 
 def recording_part(document: Mapping[str, Any], checked: CheckReport | None = None) -> RecordingPart:
-    """Make the part on a recording from its record and, if it was checked, from its outlines."""
+    """Make the part on a recording from its record and, if it was checked, from its outlines.
+
+    It has no bearings yet; of a recording that was not checked the finding is the record's error.
+    """
     # A path may be no text.
     anchor = f'bag-{hashlib.sha256(os.fsencode(document["path"])).hexdigest()[:12]}'
     name = printable(os.path.basename(os.path.realpath(document['path'])))  # noqa: PTH119
@@ -151,7 +154,7 @@ class Archive:
 
 
 def _course_of(checked: CheckReport, item: BearingReport) -> Course:
-    """Collect configuration, spells, doubts and questions of one bearing from a report."""
+    """Return configuration, spells, doubts and questions of one bearing of a report."""
     bearing = checked.config.bearing(item.name)
     doubts = [
         f'{report.quantity} on {report.topic}: {text}'
@@ -168,10 +171,6 @@ def _course_of(checked: CheckReport, item: BearingReport) -> Course:
 def _drawn_map(course: Course, size: tuple[float, float] = _MAP_WIDE) -> canvas.Figure:
     track = track_of_scan(course.scan)
     return draw_map(course.config, track=replace(track, events=track.events[:_MARKS]), size=size)
-
-
-def _timeline_of(course: Course) -> Timeline:
-    return Timeline(course.config, course.scan, course.spells)
 
 
 def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool) -> BearingPart:
@@ -202,7 +201,7 @@ def _map_picture(part: BearingPart, course: Course) -> Picture:
 
 def _timeline_picture(part: BearingPart, course: Course) -> Picture:
     """Draw the course of a bearing over time, wide and narrow."""
-    timeline, events = _timeline_of(course), course.item.events
+    timeline, events = Timeline(course.config, course.scan, course.spells), course.item.events
     text = (
         f'Shaft speed between its stability boundaries, bearing load, margins, predicted'
         f' amplitude and alarm of {course.name} over time, with'
@@ -282,7 +281,7 @@ def html_page(
     page = environment.get_template('page.html').render(
         parts=whole,
         others=[part for part in parts if not (is_drawn or part.bearings)],
-        finding=_overall_finding(parts),
+        finding=overall([(part.name, finding) for part in parts for finding in part.findings]),
         made=f'{made.astimezone(timezone.utc):%Y-%m-%d %H:%M} UTC',
         version=__version__,
         shown_events=shown_events,
@@ -294,10 +293,6 @@ def html_page(
         colours={canvas.variable(light): (light, dark) for light, dark in canvas.ON_DARK.items()},
     )
     return f'{page}\n'.encode(errors='replace')
-
-
-def _overall_finding(parts: Sequence[RecordingPart]) -> Finding:
-    return overall([(part.name, finding) for part in parts for finding in part.findings])
 
 
 def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping[str, Any]]]:
