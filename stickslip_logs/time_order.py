@@ -21,7 +21,8 @@ from stickslip_logs.errors import plural
 
 MAX_TIME_NS = 1 << 62
 """Of the year 2116: two later times would have no sum of 64 bits [ns]."""
-# Smaller steps back are disorder, whatever the rate: they are sorted and not reported [ns].
+# Smaller steps back are disorder, whatever the rate: they are sorted and not reported [ns]. The resolution
+# that segments begin with, too.
 _MIN_STEP_NS = 10**9
 # More steps back of one source have no reasons: a loop played 10 times has 9, disorder of 2 s thousands.
 # So have those of a large share of few rows.
@@ -36,14 +37,17 @@ _MAX_WAIT_NS = 10 * 10**9
 # A gap is reported that is longer, and so many times as long as all the rest [ns]: one time read wrong at an
 # end makes a year of lost inputs.
 _MIN_GAP_NS, _MIN_GAP_SHARE = 86_400 * 10**9, 10
-# Intervals whose median is the usual one of a source: the first of them, so that memory is bounded.
-_MAX_INTERVALS = 1 << 12
-# Segments kept of a source (56 bytes each); their resolution is halved where there are more.
-_MAX_SEGMENTS = 1 << 12
-# The resolution that segments begin with [ns]: that of a late row, among all sources.
-_RESOLUTION_NS = 10**9
+# What is kept of a source, so that memory is bounded: the first intervals, whose median is the usual one, and
+# segments (56 bytes each), whose resolution is halved where there are twice as many.
+_MAX_KEPT = 1 << 12
 
 Columns = tuple[NDArray[Any], ...]
+"""Rows: times [ns], and what else there is of each: shape (n,) or (k, n)."""
+
+
+def select_rows(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
+    """Return the columns of some rows; with a slice these are views."""
+    return tuple(column[..., rows] for column in columns)
 
 
 class _Run(NamedTuple):
@@ -156,7 +160,7 @@ class _Source:
         self._intervals = np.empty(0, np.int64)
         self._parts, self._size = [np.empty((0, len(_Run._fields)), np.int64)], 0
         self._leap_ns = _MIN_STEP_NS
-        self._resolution_ns = _RESOLUTION_NS
+        self._resolution_ns = _MIN_STEP_NS
         self._last_ns: int | None = None
         self._count = self._steps = 0
         self.first_place = self.last_place = 0
@@ -178,8 +182,8 @@ class _Source:
         step[0] = 0 if self._last_ns is None else time_ns[0] - self._last_ns
         if self._last_ns is None:
             self.first_place = int(place[0]) + offset
-        if self._intervals.size < _MAX_INTERVALS:
-            self._intervals = np.append(self._intervals, np.abs(step[step != 0]))[:_MAX_INTERVALS]
+        if self._intervals.size < _MAX_KEPT:
+            self._intervals = np.append(self._intervals, np.abs(step[step != 0]))[:_MAX_KEPT]
             self._leap_ns = max(self._leap_ns, self.leap_ns)
         if self._is_one_segment(time_ns, step):
             first, last = int(time_ns[0]), int(time_ns[-1])
@@ -201,7 +205,7 @@ class _Source:
         if self._steps <= _MAX_STEPS:
             self._parts.append(segments)
             self._size += len(segments)
-            while self._size > 2 * _MAX_SEGMENTS:
+            while self._size > 2 * _MAX_KEPT:
                 self._halve_resolution()
         return span
 
@@ -517,9 +521,9 @@ class Sorter:
             return
         columns = self._sort_waiting()
         count = int(columns[0].searchsorted(int(columns[0][-1]) - self._wait_ns)) if columns[0].size else 0
-        self._waiting = [tuple(column[..., count:] for column in columns)]
+        self._waiting = [select_rows(columns, slice(count, None))]
         if count:
-            yield tuple(column[..., :count] for column in columns)
+            yield select_rows(columns, slice(count))
 
     def rest(self) -> Iterator[Columns]:
         """Yield the rows that still wait; to be called when all were added."""
@@ -531,5 +535,4 @@ class Sorter:
         columns = tuple(np.concatenate(arrays, axis=-1) for arrays in zip(*self._waiting, strict=True))
         if (columns[0][1:] >= columns[0][:-1]).all():
             return columns
-        rows = columns[0].argsort(kind='stable')
-        return tuple(column[..., rows] for column in columns)
+        return select_rows(columns, columns[0].argsort(kind='stable'))

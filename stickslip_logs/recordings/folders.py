@@ -157,7 +157,8 @@ def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list
 def _kind_of(path: Path) -> str:
     """Return 'recording', 'log', 'excluded' (no data) or 'other', by the name of a file or else its content.
 
-    A file that cannot be read, or is of a kind that is not supported, is 'other'.
+    A file that cannot be read, or is of a kind that is not supported, is 'other'; metadata of rosbag2 and an
+    empty file without such a name are 'excluded'.
     """
     if has_recording_name(path.name):
         return _RECORDING

@@ -67,6 +67,11 @@ _FEEDS: dict[str, tuple[int, Callable[[], Callable[[bytes | memoryview], bytes]]
 }
 
 
+def limit_bytes(size: int) -> int:
+    """Return how much a file of a size may grow to, unpacked or in memory [bytes]."""
+    return (160 << 20) + 100 * size
+
+
 class DamagedBlock(Exception):
     """A block cannot be restored; the text is a clause for a sentence."""
 

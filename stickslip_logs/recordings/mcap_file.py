@@ -29,19 +29,13 @@ from stickslip_logs.recordings.mcap_chunks import (
     Block,
     DamagedBlock,
     Piece,
+    limit_bytes,
     load_block,
     walk_records,
 )
 from stickslip_logs.recordings.mcap_heads import MAX_RECORD, RecordHeads
 from stickslip_logs.recordings.message_types import LONGEST_TEXT
-from stickslip_logs.recordings.recording import Cut, Findings, encoding_problem
-
-DATED = 10**17
-"""Times from here on are dates, not seconds since something was switched on [ns]."""
-
-# What reading a file may take in one pass [bytes]: this, and so many for each byte of it.
-_FREE_BYTES, _BYTES_FOR_EACH = 160 << 20, 100
-_MOST_NAMED = 5
+from stickslip_logs.recordings.recording import DATES_FROM_NS, MOST_NAMED, Cut, Findings, encoding_problem
 
 
 class McapFile:
@@ -71,7 +65,8 @@ class McapFile:
     def find_problem(self, channel: Channel) -> str:
         """Return a clause on why messages of a channel cannot be decoded; empty where no reason is known.
 
-        The definition itself is not parsed here.
+        The reasons are its encoding, and a schema that is missing or not in ``ros2msg``; what the schema says
+        is not parsed here.
         """
         schema = self.schemas.get(channel.schema_id)
         if channel.message_encoding != MessageEncoding.CDR:
@@ -88,10 +83,10 @@ class McapFile:
         return schema.name if schema is not None else ''
 
     def add_definition(self, block: Block | None, offset: int, record: bytes) -> bool:
-        """Add a schema or channel to those of the file; return whether the record can be read.
+        """Add a schema or channel to those of the file; return False for a record that cannot be parsed.
 
         The first definition of an id counts. In a block, one that contradicts it is reported as a loss, and
-        the messages behind it are not read.
+        the messages behind it are not read; the result is True for it, as for a record that is known.
 
         Args:
             block: The block of the record; None in the summary, where a contradiction is not reported.
@@ -161,9 +156,9 @@ class McapFile:
         return rows[piece.offset[rows] < end]
 
     def _list_names(self, keys: list[int]) -> str:
-        """Name the topics of some channels, up to five of them; 'it' where there are none."""
-        names = [f"'{self.channels[key].topic}'" for key in keys[:_MOST_NAMED]]
-        more = [f'{len(keys) - _MOST_NAMED} more topics'] if len(keys) > _MOST_NAMED else []
+        """Name the topics of some channels, up to ten of them; 'it' where there are none."""
+        names = [f"'{self.channels[key].topic}'" for key in keys[:MOST_NAMED]]
+        more = [f'{len(keys) - MOST_NAMED} more topics'] if len(keys) > MOST_NAMED else []
         return ', '.join([*names, *more]) or 'it'
 
     def compare_counts(
@@ -183,9 +178,9 @@ class McapFile:
             if stated.get(key, 0) != counted.get(key, 0)
         ]
         if texts:
-            more = len(texts) - _MOST_NAMED
+            more = len(texts) - MOST_NAMED
             rest = f'; so with {more} more topics' if more > 0 else ''
-            listed = '; '.join(texts[:_MOST_NAMED])
+            listed = '; '.join(texts[:MOST_NAMED])
             self.findings.lose(f"file '{self.path.name}': its statistics count {listed}{rest}")
 
     def read_all(self, heads: RecordHeads) -> None:
@@ -302,7 +297,7 @@ class McapFile:
         if end >= 1 << 63 or any(block.end_ns < block.start_ns for block in held):
             return False
         self.has_zero = start == 0
-        if self.has_zero and end >= DATED:
+        if self.has_zero and end >= DATES_FROM_NS:
             return False
         if (start, end) != (counts.message_start_time, counts.message_end_time):
             self.findings.note(
@@ -338,7 +333,7 @@ class FilePass:
         self.file = file
         self.counts: Counter[int] = Counter()
         self.is_over = False
-        self._most = self._left = _FREE_BYTES + _BYTES_FOR_EACH * file.size
+        self._most = self._left = limit_bytes(file.size)
 
     def charge(self, block: Block, size: int) -> None:
         """Charge memory to the pass; where its limit is exceeded, set ``is_over`` and report a loss.

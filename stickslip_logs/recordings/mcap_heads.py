@@ -155,7 +155,9 @@ class RecordHeads:
             self.blocks.append(Block(self._path, offset, length, length, False))
 
     def _keep_summary_record(self, kind: int, offset: int, length: int) -> None:
-        """Read a definition or the statistics of the summary; ignore other, oversized and damaged records.
+        """Append a record of the summary to ``definitions``, or read it into ``statistics``.
+
+        Other records, those of more than 1 MiB and damaged statistics are ignored.
 
         Args:
             kind: The opcode.

@@ -21,11 +21,11 @@ from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.recordings.log_times import ask_for_time_unit
 from stickslip_logs.recordings.mcap_chunks import Block, Piece
-from stickslip_logs.recordings.mcap_file import DATED, FilePass, McapFile
+from stickslip_logs.recordings.mcap_file import FilePass, McapFile
 from stickslip_logs.recordings.mcap_order import BlockTimes, CourseOfBlocks
 from stickslip_logs.recordings.message_fields import FieldReader, MessageReading, TopicNumbers
 from stickslip_logs.recordings.recording import (
-    Columns,
+    DATES_FROM_NS,
     Findings,
     Message,
     Progress,
@@ -34,13 +34,12 @@ from stickslip_logs.recordings.recording import (
     Scratch,
     TimeSpans,
     TopicInfo,
-    select_messages,
 )
+from stickslip_logs.time_order import Columns, select_rows
 
 # Messages of each topic, and of all, that are yielded at a time: few enough for the caches.
 _MAX_OF_TOPIC, _MAX_OF_ALL = 1 << 13, 1 << 19
 
-_LATEST_NS = (1 << 63) - 1
 # Memory of a number that waits for its turn [bytes].
 _ROW_BYTES = 24
 _BEYOND = 'have an impossible log time (2^63 ns or more) and were not used'
@@ -144,9 +143,9 @@ class Pass:
             if not cut and columns[1].max() < rest[k + 1]:
                 # So many of one time: it is split, rather than to wait for more.
                 cut = int(columns[0].searchsorted(yielded_ns, 'right'))
-            yield from _split_columns(select_messages(columns, slice(cut)), max_count)
+            yield from _split_columns(select_rows(columns, slice(cut)), max_count)
             size = columns[0].size - cut
-            waiting = [select_messages(columns, slice(cut, None))] if size else []
+            waiting = [select_rows(columns, slice(cut, None))] if size else []
             limit = min_count + 2 * size
         if waiting:
             yield from _split_columns(_sort_columns(waiting), max_count)
@@ -179,7 +178,7 @@ class Pass:
                 break
             is_late = columns[0] < yielded_ns
             late += int(np.count_nonzero(is_late))
-            yield select_messages(columns, ~is_late) if is_late.any() else columns
+            yield select_rows(columns, ~is_late) if is_late.any() else columns
         if late:
             file.findings.lose(
                 f'{job.block.place} has {plural(late, "message")} from before it begins, as it'
@@ -207,7 +206,7 @@ def _sort_columns(parts: Sequence[Columns]) -> Columns:
     time, number = columns[:2]
     if (time[1:] >= time[:-1]).all() and (number[1:] >= number[:-1]).all():
         return columns
-    return select_messages(columns, np.lexsort((number, time)))
+    return select_rows(columns, np.lexsort((number, time)))
 
 
 def _split_columns(columns: Columns, max_count: int) -> Iterator[Columns]:
@@ -218,8 +217,8 @@ def _split_columns(columns: Columns, max_count: int) -> Iterator[Columns]:
     while columns[0].size > max_count:
         times = columns[0][:max_count]
         end = int(times.searchsorted(times[-1])) or max_count
-        yield select_messages(columns, slice(end))
-        columns = select_messages(columns, slice(end, None))
+        yield select_rows(columns, slice(end))
+        columns = select_rows(columns, slice(end, None))
     if columns[0].size:
         yield columns
 
@@ -302,7 +301,7 @@ class McapReading(MessageReading):
                 stamp[rows] = stamps
         is_wanted = (topic >= 0) & (times >= self._least)
         columns = times, block, topic, stamp, values
-        return columns if is_wanted.all() else select_messages(columns, is_wanted)
+        return columns if is_wanted.all() else select_rows(columns, is_wanted)
 
 
 class McapRecording(Recording):
@@ -321,7 +320,7 @@ class McapRecording(Recording):
         self.files = tuple(file.path for file in files)
         self._message_count = sum(file.counts.total() for file in files)
         self.cuts = tuple(file.cut for file in files if file.cut is not None)
-        self.least_ns = int(any((file.end_ns or 0) >= DATED for file in files))
+        self.least_ns = int(any((file.end_ns or 0) >= DATES_FROM_NS for file in files))
         starts = [file.start_ns for file in files if file.start_ns is not None]
         if self.least_ns == 0 and any(file.has_zero for file in files):
             starts.append(0)
@@ -386,7 +385,7 @@ class McapRecording(Recording):
         names = [
             (name, self._require_topic(name).type) for name in (self.topics if topics is None else topics)
         ]
-        wanted = spans or TimeSpans([(self.least_ns, _LATEST_NS)])
+        wanted = spans or TimeSpans([(self.least_ns, (1 << 63) - 1)])
 
         def encoded(job: Job, piece: Piece, chosen: Chosen) -> Columns:
             """Return log times [ns], block and topic numbers and data of the chosen messages in the spans."""

@@ -252,7 +252,9 @@ def _load_built_in() -> dict[str, str]:
 
 
 def _read_installed_type(name: str) -> str | None:
-    """Return the text of a type from the packages of a sourced ROS 2; None where it is not there.
+    """Return the text of a type from the packages of a sourced ROS 2; None where none has it.
+
+    A file that cannot be read, or has more than 256 KiB, is passed over.
 
     Args:
         name: The short name, as ``std_msgs/Float64``; None is returned for any other text.

@@ -23,7 +23,7 @@ from stickslip_logs.recordings.file_kind import (
     recording_name_of,
 )
 from stickslip_logs.recordings.folders import are_consecutive, folder_files, has_other_parts
-from stickslip_logs.recordings.mcap_chunks import MAGIC
+from stickslip_logs.recordings.mcap_chunks import MAGIC, limit_bytes
 from stickslip_logs.recordings.mcap_file import scan_file
 from stickslip_logs.recordings.mcap_recording import McapRecording
 from stickslip_logs.recordings.recording import METADATA_NAME, Findings, Recording, Scratch
@@ -32,8 +32,6 @@ from stickslip_logs.recordings.sqlite_recording import SqliteRecording
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.text_file import ZSTD, opened
 
-# What a packed file may grow to [bytes]: this, and so many for each byte of it.
-_FREE_BYTES, _BYTES_FOR_EACH = 160 << 20, 100
 _PIECE = 1 << 20
 
 
@@ -115,7 +113,7 @@ def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
     if not read_begin(path).startswith(ZSTD):
         return path
     target = scratch.folder / path.stem
-    max_bytes = _FREE_BYTES + _BYTES_FOR_EACH * path.stat().st_size
+    max_bytes = limit_bytes(path.stat().st_size)
     try:
         with opened(path) as packed, target.open('wb') as file:
             try:

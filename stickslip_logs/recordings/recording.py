@@ -15,23 +15,15 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError
 from stickslip_logs.fields import FieldPath, parse_field
 
-Columns = tuple[NDArray[Any], ...]
-"""Messages: log times [ns], and what else there is of each: shape (n,) or (k, n)."""
 METADATA_NAME, METADATA_ROOT = 'metadata.yaml', 'rosbag2_bagfile_information'
 """The file that describes a rosbag2 folder, and the key of all in it."""
 # Warnings that are listed: more say nothing new.
 _MAX_LISTED = 50
-
-
-def select_messages(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
-    """Return the columns of some messages; with a slice these are views."""
-    return tuple(column[..., rows] for column in columns)
 
 
 class Scratch:
@@ -53,11 +45,11 @@ class Findings:
         self._texts: dict[str, bool] = {}
 
     def note(self, text: str) -> None:
-        """Add a warning that costs no data."""
+        """Add a warning that costs no data, or mark it as such where it was added as a loss."""
         self._texts[text] = False
 
     def lose(self, text: str) -> None:
-        """Add a warning of data that were not read."""
+        """Add a warning of data that were not read, or mark it as such where it was added before."""
         self._texts[text] = True
 
     @property
@@ -181,6 +173,9 @@ class TimeSpans:
 Progress = Callable[[int, int], None]
 """Given how much is done, and how much there is to do: bytes of MCAP, messages of SQLite, or lines."""
 MOST_NAMED = 10
+"""Topics, files or texts that a sentence lists."""
+DATES_FROM_NS = 10**17
+"""Of 1973: times from here on are dates, not time since a trigger or since something was switched on [ns]."""
 
 
 class Reading(Protocol):
@@ -333,7 +328,7 @@ class Recording(ABC):
 
 
 def read_series(reading: Reading) -> dict[Request, Series]:
-    """Read a pass to its end; return one series for each request, with its faults.
+    """Read a pass, which is then used up, to its end; return one series for each request, with its faults.
 
     Where a request has no stamps, ``stamp_ns`` is the same array as ``log_time_ns``.
     """

@@ -23,11 +23,11 @@ from mcap.records import Schema
 
 from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, plural
+from stickslip_logs.recordings.mcap_chunks import MAX_CHUNK
 from stickslip_logs.recordings.message_fields import MessageReading, TopicNumbers
 from stickslip_logs.recordings.message_types import definition_of
 from stickslip_logs.recordings.recording import (
     MOST_NAMED,
-    Columns,
     Findings,
     Message,
     Progress,
@@ -38,13 +38,11 @@ from stickslip_logs.recordings.recording import (
     TopicInfo,
     encoding_problem,
 )
-from stickslip_logs.time_order import MAX_TIME_NS, Sorter, TimeOrder
+from stickslip_logs.time_order import MAX_TIME_NS, Columns, Sorter, TimeOrder
 
 MAGIC = b'SQLite format 3\0'
 # Messages that are read at a time.
 _BATCH = 1 << 15
-# The largest message that is unpacked [bytes], as the largest chunk of an MCAP.
-_MAX_MESSAGE_BYTES = 128 << 20
 # Of a page whose damage makes it ask for more memory than there is, the latter.
 _ERRORS = sqlite3.Error, MemoryError
 # A place in the recording is the number of a file above the rowid in it, as far as that is none that
@@ -116,7 +114,7 @@ class SqliteRecording(Recording):
             with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
                 if sys.version_info >= (3, 11):
                     # What a damaged length asks for is not taken.
-                    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MAX_MESSAGE_BYTES)
+                    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
                 database.text_factory = lambda raw: raw.decode('utf-8', 'replace')
                 yield database
         except (*_ERRORS, OSError, ValueError) as error:
@@ -214,10 +212,10 @@ class SqliteRecording(Recording):
     def _iterate_rows(
         self, file: Path, database: sqlite3.Connection, columns: str, where: str = '1'
     ) -> Iterator[Rows]:
-        """Yield batches of rows of the messages in the order of writing: row id, then some columns.
+        """Yield lists of up to 32768 messages in the order of writing: tuples of the row id and some columns.
 
-        Damaged pages are reported as a loss; reading goes on behind them, at ids in growing steps, and ends
-        after 41 of them.
+        Damaged pages are reported as a loss, not raised; reading goes on behind them, at ids in growing
+        steps, and ends after 41 of them.
 
         Args:
             file: The file, for the reports.
@@ -349,7 +347,7 @@ class SqliteRecording(Recording):
         def unpack(data: bytes) -> bytes | None:
             """Return the unpacked data; None where they are damaged or too large."""
             try:
-                return decompress(data, max_output_size=_MAX_MESSAGE_BYTES)
+                return decompress(data, max_output_size=MAX_CHUNK)
             except zstandard.ZstdError:
                 return None
 
@@ -410,7 +408,7 @@ class SqliteReading(MessageReading):
                 self._progress(done, max(total, done))
 
     def _read_numbers(self, times: IntArray, topic: IntArray, messages: Sequence[bytes]) -> Columns:
-        """Decode messages, and count their faults.
+        """Decode messages; their faults are counted in the :class:`TopicNumbers` of the pass.
 
         Args:
             times: Their log times [ns], shape (n,).

@@ -18,7 +18,7 @@ import numpy as np
 from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, did_you_mean
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
-from stickslip_logs.recordings.recording import Findings, Recording, TopicInfo, listed
+from stickslip_logs.recordings.recording import DATES_FROM_NS, Findings, Recording, TopicInfo, listed
 from stickslip_logs.tables.bus_log import first_name
 from stickslip_logs.tables.cell_times import Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
@@ -37,8 +37,6 @@ _VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
 _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
 MAX_LETTERS = 20
 """Letters that are shown of a cell."""
-# Of 1973: later times are dates, and no time since a trigger [ns].
-_DATES_FROM_NS = 10**17
 # Numbers for each time, from which on most share theirs.
 _SHARED_TIMES = 1.5
 
@@ -86,7 +84,7 @@ class TableColumns(Recording):
         """
         times = np.concatenate([_drop_untimed(self._ends, clock)[1] for clock in self.table.clocks])
         zero_ns = 0
-        if times.size and times.min() < 0 and times.max() < _DATES_FROM_NS:
+        if times.size and times.min() < 0 and times.max() < DATES_FROM_NS:
             # A trigger's time before, and what spreadsheets make of a time of day.
             zero_ns = int(times.min())
             self._findings.note('times begin before 1970, or before zero: counted from the first one')

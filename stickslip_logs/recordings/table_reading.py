@@ -308,8 +308,8 @@ class TableReading:
     def _are_admitted(self, topic: str, cells: Any, rows: Rows, where: IntArray) -> BoolArray:
         """Return which numbers of a topic are of the sender that is used at that time, shape (n,).
 
-        The admissions of the topic advance with each number. As in live operation, a number in a unit of
-        another quantity counts for no sender.
+        The admission of the topic advances with each number, and notes who is left out or used instead. As in
+        live operation, a number in a unit of another quantity counts for no sender.
 
         Args:
             topic: The topic.
@@ -334,7 +334,10 @@ class TableReading:
     def _select_rows(
         self, rows: Rows, topic: str, coded: dict[int, tuple[dict[str, int], IntArray]]
     ) -> BoolArray:
-        """Return which rows belong to a topic, shape (n,); also those of senders that may stand in.
+        """Return which rows belong to a topic, shape (n,).
+
+        In a log of a bus, for an input with a time-out, also those of all other senders of the number: which
+        of them counts when is for :meth:`_are_admitted` to say.
 
         Args:
             rows: A block of rows.
