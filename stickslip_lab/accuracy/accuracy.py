@@ -59,7 +59,7 @@ class Method:
     slow: bool = False  # whether a quick look leaves it out
 
     def solve(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """Compute the amplitude; where the method does not apply the result is ``nan`` and ``REFUSED``."""
+        """Return the result at an operating point; ``nan`` and ``REFUSED`` if the method does not apply."""
         if not self.applies(bearing):
             return MethodResult(math.nan, REFUSED, None)
         return self.amplitude(bearing, speed, load)
@@ -96,11 +96,11 @@ def time_call(
     wall: Clock = time.perf_counter,
     cpu: Clock = time.process_time,
 ) -> tuple[float, int, bool]:
-    """Measure a call that has been made before, and so is warm, by two clocks [s].
+    """Time repeated calls by two clocks [s]; the first call plans how many make a sample.
 
     Returns:
-        The median of the undisturbed samples, how many count, and whether most were disturbed:
-        then all count, by process time [s].
+        The median time of a call [s] over the undisturbed samples, how many count, and whether most were
+        disturbed: then all count, by process time.
     """
     start = wall()
     call()
@@ -232,7 +232,7 @@ def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
 
 
 def columns(rows: Sequence[Row]) -> dict[str, list[object]]:
-    """Return the measurement as columns for a CSV file."""
+    """Return the measurement as columns by heading, for a CSV file."""
     return {field.name: [getattr(row, field.name) for row in rows] for field in fields(Row)}
 
 
@@ -245,7 +245,7 @@ _PARSERS: dict[str, Callable[[str], object]] = {
 
 
 def read_rows(path: str | Path) -> list[Row]:
-    """Read a measurement back from its CSV file.
+    """Return the rows of a measurement from the CSV file that ``stickslip accuracy`` wrote.
 
     Raises:
         ConfigurationError: The file cannot be read or is no measurement.

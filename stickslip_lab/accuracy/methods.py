@@ -81,11 +81,22 @@ _QUIET, _DECAYS = 0.5, 0.8
 
 
 def _measure_velocity(_: float, y: FloatArray) -> float:
+    """Return the velocity, the second number of the state: its zeros are turning points."""
     return float(y[1])
 
 
 def _late_range(runs: Sequence[Any], span: float, speed: float, omega: float) -> float:
-    """Return half the range of the turning points of the last cycles [m]; ``nan`` where it settles."""
+    """Return half the range of the last turning points [m]: those after 60 % of the time ``span`` [s].
+
+    Args:
+        runs: Results of ``solve_ivp`` whose first event is a turning point.
+        span: The time that was integrated [s].
+        speed: Surface speed [m/s].
+        omega: Natural frequency [rad/s].
+
+    Returns:
+        It; ``nan`` where the motion decays, or stays below half the sliding limit ``V/omega``.
+    """
     turns = [(t, y[0]) for way in runs for t, y in zip(way.t_events[0], way.y_events[0], strict=True)]
     late = np.array([x for t, x in turns if t > _WATCHED * span])
     if late.size < 2 or abs(late[-1] - late[-2]) < _DECAYS * abs(late[1] - late[0]):
@@ -95,7 +106,7 @@ def _late_range(runs: Sequence[Any], span: float, speed: float, omega: float) ->
 
 
 def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Regularised friction: the sign of the relative speed becomes ``tanh(v/width)`` [m/s].
+    """Compute the amplitude by regularised friction: the sign of ``v`` becomes ``tanh(v/width)`` [m/s].
 
     LSODA integrates in SI units from breakaway for ten cycles, the last four of which are
     measured, with tolerances of scipy's (1e-3 relative, 1e-6 absolute in metres and metres a
@@ -135,7 +146,7 @@ _DEAF = 1e-6
 
 
 def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Switching between stick and slip: a slip phase ends at the event ``x' = V``.
+    """Compute the amplitude by switching between stick and slip: slip ends at the event ``x' = V``.
 
     Sticking is a straight line; ten cycles from breakaway in SI units, the last four of which are
     measured. Common practice; Leine, van Campen, de Kraker and van den Steen, Nonlinear Dyn. 16
@@ -226,10 +237,10 @@ _MOST_STRETCHES = 400
 
 
 def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Integrate the motion with the package's integrator, from breakaway until the motion repeats.
+    """Compute the amplitude by the package's integrator, from breakaway until the motion repeats.
 
-    Stick and slip are phases, with transitions located to rounding. It ends where two stretches
-    of motion have the same amplitude.
+    Stick and slip are phases, with transitions located to rounding. It ends where two successive parts
+    of the motion have the same amplitude, or one has stuck; after 400 it has not converged.
     """
     omega = bearing.natural_frequency
     duration = 1.5 * typical_period(bearing, speed, load)
@@ -259,8 +270,14 @@ def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
 def turning_points(x: FloatArray, v: FloatArray, a: FloatArray, step: float) -> FloatArray:
     """Return the displacements where the velocity vanishes, by quintic Hermite interpolation [m].
 
-    Of an evenly sampled motion: displacement, velocity and acceleration, shape (n,), SI units,
-    and the time between two samples [s].
+    Args:
+        x: Displacement, evenly sampled, shape (n,) [m].
+        v: Velocity, shape (n,) [m/s].
+        a: Acceleration, shape (n,) [m/s^2].
+        step: Time between two samples [s].
+
+    Returns:
+        In order of time, of the shape of their number.
     """
     at = np.flatnonzero((v[:-1] > 0.0) != (v[1:] > 0.0))
     # Displacement, velocity and acceleration as polynomials in s = t/step, from both ends' values.
@@ -367,7 +384,7 @@ class _Problem:
         return e * (lean - s.project @ v), jacobian
 
     def solved(self, q: FloatArray, frequency: float) -> tuple[FloatArray, float, bool]:
-        """Solve the balance from a guess by damped semi-smooth Newton; the phase is ``b_1 = 0``.
+        """Solve the balance from a guess by damped semi-smooth Newton, with ``b_1`` held at the guess.
 
         Args:
             q: Coefficients ``[a_0, a_1, b_1, ...]`` of the guess, in units of ``V/omega``.
@@ -417,7 +434,10 @@ def half_range(q: FloatArray) -> float:
 
 
 def has_resolvent(bearing: Bearing) -> bool:
-    """Return whether the method applies: a jump at breakaway leaves the stick force undetermined."""
+    """Return whether harmonic balance applies to a bearing's law.
+
+    A jump of Coulomb's law at breakaway leaves the stick force undetermined.
+    """
     law = bearing.friction
     return not isinstance(law, Coulomb) or law.static == law.kinetic
 

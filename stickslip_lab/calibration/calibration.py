@@ -82,10 +82,12 @@ class Evidence:
 
 
 def read_levels(bearing: str, evidence: Sequence[Evidence]) -> list[Evidence]:
-    """Return the evidence with the reports that its levels give, all by one threshold.
+    """Return the evidence with the reports and knocks that its levels give, all by one threshold.
+
+    Evidence without a level comes back as it is.
 
     Raises:
-        CalibrationError: The levels have no two modes.
+        NoTwoModes: The levels have no two modes.
     """
     threshold = threshold_of([one.level for one in evidence if one.level is not None])
     read = []
@@ -98,7 +100,7 @@ def read_levels(bearing: str, evidence: Sequence[Evidence]) -> list[Evidence]:
 
 
 def prior_of(bearing: Bearing, tolerance: Tolerance) -> FloatArray:
-    """Covariance of ``(ln r, ln q)`` by a configuration, shape (2, 2).
+    """Return the covariance of ``(ln r, ln q)`` by a configuration, shape (2, 2).
 
     Tolerances that are 0 are taken as 40 % of the damping, 30 % of the decay and 25 % of
     ``mu_s - mu_k``.
@@ -296,7 +298,7 @@ class Calibration:
 
 
 def over_fold(end: End, reference: Reference) -> float:
-    """Return the speed at an end over the configured fold speed."""
+    """Return the speed at an end over the configured fold speed at its load."""
     speed, load = end.middle
     return speed / math.exp(float(reference.fold(np.array([math.log(load)]))[0]))
 
@@ -311,14 +313,15 @@ def calibrate(
     """Infer a bearing's boundaries.
 
     Args:
-        evidence: The recordings, with their reports.
+        evidence: The recordings, with their reports; a course that is given twice counts once.
         bearing: The bearing that is configured.
         tolerance: What its configuration states of it.
         forget: Standard deviation that ``ln q`` is given anew before each recording: it wears.
         onsets: Whether the times of onsets are worth something; ``False`` for a person's list.
 
     Raises:
-        CalibrationError: The evidence is none, or of another bearing.
+        CalibrationError: No report is about a slow passage, most ends are worthless as of another bearing,
+            or the configured bearing has no fold.
     """
     reference = Reference(bearing)
     pairs, repeated = _drop_repeated(evidence)
@@ -373,7 +376,10 @@ def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
 def to_document(
     config: BearingConfig, calibration: Calibration, created: str, version: str
 ) -> dict[str, Any]:
-    """Return the calibration as the documented JSON object."""
+    """Return the calibration as the JSON object that ``calibration:`` names in a configuration.
+
+    ``created`` is the time in ISO 8601, ``version`` that of the program.
+    """
     log_r, log_q = calibration.factors
     doubtful = {id(end): p for end, p in calibration.doubts}
     return {
@@ -437,7 +443,9 @@ class EvidenceSource:
     reports: tuple[VibrationReport, ...] | None = None  # an operator's reports
 
     def of_recording(self, outline: Kept, config: BearingConfig) -> Evidence:
-        """Return the evidence of one recording.
+        """Return the evidence of one recording: the reports, else the level, else the truth.
+
+        A level is read into reports by :meth:`calibrated`, over all recordings together.
 
         Raises:
             CalibrationError: It has no truth, and there is no other source.
@@ -465,7 +473,7 @@ class EvidenceSource:
     def calibrated(
         self, config: BearingConfig, evidence: Sequence[Evidence], forget: float = 0.0
     ) -> Calibration:
-        """Calibrate a bearing by all recordings together; see :func:`.calibrate`.
+        """Return the calibration of a bearing by all recordings together; see :func:`.calibrate`.
 
         Raises:
             CalibrationError: A report lies outside the recordings, the level has no two modes, or there
@@ -483,7 +491,11 @@ class EvidenceSource:
 
 
 def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
-    """Return speed and load of a recording as reference points: one course between two clock jumps."""
+    """Return speed and load of a recording in bins, as reference points of friction as measured.
+
+    Returns:
+        One course for each part between two steps back of the clock.
+    """
     water = None if scan.config.water_temperature is None else scan.water
     speed, load, _ = reference_point(scan.config.bearing, scan.speed, scan.load, water)
     begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)

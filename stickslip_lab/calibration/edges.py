@@ -176,8 +176,10 @@ def track_of(
 ) -> ReportedCourse | None:
     """Return the bins of a course with speed and load, and the reports about them.
 
-    Reports that are shorter than the uncertainty of their two ends are left out. None if there are too
-    few bins or no reports.
+    Reports shorter than twice their tolerance are left out.
+
+    Returns:
+        The course; ``None`` where fewer than ten bins, or no reports, are left.
     """
     used = (course.speed > 0.0) & (course.load > 0.0)
     if np.count_nonzero(used) < _FEWEST:
@@ -199,12 +201,13 @@ def edges_of(
     reference: Reference,
     onsets: bool = True,
 ) -> Edges:
-    """Find the edges of vibration in the reports about some courses.
+    """Return the edges of vibration in the reports about some courses, in order of time.
 
     Args:
-        courses: Each with the reports about it.
+        courses: Each with the reports about it; those without bins or reports to use are skipped.
         reference: The configured bearing.
-        onsets: Whether quiet counts too, up to an onset or without one: a person hears late.
+        onsets: Whether quiet counts too, up to an onset or without one; not in a person's list, who hears
+            late.
     """
     edges = Edges()
     for course, reports in sorted(courses, key=lambda one: int(one[0].time_ns[0])):
@@ -224,7 +227,7 @@ def _read_track(edges: Edges, track: ReportedCourse, reference: Reference, onset
         if after and (after.squeal == one.squeal or after.start_ns / 1e9 - b > one.tolerance + 1.0):
             after = None  # they do not meet
         if one.squeal:
-            end = _end_of(track, one, a, b, after is not None, reference)
+            end = _find_end(track, one, a, b, after is not None, reference)
             edges.ends += [end] if end else []
             # Where it ended inside it is not known how far a disturbance has grown.
             begin = b if end and not end.is_bound else math.inf
@@ -237,7 +240,19 @@ def _read_track(edges: Edges, track: ReportedCourse, reference: Reference, onset
 def _find_passage(
     track: ReportedCourse, report: VibrationReport, begin: float, b: float, onset: VibrationReport | None
 ) -> Passage | None:
-    """Return the quiet from ``begin`` to ``b`` [s] and any onset at its end; None if too short or fast."""
+    """Return the quiet between two times, and whether a vibration begins at its end.
+
+    Args:
+        track: The course.
+        report: The report of quiet.
+        begin: First time [s]; ``inf`` where it is unknown how far a disturbance has grown.
+        b: End of the quiet [s].
+        onset: The vibration that follows at once; ``None`` for none.
+
+    Returns:
+        The passage; ``None`` if it has fewer than four bins, stays three times above the fold, or its speed
+        changes too fast at the onset.
+    """
     late = report.tolerance + LAGS[-1] if onset else 0.0
     rows = (track.time >= begin) & (track.time <= b + late)
     if np.count_nonzero(rows) < 4 or track.over[rows].min() >= _FASTEST:
@@ -264,12 +279,21 @@ def _log_speed_rate(time: FloatArray, speed: FloatArray, at: float) -> float:
     return float(abs(np.polyfit(time[near] - at, np.log(speed[near]), 1)[0]))
 
 
-def _end_of(
+def _find_end(
     track: ReportedCourse, report: VibrationReport, a: float, b: float, meets: bool, reference: Reference
 ) -> End | None:
-    """Return the end of a vibration from ``a`` to ``b`` [s]; None where no point of the course lies in it.
+    """Return the end of a vibration: at the fold where it ``meets`` quiet while V/V_F rises, else a bound.
 
-    It is at the fold where the vibration ``meets`` quiet while V/V_F rises, else a bound.
+    Args:
+        track: The course.
+        report: The report of the vibration.
+        a: When it begins in the course [s].
+        b: When it ends there [s].
+        meets: Whether a report of quiet follows at once.
+        reference: The configured bearing.
+
+    Returns:
+        The end; ``None`` where no bin of the course lies in the vibration, less its tolerance at both ends.
     """
     off = report.tolerance
     whole = outlives(track, b, reference) if meets and report.rings else 0.0
@@ -300,7 +324,11 @@ def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
 
 
 def _find_farthest(track: ReportedCourse, inside: BoolArray) -> tuple[float, FloatArray]:
-    """Return the time [s] at which V/V_F was highest ``inside``, and speed and load there, shape (1, 2)."""
+    """Return the point at which V/V_F was highest ``inside``.
+
+    Returns:
+        Its time [s], and its speed [m/s] and load [N] in an array of shape (1, 2).
+    """
     rows = np.flatnonzero(inside)
     time = float(track.time[rows[np.argmax(_moving_average(track.over, 3)[rows])]])
     return time, np.array([track.at(time)])
@@ -312,12 +340,12 @@ def _moving_average(values: FloatArray, width: int) -> FloatArray:
 
 
 def outlives(track: ReportedCourse, end: float, reference: Reference) -> float:
-    """Return for how long an undisturbed cycle has outlived its fold when its level ends [s].
+    """Return for how long an undisturbed cycle has outlived its fold when its level ends [s]; 0 for none.
 
     With ``y = a/V``, 1 inside, ``d ln y/dt = (c/2m) (N/N_b(y) - 1)``, where ``ln N_b`` goes from
     that of the Hopf speed at ``y = 0`` to that of the fold at ``y = 1`` as ``y^2`` does. For each
-    time at which the fold may have been passed the amplitude is followed, and its level's end read
-    as that of a level is.
+    time at which the fold may have been passed the amplitude is followed, and the end of its level found as
+    in a measured one.
     """
     clock = np.arange(end - _BEFORE, end + _AFTER, _STEP)
     passed = clock[(clock <= end) & (clock >= track.time[0])]

@@ -60,14 +60,15 @@ class VibrationReport:
 
 
 def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationReport]:
-    """Read an operator's reports on some bearings.
+    """Return an operator's reports on some bearings from a table, by bearing and time.
 
     The table is read as a log is: what stands above its headings is skipped, and these may be a comment.
     They are ``bearing, start, end, state`` and, as one likes, ``tolerance [s]`` and ``trust``. Times are ISO
     8601 with a zone.
 
     Raises:
-        CalibrationError: A line breaks a rule; the text names file, line, value and rule.
+        CalibrationError: The file cannot be read, a line breaks a rule, or two reports contradict; the text
+            names file, line, value and rule.
     """
     rows, _ = read_table(
         path, MAX_TABLE_BYTES, CalibrationError, lambda cells: {*_names_of(cells)} >= {*_COLUMNS}
@@ -97,7 +98,11 @@ def _names_of(headings: Sequence[str]) -> list[str]:
 
 
 def _parse_report(where: str, row: dict[str, str], bearings: Sequence[str]) -> VibrationReport:
-    """Return the report of a row by heading; CalibrationError, from ``where`` on, for a broken rule."""
+    """Return the report of a row, given as cells by heading.
+
+    Raises:
+        CalibrationError: A cell breaks its rule; the text begins with ``where``.
+    """
     if row['bearing'] not in bearings:
         raise CalibrationError(
             f"{where}: bearing '{row['bearing']}' is not configured; there are: {', '.join(bearings)}"
@@ -113,7 +118,11 @@ def _parse_report(where: str, row: dict[str, str], bearings: Sequence[str]) -> V
 
 
 def _parse_time(where: str, text: str) -> int:
-    """Return the nanoseconds since 1970 of an ISO 8601 time with a zone; ``where`` begins its error."""
+    """Return the nanoseconds since 1970 of an ISO 8601 time with a zone.
+
+    Raises:
+        CalibrationError: It is none, or has no zone; the text begins with ``where``.
+    """
     fraction = _FRACTION.search(text)
     whole = _FRACTION.sub(r'\1', text)
     try:
@@ -128,7 +137,11 @@ def _parse_time(where: str, text: str) -> int:
 
 
 def _parse_number(where: str, row: dict[str, str], rule: Parameter) -> float:
-    """Return an optional number of a report; the rule's default where its cell is empty or missing."""
+    """Return an optional number of a report; the rule's default where its cell is empty or missing.
+
+    Raises:
+        CalibrationError: It breaks its rule; the text begins with ``where``.
+    """
     text = row.get(rule.name, '')
     if not text:
         return float(rule.default)
@@ -140,10 +153,10 @@ def _parse_number(where: str, row: dict[str, str], rule: Parameter) -> float:
 
 
 def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
-    """Sort reports by bearing and time.
+    """Return reports sorted by bearing and time.
 
     Raises:
-        CalibrationError: Two of them contradict each other.
+        CalibrationError: Two of them are about the same time of a bearing.
     """
     ordered = sorted(reports, key=lambda r: (r.bearing, r.start_ns, r.end_ns))
     for one, two in pairwise(ordered):
@@ -157,7 +170,7 @@ def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
 
 
 def true_reports(bearing: str, truth: TruthRecord, recording: str) -> tuple[VibrationReport, ...]:
-    """Report the truth of a simulated recording: squeal in the episodes, quiet between them."""
+    """Return reports by the truth of a simulated recording: squeal in its episodes, quiet between them."""
     edges = [truth.start_ns, *(time for episode in truth.episodes for time in episode), truth.end_ns]
     bounds = TRUTH_TOLERANCE, TRUTH_TRUST
     return tuple(
@@ -178,9 +191,13 @@ class TelemetryBins:
 
 
 def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> TelemetryBins:
-    """Average speed and load over bins of a second; a bin with a sample at rest is at rest.
+    """Return speed and load averaged over bins of a second; a bin with a sample at rest has speed 0.
 
-    Times [ns] do not fall; speed [m/s] and load [N] have their shape (n,).
+    Args:
+        name: Name of the recording.
+        time_ns: Times that do not fall, shape (n,) [ns]; seconds without any have no bin.
+        speed: Surface speed, of which the magnitude counts, shape (n,) [m/s].
+        load: Load, shape (n,) [N].
     """
     bins, inverse = np.unique(time_ns // BIN_NS, return_inverse=True)
     count = np.bincount(inverse)
@@ -220,12 +237,12 @@ class LevelBins:
 def level_over_speed(
     time: FloatArray, decibels: FloatArray, speed_time: FloatArray, speed: FloatArray
 ) -> LevelBins:
-    """Return a level in bins, less ``20 lg V``, while the shaft turned.
+    """Return a level in bins of 0.25 s, less ``20 lg V``, while the shaft turned; empty without values.
 
     Args:
         time: Times of the level, shape (n,) [s].
-        decibels: The level, shape (n,) [dB].
-        speed_time: Times of the speed, rising, shape (m,) [s].
+        decibels: The level, shape (n,) [dB]; values that are not finite are skipped.
+        speed_time: Times of the speed, rising, shape (m,) [s]; beyond them the shaft counts as at rest.
         speed: Surface speed, shape (m,) [m/s].
     """
     is_finite = np.isfinite(decibels)
@@ -317,7 +334,7 @@ def level_reports(
             if t[b - 1] - t[a] < _SHORTEST:
                 knocks.append(report(t[a], t[b - 1], True))
                 continue
-            on, off, late = _on_and_off(t, x, a, b)
+            on, off, late = _find_edges(t, x, a, b)
             lags += late
             reports += [report(quiet, on, False)] if a and on > quiet else []
             reports.append(report(on, off if b < t.size else float(t[-1]), True))
@@ -332,8 +349,19 @@ def level_reports(
     return [replace(one, source=f'{source}, {k + 1}') for k, one in enumerate(reports)], knocks
 
 
-def _on_and_off(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, float, list[float]]:
-    """Return when a spell, of rows ``a`` to before ``b``, begins and ends, and what its fall lags."""
+def _find_edges(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, float, list[float]]:
+    """Return when a vibration begins and ends [s], and the lag of its level [s].
+
+    Args:
+        t: Times of the bins, shape (n,) [s].
+        x: Level less ``20 lg V`` in them, shape (n,) [dB].
+        a: First bin of the vibration.
+        b: The bin after its last one.
+
+    Returns:
+        Begin and end, the latter without the lag; and the lag as a list of one, empty where the level does
+        not fall along a line within 6 s.
+    """
     # A level that lags by seconds is on its way for long: the plateau is where it has arrived.
     levels, high_times = x[a:b], t[a:b][x[a:b] >= np.median(x[a:b]) - EDGE]
     rise = float(np.median(levels[t[a:b] <= high_times[0] + _PLATEAU]))
@@ -350,7 +378,7 @@ def _on_and_off(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, fl
 
 
 def _find_spells(t: FloatArray, high: np.ndarray) -> list[list[int]]:
-    """Return begin and end (the first row after) of each stretch that is high but for short rests."""
+    """Return first bin, and the bin after the last, of each part that is high but for rests below 3 s."""
     edges = np.flatnonzero(np.diff(high.astype(int), prepend=0, append=0))
     spells: list[list[int]] = []
     for a, b in edges.reshape(-1, 2).tolist():

@@ -115,7 +115,7 @@ class Posterior(NamedTuple):
 
 
 def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spreads) -> Posterior:
-    """Compute the posterior of both factors from the edges.
+    """Compute the posterior of both factors from the edges: by the ends, and by onsets too.
 
     Args:
         edges: The edges, of one passage at least.
@@ -133,7 +133,7 @@ def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spread
     coarse = grid(u, quick=True)
     rows = np.flatnonzero(coarse.weight.max(axis=1) > coarse.weight.max() * math.exp(-_DEPTH))
     fold = grid(np.linspace(u[rows[0]] - _ROOM, u[rows[-1]] + _ROOM, _FINE))
-    return Posterior(fold, _with_onsets(fold, edges, reference, spreads))
+    return Posterior(fold, _weigh_onsets(fold, edges, reference, spreads))
 
 
 def _fold_grid(
@@ -242,11 +242,11 @@ def doubt(end: End, reference: Reference, log_r: float, log_q: float, spread: fl
     return float(min(wrong / np.exp(with_trust).mean(), 1.0)) if trust < 1.0 else 0.0
 
 
-def _with_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Spreads) -> Grid:
-    """Weigh a grid by onsets, and by passages without one, too.
+def _weigh_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Spreads) -> Grid:
+    """Return a grid weighed by onsets as well, and by passages without one.
 
-    Of a bearing that wears, those of the newest recording: the errors that older ones have by its
-    drift are no more independent than the steps of a walk.
+    Of a bearing that wears (``spreads.forget``) only passages of the newest recording count: the errors that
+    older ones have by its drift are no more independent than the steps of a walk.
     """
     since = edges.tracks[-1].time[0] if spreads.forget else -math.inf
     spread = math.hypot(0.02, spreads.load)
@@ -267,7 +267,13 @@ def _with_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Spread
 
 
 def log_passage(one: Passage, reference: Reference, log_r: FloatArray, log_q: FloatArray) -> FloatArray:
-    """Compute the log likelihood of a passage for cells with ``log_r`` and ``log_q``, shape (cells,).
+    """Compute the log likelihood of a passage.
+
+    Args:
+        one: The passage, of k bins.
+        reference: The configured bearing.
+        log_r: ``ln r`` of the cells, shape (cells,).
+        log_q: ``ln q`` of the cells, shape (cells,).
 
     Returns:
         Shape (cells, e-folds, lags); without an onset it is the same for all lags.

@@ -56,7 +56,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Show a measurement, new or from a file, and write the outputs asked for; return 0.
+
+    Raises:
+        ConfigurationError: ``--from`` and ``--quick`` are both given, or the file is no measurement.
+    """
     if args.source and args.quick:
         raise ConfigurationError('--from shows what was measured: it does not go with --quick')
     rows = read_rows(args.source) if args.source else measured(quick=args.quick)
@@ -73,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def measured(*, quick: bool) -> list[Row]:
-    """Measure, with a progress bar on the error stream."""
+    """Return new measurements of all methods and cases, or the quick ones; show progress on stderr."""
     cases = [case for case in CASES if case.quick or not quick]
     steps = [(m, case) for m in METHODS if not (quick and m.slow) for case in cases]
     rows = []
@@ -99,7 +103,7 @@ def _to_plain_values(record: Row | Summary) -> dict[str, object]:
 
 
 def panels(rows: Sequence[Row]) -> dict[str, list[MethodMark]]:
-    """Return the typical case, and the worst of all cases."""
+    """Return the marks of the picture by title of a panel: the typical case, and the worst of all cases."""
     typical = [row for row in rows if row.case == TYPICAL and row.outcome != 'refused']
     one = [(row.family, row.points, row.seconds, abs(row.error)) for row in typical]
     every = [
@@ -115,6 +119,7 @@ def panels(rows: Sequence[Row]) -> dict[str, list[MethodMark]]:
 
 
 def _method_marks(points: list[tuple[str, int, float, float]]) -> list[MethodMark]:
+    """Return marks of family, points, seconds and error; those of single points may be on the front."""
     errors = [e if math.isfinite(e) else math.inf for *_, e in points]
     front = pareto([t if count == 1 else math.nan for _, count, t, _ in points], errors)
     return [
@@ -124,14 +129,14 @@ def _method_marks(points: list[tuple[str, int, float, float]]) -> list[MethodMar
 
 
 def footnote(rows: Sequence[Row]) -> str:
-    """Return the caveats to read the picture with."""
+    """Return the caveats below the picture, with how many times were disturbed, if any."""
     disturbed = sum(row.disturbed for row in rows)
     text = 'median of warm calls; errors against 40-digit references, drawn at 1e-16 if below'
     return text + (f'; {disturbed} of {len(rows)} times disturbed' if disturbed else '')
 
 
 def error_text(row: Row | None) -> str:
-    """Return an error in a table's cell."""
+    """Return a relative error as a table's cell: a word where there is none, '' without a row."""
     if row is None:
         return ''
     if row.outcome in _WORDS:
@@ -141,7 +146,7 @@ def error_text(row: Row | None) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """Return a time in a table's cell."""
+    """Return a time [s] as a table's cell in s, ms or us; '-' where it is not finite."""
     for unit, factor in (('s', 1.0), ('ms', 1e3)):
         if seconds * factor >= 1.0:
             return f'{seconds * factor:.3g} {unit}'
@@ -149,7 +154,7 @@ def time_text(seconds: float) -> str:
 
 
 def table_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
-    """Headings and cells of the table method x case."""
+    """Return headings and lines of cells of the table of methods and cases."""
     cases = list(dict.fromkeys(row.case for row in rows))
     at = {(row.method, row.case): row for row in rows}
     lines = [
@@ -165,13 +170,14 @@ def table_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """Return the table in Markdown."""
+    """Return the table of methods and cases in Markdown."""
     headings, lines = table_cells(rows)
     rule = ['---', *['--:'] * (len(headings) - 1)]
     return ''.join(f'| {" | ".join(line)} |\n' for line in [headings, rule, *lines])
 
 
 def _print_rows(out: Console, rows: Sequence[Row]) -> None:
+    """Print the table of methods and cases, and a warning where times were disturbed."""
     headings, lines = table_cells(rows)
     caption = (
         '-: does not apply; none: finds no cycle; fails: does not converge. time: median per operating point.'

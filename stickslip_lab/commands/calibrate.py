@@ -63,7 +63,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Calibrate a bearing; print the result and write the outputs asked for.
+
+    Where the level has no two modes, its picture is written all the same.
+
+    Returns:
+        1 with a warning about the result, else 0.
+
+    Raises:
+        CalibrationError: The evidence is none, contradictory or of another bearing.
+        ConfigurationError: The configuration or an option is invalid.
+    """
     whole = load_config(args.config, args.node)
     config = options.require_single_bearing(whole) if args.bearing is None else whole.bearing(args.bearing)
     source = source_of(args.reports, whole)
@@ -99,6 +109,7 @@ def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
 def _read_evidence(
     bags: Sequence[str], config: BearingConfig, source: EvidenceSource, meter: output.ProgressBar
 ) -> list[Evidence]:
+    """Return the evidence of each recording, read one after the other; show progress."""
     evidence = []
     for k, path in enumerate(bags):
         meter.show(f'reading {Path(path).name}', k, len(bags))
@@ -109,6 +120,7 @@ def _read_evidence(
 
 
 def _print_calibration(out: Console, config: BearingConfig, calibration: Calibration) -> None:
+    """Print loads, boundaries, factors, remarks and warnings of a calibration."""
     (low, high), (log_r, log_q) = calibration.loads, calibration.factors
     out.print(
         f'[bold]{escape(config.name)}[/]: {plural(len(calibration.edges.tracks), "passage")},'
@@ -128,6 +140,7 @@ def _print_calibration(out: Console, config: BearingConfig, calibration: Calibra
 
 
 def _boundary_table(config: BearingConfig, calibration: Calibration) -> Table:
+    """Return the table of both boundaries in rpm at each load, before and now."""
     table = output.table_of(escape('boundaries [rpm]: 5 %, 50 %, 95 %'), 'load; boundary; before; now', ())
     rpm = config.bearing.speed.factor('rpm')
     before = calibration.before.hopf_speed, calibration.before.fold_speed

@@ -73,7 +73,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Fit the law, print it and write the outputs asked for.
+
+    Returns:
+        1 with a warning of the fit, else 0.
+
+    Raises:
+        ConfigurationError: Options contradict each other, or a bearing has no damping.
+        FitError: The curve cannot be read, or cannot identify the law.
+    """
     if bool(args.config) != bool(args.load):
         given, missing = ('--config', '--load') if args.config else ('--load', '--config')
         raise ConfigurationError(f'{given} needs {missing}: the boundaries follow from both')
@@ -109,6 +117,7 @@ Found = list[tuple[BearingConfig, Boundaries, dict[str, float] | None]]
 
 
 def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> FrictionCurve:
+    """Return the curve; its diameter is the option's, else that of the bearings where they have one."""
     columns = {name: getattr(args, f'{name}_column') for name in NAMES}
     diameters = {item.bearing.journal_diameter for item in bearings}
     diameter = args.journal_diameter
@@ -139,7 +148,7 @@ def _regime_probabilities(args: argparse.Namespace, belief: Belief, load: float)
 
 
 def point_columns(fit: StribeckFit) -> dict[str, Any]:
-    """Return the points and the fit's values at each as columns, for a CSV file in SI units."""
+    """Return points, fitted values, band, residual, weight and leverage by heading, in SI units."""
     curve = fit.points
     return {
         'line': curve.line,
@@ -222,7 +231,7 @@ def _reference_conditions(fit: StribeckFit) -> dict[str, Any] | None:
 
 
 def fragment(source: str, fit: StribeckFit) -> str:
-    """Return the law as a bearing's entry in the parameter file."""
+    """Return the law as YAML for a bearing's entry in the parameter file, its standard errors in comments."""
     written = [name for name in UNITS if name != 'viscous' or name in fit.names]
     values = ', '.join(f'{name}: {getattr(fit.law, name):.6g}' for name in written)
     estimates = zip(fit.names, fit.standard_error, strict=True)
@@ -241,7 +250,7 @@ def fragment(source: str, fit: StribeckFit) -> str:
 
 
 def viscous_sentence(fit: StribeckFit, option: str) -> str:
-    """Say why the law has a viscous slope or not."""
+    """Return why the law has a viscous slope or not, by the F-test and ``--viscous``."""
     used, test = 'viscous' in fit.names, fit.viscous_test
     if test is None:
         return 'no viscous slope: too few points to test one'
@@ -254,7 +263,7 @@ def viscous_sentence(fit: StribeckFit, option: str) -> str:
 
 
 def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results: Found) -> None:
-    """Print the fit and what its uncertainty means for the bearings."""
+    """Print the fit, its outliers and warnings, the boundaries of each bearing, and the fragment."""
     curve, names = fit.points, fit.names
     out.print(
         f'[bold]{escape(args.curve)}[/]: {fit.weight.size} points, speeds in {curve.unit}'
@@ -292,13 +301,14 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results:
 
 
 def _conditions_sentence(fit: PooledFit) -> str:
-    """Say at which load and water the law holds as it stands."""
+    """Return at which load and water the law holds as it stands."""
     conditions = [f'{fit.load:.4g} N'] * (fit.load == fit.load)
     conditions += [f'{fit.temperature:.3g} C'] * (fit.temperature == fit.temperature)
     return f'the law is that at {" and ".join(conditions)}{f"; {fit.sentence}" if fit.sentence else ""}'
 
 
 def _print_outliers(out: Console, fit: StribeckFit) -> None:
+    """Print how many points have little weight, and each outlier with its line."""
     aside, curve = int(np.sum(fit.weight < ASIDE)), fit.points
     out.print(
         f'outliers: {fit.outliers.size} with less than half the weight, {aside} with less than {ASIDE:.0%}'
@@ -311,6 +321,7 @@ def _print_outliers(out: Console, fit: StribeckFit) -> None:
 
 
 def _boundary_table(item: BearingConfig, speeds: Boundaries, load: str) -> Table:
+    """Return the table of both boundaries of a bearing in rpm at a load, with 95 % intervals."""
     title = f'{item.name} with this law at {load}'
     table = output.table_of(title, 'boundary; speed; 95 % interval; unit', (0, 3))
     for name, three in speeds.items():

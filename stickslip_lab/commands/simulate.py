@@ -27,7 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Write the bag of a scene, with progress, and print what it has; return 0.
+
+    Raises:
+        SceneError: The scene is invalid.
+        BagError: The bag exists already or cannot be written.
+    """
     scene = load_scene(args.scene, sensors=args.sensors)
     with output.ProgressBar() as bar:
         try:
@@ -39,7 +44,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _summary_sentence(path: str, scene: Scene, written: Mapping[str, int]) -> str:
-    """Say in one sentence what was written."""
+    """Return one sentence on the bag: its length, cuts, and messages of telemetry and truth.
+
+    ``written`` has the number of messages by topic.
+    """
     topics = [channel.topic for channel in scene.channels]
     telemetry = sum(written[topic] for topic in topics)
     cuts = [settings.value('time', '') for settings in scene.effects if settings.name == 'cut_off']
