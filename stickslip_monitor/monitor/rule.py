@@ -343,13 +343,13 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     fresh = count_elapsed(s, c, until)
     s.point, s.lost = s.now, 0
     speed, load = median_point(s)
-    s.rate = growth_rate(s, c, model[0], s.value[SPEED], s.value[LOAD])
-    s.median_rate = growth_rate(s, c, model[0], speed, load)
+    scale = scale_of(s, c, load)
+    s.rate = growth_rate(c, model[0], s.value[SPEED], s.value[LOAD], scale_of(s, c, s.value[LOAD]))
+    s.median_rate = growth_rate(c, model[0], speed, load, scale)
     if s.earlier[SPEED] != s.earlier[SPEED] and c.onset_growth > 0.0:
         # Of fewer than three speeds there is no median that could bear a growth out.
         s.median_rate = min(s.median_rate, 0.0)
     sliding = speed != 0.0 and load > 0.0
-    scale = scale_of(s, c, load)
     place = place_at(c.table_first, c.table_step, load / scale)
     lower = scale * boundary_at(model[1][2], c.table_growth[2], place)
     limit, near, wide, inside, exists = reach(s, c, model, abs(speed), place, scale)
@@ -360,7 +360,7 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     # The probability follows the load by a lag; where sliding is unstable a cycle exists.
     exists = exists or s.median_rate > 0.0
     s.course = WITHIN if sliding and exists else BEYOND if sliding and not below else IDLE
-    if may_be_foreign(s, c):
+    if c.has_level and may_be_foreign(s, c):
         doubt_foreign(s)
     # A level starts stick-slip inside the fold only, and keeps it within the range of caution.
     may_tell = sliding and (wide if s.sticking else inside)
@@ -472,14 +472,13 @@ def median_point(s: State) -> tuple[float, float]:
     return speed, middle(s.value[LOAD], s.before[LOAD], s.earlier[LOAD])
 
 
-def growth_rate(s: State, c: RuleNumbers, law: Numbers, speed: float, load: float) -> float:
+def growth_rate(c: RuleNumbers, law: Numbers, speed: float, load: float, scale: float) -> float:
     """Return the growth rate of a small disturbance, ``(-N mu'(V) - c)/2m`` [1/s].
 
-    At rest or without load it is that of damping alone.
+    At rest or without load it is that of damping alone. ``scale`` is :func:`scale_of` the load.
     """
     drive = 0.0
     if speed != 0.0 and load > 0.0:
-        scale = scale_of(s, c, load)
         drive = -load / scale * friction_slope(law, speed / scale) * c.lean
     return (drive - c.damping) * c.per_mass
 
