@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from benchmarks import page
+from benchmarks import page, rule_speed
 from benchmarks.parts import PARTS, SOAK
 
 FOLDER = Path(page.__file__).parent
@@ -19,3 +21,15 @@ def test_every_part_is_a_module_with_run(name: str) -> None:
     tree = ast.parse((FOLDER / f'{name}.py').read_text('utf-8'))
     (run,) = (n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == 'run')
     assert [argument.arg for argument in run.args.args] == ['quick']
+
+
+def test_the_rule_is_timed_beside_itself() -> None:
+    names = ['update', 'bulk, interpreted']
+    times = rule_speed.compare([rule_speed.ROOT, rule_speed.ROOT], 0.0, names)
+    assert list(times) == names
+    assert all(np.isfinite(both).all() and min(both) > 0.0 for both in times.values())
+
+
+def test_another_package_is_not_timed_as_a_checkout(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match=re.escape(f'was imported for {tmp_path}')):
+        rule_speed.compare([tmp_path], 0.0, [])
