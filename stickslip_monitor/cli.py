@@ -221,6 +221,8 @@ def _run_command(arguments: list[str], commands: Mapping[str, str], package: str
     if command == 'help':
         arguments.remove('help')
         arguments, command = [*arguments, '--help'], _asked_command(arguments)
+    if not arguments:
+        raise ConfigurationError(f'a command is missing: one of {", ".join(commands)} (see stickslip --help)')
     if command in _MOVED and command not in commands:
         raise ConfigurationError(f"command '{command}' has moved to {_MOVED[command]}")
     if command is not None and command not in commands:

@@ -109,7 +109,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_file(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
     text = 'write a clip of each alarm into this folder'
     options.add_file(parser, '--clips', is_folder=True, metavar='DIR', help=text)
-    text = 'bags checked at a time (default: one for each core)'
+    text = 'check so many recordings at a time (default: one for each core)'
     options.add_number(parser, '--jobs', 1, metavar='N', help=text)
     text = "check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')"
     parser.add_argument('--scheduler', metavar='ADDRESS', help=text)

@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'ROS 2 parameter file; with several nodes, one for all or one for each in order'
     parser.add_argument('--config', '-c', required=True, action='append', metavar='FILE', help=text)
     add_page(parser)
-    add_port(parser, f'0 for any (default {DEFAULT_PORT})', DEFAULT_PORT)
+    add_port(parser, f'port of the page, 0 for any that is free (default {DEFAULT_PORT})', DEFAULT_PORT)
     options.add_file(parser, '--bag', metavar='BAG', help='replay this recording instead of ROS 2')
     text = 'speed of the replay (default 1)'
     options.add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
@@ -65,11 +65,11 @@ def add_port(parser: argparse.ArgumentParser, text: str, default: int | None = N
 
 def add_page(parser: argparse.ArgumentParser) -> None:
     """Declare what a page needs beside its port, and where a node's diagnostics are."""
-    text = 'listen here (default 127.0.0.1)'
+    text = 'address of this machine to listen at (default 127.0.0.1)'
     parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS', help=text)
-    text = 'file with the token that opens the page'
+    text = 'file with the token that opens the page, needed if --host lets others in'
     parser.add_argument('--token-file', metavar='FILE', help=text)
-    text = 'host name by which people reach this machine'
+    text = 'a further name by which people reach this machine, as in their browsers'
     parser.add_argument('--name', action='append', default=[], help=text)
     text = 'keep the event log in this file, over restarts of the page'
     parser.add_argument('--log', metavar='FILE', help=text)

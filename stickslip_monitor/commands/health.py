@@ -29,10 +29,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     text = "the monitor's full name (default: the only one that runs)"
     parser.add_argument('--node', help=text)
-    settings: dict[str, Any] = {'default': 5.0, 'metavar': 'S', 'help': 'wait so long (default 5 s)'}
+    settings: dict[str, Any] = {
+        'default': 5.0,
+        'metavar': 'S',
+        'help': 'wait so many seconds for an answer (default 5)',
+    }
     options.add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **settings)
     options.add_shared(parser, '--diagnostics')
-    text = 'ask this page, such as http://127.0.0.1:8370, of which ROS is not needed'
+    text = 'ask this page, such as http://127.0.0.1:8370; ROS is not needed'
     parser.add_argument('--page', metavar='URL', help=text)
     parser.add_argument('--token-file', metavar='FILE', help='file with the token that opens the page')
 
@@ -58,7 +62,8 @@ def run(args: argparse.Namespace) -> int:
         raise RosError(f'several monitors run: choose one of {names} by --node')
     name = node or names
     if name not in results:
-        hint = f'; running: {names}' if names else ''
+        remedy = '; does one run here, with this ROS_DOMAIN_ID? Without ROS ask its page: --page URL'
+        hint = f'; running: {names}' if names else remedy
         raise RosError(f'no message from {node or "a monitor"} within {args.timeout:g} s{hint}')
     level, text = results[name]
     sys.stdout.write(f'{name}: {printable(text)}\n')

@@ -49,7 +49,8 @@ def run(args: argparse.Namespace) -> int:
         texts = name, topic['type'], str(topic['messages']), last
         # A heading may have brackets, which are no markup.
         table.add_row(*(Text(printable(text)) for text in texts))
-    out.print(table)
+    if topics:
+        out.print(table)
     for text in (*(cut['text'] for cut in record['cuts']), *record['warnings']):
         out.print(printable(f'data: {text}'), markup=False)
     if record['messages'] and code:

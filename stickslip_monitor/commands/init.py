@@ -134,17 +134,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(item.option, metavar='VALUE', help=item.question.replace('%', '%%'))
     text = 'rubber, for its density (default nitrile)'
     parser.add_argument('--material', choices=DENSITY, default='nitrile', help=text)
-    parser.add_argument('--name', default='aft_stern', help='name of the bearing')
+    parser.add_argument('--name', default='aft_stern', help='name of the bearing (default aft_stern)')
     text = 'topic of the shaft speed (default /shaft/speed)'
     parser.add_argument('--speed-topic', default='/shaft/speed', metavar='TOPIC', help=text)
-    parser.add_argument('--speed-unit', choices=SPEED_UNITS, default='rpm', help='its unit')
+    parser.add_argument(
+        '--speed-unit', choices=SPEED_UNITS, default='rpm', help='unit of that speed (default rpm)'
+    )
     text = 'gear between the engine and the shaft, where that topic has the speed of the engine'
     parser.add_argument('--gear', metavar='RATIO', help=text)
     text = f'load over the shaft speed {_TABLE_TEXT}, in place of the mean load'
     parser.add_argument('--load-over-speed', metavar='TABLE', help=text)
     text = 'topic of the load; without it the mean load is taken'
     parser.add_argument('--load-topic', metavar='TOPIC', help=text)
-    parser.add_argument('--load-unit', choices=LOAD_UNITS, default='kN', help='its unit')
+    parser.add_argument(
+        '--load-unit',
+        choices=LOAD_UNITS,
+        default='kN',
+        help='unit of --load-topic and --load-over-speed (default kN)',
+    )
     marks = {'': MARK.encode()}
     options.add_file(parser, '--output', '-o', marks=marks, help='parameter file to write')
     options.add_shared(parser, '--force', '--json')

@@ -35,8 +35,12 @@ _SHARED: Mapping[str, Mapping[str, Any]] = {
     '--bearing': {'metavar': 'NAME', 'help': 'only this bearing'},
     '--node': {'metavar': 'NAME', 'help': 'full name of the node, where the parameter file is for several'},
     '--force': {'action': 'store_true', 'help': 'replace files that stickslip did not write'},
-    '--json': {'action': 'store_true', 'help': 'print JSON, SI units, null for none'},
-    '--diagnostics': {'default': '/diagnostics', 'metavar': 'TOPIC', 'help': '(default /diagnostics)'},
+    '--json': {'action': 'store_true', 'help': 'print JSON: SI units, null for no value'},
+    '--diagnostics': {
+        'default': '/diagnostics',
+        'metavar': 'TOPIC',
+        'help': 'topic of the diagnostics (default /diagnostics)',
+    },
 }
 
 _Options = argparse._ActionsContainer  # a parser or a group of its options

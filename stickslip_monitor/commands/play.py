@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publish a bag to ROS 2 with its timing, and /clock, if `ros2 bag play` is not installed.
+"""Publish a bag to ROS 2 with its timing, and /clock: for where `ros2 bag play` is not installed.
 
 Set use_sim_time in nodes that are to follow the bag's time.
 """

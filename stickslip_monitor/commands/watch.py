@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         const=f'/{NODE_NAME}',
         help=f'connect the monitor with this full name (default /{NODE_NAME})',
     )
-    dashboard.add_port(parser, 'serve the page of `stickslip dashboard`, too')
+    dashboard.add_port(parser, 'serve the page of `stickslip dashboard` at this port, too')
     dashboard.add_page(parser)
     parser.add_argument(
         '--request-token',

@@ -56,7 +56,10 @@ def bind_at_least_one(bag: Recording, config: MonitorConfig) -> Bound:
 
     Raises:
         BagError: No bearing has both speed and load; the text says why of one, and what is lost of the bag.
+            Or a damaged bag has nothing that can be read.
     """
+    if bag.losses and not bag.topics:
+        raise BagError(f"nothing of '{bag.path}' can be read: {'; '.join(bag.losses[:_MAX_LOSSES_NAMED])}")
     bound = bind(bag, config)
     lost = {name for name, quantity in bound.absent if quantity in QUANTITIES}
     if len(lost) == len(bound.config.bearings):

@@ -23,6 +23,7 @@ CURVE = f'{ROOT}/launch_configs/examples/friction_curve.csv'
 
 REFUSED = {
     # What was meant.
+    '': f'a command is missing: one of {", ".join(COMMANDS)} (see stickslip --help)',
     'chek x': "command 'chek' is not known; did you mean 'check'?",
     'figures -o x': "command 'figures' has moved to `python scripts/draw_findings.py`",
     'score x': "command 'score' has moved to `python -m benchmarks.score`",

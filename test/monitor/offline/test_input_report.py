@@ -231,10 +231,22 @@ def test_why_an_input_brings_nothing(
 def test_a_topic_that_is_missing_in_a_cut_recording_is_said_with_the_cut(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    path, time = tmp_path / 'cut.mcap', START + np.arange(1000) * 10**8
+    with BagWriter(path) as bag:
+        bag.add_topic(SPEED, FLOAT)
+        bag.write_columns([(SPEED, time, encode_float64s(np.full(1000, 30.0)))])
+    path.write_bytes(path.read_bytes()[:-50])
+    assert main(['check', str(path), '--config', str(CONFIG)]) == 2
+    assert re.search(r"No publisher on .*; file 'cut.mcap' is cut: ", capsys.readouterr().err)
+
+
+def test_of_a_recording_cut_before_its_first_message_no_publisher_is_missed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / 'cut.mcap'
     path.write_bytes(next((ROOT / 'bags' / 'coast_down').glob('*.mcap')).read_bytes()[:40_000])
     assert main(['check', str(path), '--config', str(CONFIG)]) == 2
-    assert "file 'cut.mcap' is cut: " in capsys.readouterr().err
+    assert f"nothing of '{path}' can be read: file 'cut.mcap' is cut: " in capsys.readouterr().err
 
 
 def test_clocks_that_differ_lose_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
