@@ -32,7 +32,6 @@ _NAME = re.compile(
     r'(?:tag|var)? ?name|tag|field|pid|variable|signal|point|channel|parameter|series|metric|topic'
     r'|(?:sensor|parameter|entity) ?id'
 )
-_NINES = re.compile(r'-?(?=.*9.*9)9+(?:[.,]9+)?(?:[.,]?0*)')
 _VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
 _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
 MAX_LETTERS = 20
@@ -169,13 +168,25 @@ class TableColumns(Recording):
         return next((k for k, text in names if _UNIT.fullmatch(parse_heading(text).name)), None)
 
     def _find_quality_column(self, column: int) -> int | None:
-        """Return the place of the quality marks of a column of numbers; None where there is none."""
+        """Return the place of the quality marks, known or not, of a column of numbers; None for none."""
         names = self.table.names
         for k, heading in enumerate(names):
             is_beside = k == column + 1 or self.names is not None
             if k != column and is_quality_of(heading, names[column], is_beside=is_beside):
-                return k if self.quality(k) is not None else None
+                return k
         return None
+
+    def unknown_marks(self, column: LogColumn) -> tuple[str, list[str]] | None:
+        """Return the heading of the quality of a column and its marks, each once, if all are unknown words.
+
+        None where a quality is known, is chosen by ``where``, has one mark only, or is not there. The file is
+        read for marks that its head and tail lack.
+        """
+        status = self._find_quality_column(column.place)
+        if status is None or self.quality(status) is not None or status in dict(column.where):
+            return None
+        marks = [mark for mark in self._read_texts(status) if mark.strip() and parse_number(mark) is None]
+        return (self.table.names[status], marks) if len(marks) > 1 else None
 
     def quality(self, status: int) -> Callable[[str], bool] | None:
         """Return a function that is True for a mark by which a number does not count.
@@ -249,32 +260,17 @@ class TableColumns(Recording):
         Args:
             columns: The source of each topic; its ``status`` is found here.
         """
-        self.by_topic = {
-            topic: replace(source, status=self._find_quality_column(source.column.place))
-            for topic, source in columns.items()
-        }
+        self.by_topic = {}
+        for topic, source in columns.items():
+            status = self._find_quality_column(source.column.place)
+            is_known = status is not None and self.quality(status) is not None
+            self.by_topic[topic] = replace(source, status=status if is_known else None)
         named = {(source.column.heading, source.status): None for source in self.by_topic.values()}
         for heading, status in named:
             if status is not None:
                 self._findings.note(
                     f"numbers of '{heading}' count where '{self.table.names[status]}' says so"
                 )
-
-    def filler(self, column: LogColumn) -> float | None:
-        """Return the number that stands for "no value" in a column, in its unit; None where there is none.
-
-        Loggers write -99 and the like where an instrument is silent. Such a number is of nines, occurs at
-        least twice in head and tail, and is farther from all others than these are from each other.
-        """
-        cells = [str(row[column.place]).strip() for row in self._rows_of(column, self._ends)[0]]
-        fillers = Counter(cell for cell in cells if _NINES.fullmatch(cell))
-        for text, count in fillers.items():
-            others = self.table.numbers([cell for cell in cells if cell != text]).value
-            others = others[np.isfinite(others)]
-            value = float(self.table.numbers([text]).value[0])
-            if count > 1 and others.size > count and np.abs(others - value).min() > np.ptp(others):
-                return value
-        return None
 
     def interval(self, column: LogColumn) -> float:
         """Return the median time between cells of a column in the head [s]; 0 without two different times.

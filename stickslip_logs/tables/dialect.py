@@ -667,7 +667,8 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
 
     Returns:
         The lowest row of units, and the row above it (or the last row, where the units stand first) as the
-        headings. Without a row of units an empty tuple, and the last row as the headings.
+        headings. Without a row of units an empty tuple, and the last row as the headings; if it repeats, as
+        one of types does, the one above of cells that all differ.
     """
     for k in reversed(range(len(named))):
         row = named[k]
@@ -675,7 +676,8 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
         beside = [neighbour for neighbour in (*named[:k][-1:], named[-1]) if neighbour is not row]
         if is_units and beside and len(beside[0]) == len(row):
             return row, beside[0]
-    return (), named[-1]
+    distinct = [row for row in named if len({*row}) == len(row) == len(named[-1]) and all(row)]
+    return (), (distinct or named)[-1] if len({*named[-1]}) < len(named[-1]) else named[-1]
 
 
 def _unit_suffix(rows: Sequence[Cells], k: int, heading: str) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 from stickslip_logs.tables.dialect import parse_heading
 
 # A word of a heading that makes it one of a quality, and what may stand beside it or beside a signal's name.
-_QUALITY = re.compile(r'q|qc|qf|good|(?:opc)?(?:status(?:code)?|qual|quality\w*|valid|validity)')
+_QUALITY = re.compile(r'q|qc|qf|good|(?:opc)?(?:status(?:code)?|qual|qualit\w*|valid|validity)')
 _BESIDE = {'code', 'flag', 'value', 'val', 'wert'}
 # Beside a mark of the first kind any other is bad; without one, as among states of an engine, these are.
 _GOOD = re.compile(r'\s*(?:good|ok|valid|true)', re.I)
@@ -98,6 +98,8 @@ def find_quality(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | 
     else:
         return None
     has_good = any(map(_GOOD.match, seen))
+    if not codes and not has_good and not any(map(_BAD.match, seen)):
+        return None
 
     def is_bad(mark: str) -> bool:
         """Return whether a number with a mark does not count; an empty mark is not bad."""

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from stickslip_logs.tables.cell_times import SECOND, Cells, Times
+from stickslip_logs.tables.dialect import parse_number
 from stickslip_logs.tables.time_columns import TIME_WORDS, Clock, TableColumns, clock_of_numbers, find_clock
 
 # Rows by which columns are compared: as many as their times are found by.
@@ -40,8 +41,8 @@ def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
     """Yield clocks of further columns that hold times in the way of the main clock.
 
     Most of their cells must be times, which hardly ever step back. A column that is empty in head and tail
-    is among them if it is headed as a time: its signal begins later. Nothing is yielded where the columns of
-    the main clock are not adjacent.
+    is among them if it is headed as a time: its signal begins later; one of numbers has to be.
+    Nothing is yielded where the columns of the main clock are not adjacent.
     """
     first, rows = main.columns[0], [*table.rows[:_MAX_ROWS], *table.tail]
     if main.columns != tuple(range(first, first + len(main.columns))):
@@ -52,8 +53,11 @@ def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
             continue
         filled = [row for row in rows if len(row) > clock.columns[-1] and row[k].strip()]
         is_named = all(TIME_WORDS.search(table.headings[c][0]) for c in clock.columns)
+        is_number = main.is_count or all(parse_number(row[k]) is not None for row in filled)
+        if filled and is_number and not is_named:
+            continue
         if main.is_count and filled:
-            counter = clock_of_numbers(table, filled, k, is_named=True) if is_named else None
+            counter = clock_of_numbers(table, filled, k, is_named=True)
             if counter is None:
                 continue
             clock = counter

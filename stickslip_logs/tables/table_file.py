@@ -343,13 +343,18 @@ def _without_unit(clock: Clock, suffixes: Sequence[str]) -> Clock:
     """Return a clock that reads times without the unit behind each, as in '12 sec'.
 
     Args:
-        clock: The clock of one column; a clock whose first column has no unit is returned unchanged.
+        clock: The clock; one whose columns have no units is returned unchanged.
         suffixes: The unit behind the numbers of each column of the table, empty for none.
     """
-    suffix = suffixes[clock.columns[0]] if suffixes else ''
-    if not suffix:
+    own = [suffixes[k] for k in clock.columns] if suffixes else []
+    if not any(own):
         return clock
-    return replace(clock, read=lambda columns: clock.read([[c.removesuffix(suffix) for c in columns[0]]]))
+    return replace(
+        clock,
+        read=lambda columns: clock.read(
+            [[cell.removesuffix(end) for cell in cells] for cells, end in zip(columns, own, strict=True)]
+        ),
+    )
 
 
 class _TextReading:

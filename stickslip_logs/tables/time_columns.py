@@ -64,17 +64,18 @@ _SPELLED = {
     DAY: 'd day days',
 }
 _UNITS = {name: unit for unit, names in _SPELLED.items() for name in names.split()}
-# Days since the end of 1899, in the years 1954 to 2119, and since the year 0: their limits, what is added for
-# 1970, and their name.
+# Days since the end of 1899, in the years 1954 to 2050, since 1858 (from 2009), and since the year 0: their
+# limits, what is added for 1970, and their name.
 _DAYS_SINCE = (
-    (20_000, 80_000, -25_569, 'days of a spreadsheet'),
+    (20_000, 55_000, -25_569, 'days of a spreadsheet'),
+    (55_000, 80_000, -40_587, 'modified Julian days'),
     (713_960, 773_960, -719_529, 'days of MATLAB'),
 )
 # Intervals of lines as days show them [s], and how far off they are by their decimals: five, or six and more.
 _PACES = {0.05: (10, 12, 15, 20, 30, 60, 120), 0.01: (180, 300, 600, 900, 1200, 1800, 3600, 7200)}
 # Steps of numbers without a unit: below the first, a second would have 10,000 lines and more; from the second
-# on, days would be three hours and more; from the third on, milliseconds are as likely.
-_DAYS_BELOW, _SECONDS_FROM, _MILLISECONDS_FROM = 1e-4, 0.125, 10.0
+# on, days would be three hours and more.
+_DAYS_BELOW, _SECONDS_FROM = 1e-4, 0.125
 # Lines a second that a text has at most; a rate is known to 0.05.
 _MAX_RATE = 300.0
 # Days of six decimals are that close to whole seconds [s]; of numbers by chance a tenth is.
@@ -84,7 +85,7 @@ _MAX_ROWS = 500
 # Of the cells of a column of times more are times; of the rows of parts of a date nearly all.
 _MOSTLY, _NEARLY_ALL = 0.5, 0.9
 _ZERO_DECIMALS = re.compile(r'[.,]0+$')
-_DIGITS_OF_DAY = re.compile(r'(?:[01]?\d|2[0-4])[0-5]\d[0-5]\d')
+_DIGITS_OF_DAY = re.compile(r'(\d{1,6})(?:[.,]\d+)?')
 _EMPTY = '', 'nan', 'null', 'none', '-'
 WITHOUT_ZONE = 'times have no zone: taken as UTC'
 """Remark on a clock whose distance from UTC is not said."""
@@ -154,13 +155,21 @@ def counted_from(clock: Clock, start_ns: int) -> Clock:
 def find_clock(path: Path, table: TableColumns) -> Clock:
     """Find the columns of the time of all rows, by the headings and some rows of a table.
 
+    Of several columns of times :func:`rank_stamps` chooses; dates with times come before times of the
+    day, and these before numbers.
+
     Args:
         path: The file, for the error.
         table: The columns.
 
     Raises:
-        BagError: No column is one, or the one that is headed so is empty.
+        BagError: No column is one, or the one that is headed so, or the first, is empty.
     """
+    return _add_fractions(table, _find_whole_times(path, table))
+
+
+def _find_whole_times(path: Path, table: TableColumns) -> Clock:
+    """Find the columns of the time as :func:`find_clock` does, without a column of fractions."""
     rows = _complete_rows(table)
     named = [k for k, (words, _) in enumerate(table.headings) if TIME_WORDS.search(words)]
     stamps = rank_stamps(table, _columns_of(is_stamp, rows))
@@ -183,6 +192,42 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
     if times:
         return _clock_of_day_times(table, times[0])
     raise BagError(_lack_of_times(path, table, rows, named, days))
+
+
+def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
+    """Return a clock that adds a column of milliseconds, or of seconds, to times that are whole without it.
+
+    Such a column is headed by a unit of time, is below the second or minute to which all times are written,
+    rises in nearly all rows of equal times, and falls to the next second or minute. Without one the clock
+    itself is returned.
+    """
+    rows = [row for row in (*table.rows[:_MAX_ROWS], *table.tail) if len(row) >= len(table.names)]
+    time_ns, is_timed = clock.read([[row[k] for row in rows] for k in clock.columns])
+    rows, time_ns = list(itertools.compress(rows, is_timed.tolist())), time_ns[is_timed]
+    whole_steps = np.diff(time_ns)
+    whole_ns = next((unit for unit in (60 * SECOND, SECOND) if not (time_ns % unit).any()), 0)
+    for k in range(len(table.names)) if 0 in whole_steps else ():
+        unit = _unit_of_times(*table.headings[k])
+        if k in clock.columns or _UNITS.get(unit, DAY) >= whole_ns:
+            continue
+        read_fraction = number_reader(_UNITS[unit], 0, table.decimal)
+        fraction_ns, is_there = read_fraction([[row[k] for row in rows]])
+        steps = np.diff(time_ns + fraction_ns)
+        is_part = is_there.all() and fraction_ns.min() >= 0 and fraction_ns.max() < whole_ns
+        # From one second to the next it falls, else it is a counter of something else.
+        within = [steps[whole_steps == step_ns] for step_ns in (0, whole_ns) if step_ns in whole_steps]
+        is_rising = all(((part >= 0) & (part < whole_ns)).mean() > _NEARLY_ALL for part in within)
+        if is_part and is_rising and within[0].any():
+            read = partial(_read_with_fraction, clock.read, read_fraction)
+            remark = f"'{table.names[k]}' has the {unit} of the times"
+            return replace(clock, columns=(*clock.columns, k), read=read, remarks=(*clock.remarks, remark))
+    return clock
+
+
+def _read_with_fraction(read: ReadTimes, read_fraction: ReadTimes, columns: Sequence[Cells]) -> Times:
+    """Return times with the fractions in the last column added; those of a damaged fraction without it."""
+    time_ns, is_timed = read(columns[:-1])
+    return time_ns + read_fraction(columns[-1:])[0], is_timed
 
 
 def _complete_rows(table: TableColumns) -> list[Cells]:
@@ -355,16 +400,17 @@ def _clock_of_digits(table: TableColumns, rows: Sequence[Cells], named: Sequence
         named: The columns that are headed as times.
     """
     for k in named:
-        cells = [row[k].strip() for row in rows]
-        dates = [row[k - 1].strip() for row in rows] if k else [''] * len(rows)
+        whole_rows = [*rows, *(row for row in table.tail if len(row) > k)]
+        cells = [row[k].strip() for row in whole_rows]
+        dates = [row[k - 1].strip() for row in whole_rows] if k else [''] * len(whole_rows)
         if k - 1 in named and sum(
             map(is_stamp, map(' '.join, zip(dates, cells, strict=True)))
-        ) > _MOSTLY * len(rows):
+        ) > _MOSTLY * len(cells):
             return _clock_of_stamps(table, rows, (k - 1, k))
         if _are_digits_of_day(cells):
             stamps = [f'{day} {_with_colons(cell)}' for day, cell in zip(dates, cells, strict=True)]
             clock = _clock_of_day_times(table, k)
-            if sum(map(is_stamp, stamps)) > _MOSTLY * len(rows):
+            if sum(map(is_stamp, stamps)) > _MOSTLY * len(cells):
                 clock = _clock_of_layout((k - 1, k), StampLayout(stamps))
             return replace(clock, read=partial(_read_digits, clock.read))
     return None
@@ -383,22 +429,32 @@ def _read_digits(read: ReadTimes, columns: Sequence[Cells]) -> Times:
 def _are_digits_of_day(cells: Cells) -> bool:
     """Return whether cells are digits of hours, minutes and seconds, as 060059 before 060100.
 
-    There have to be at least three cells, all of five or six digits that are a time of the day, and steps
-    that scatter less as times than as numbers.
+    There have to be at least three cells, all of up to six digits, perhaps with decimals, that are a time of
+    the day; and steps that scatter less as times than as numbers. Numbers below 1000 that fall may be
+    milliseconds.
     """
-    if len(cells) < 3 or not all(map(_DIGITS_OF_DAY.fullmatch, cells)):
+    matches = [*map(_DIGITS_OF_DAY.fullmatch, cells)]
+    number = np.array([int(match[1]) for match in matches if match])
+    hours, minutes, seconds = number // 10_000, number // 100 % 100, number % 100
+    if (
+        len(cells) < 3
+        or number.size < len(cells)
+        or max(minutes.max(), seconds.max()) > 59
+        or hours.max() > 24
+    ):
         return False
-    number = np.array([*map(int, cells)])
-    seconds = number // 10_000 * 3600 + number // 100 % 100 * 60 + number % 100
-    return bool(np.std(np.diff(seconds)) < np.std(np.diff(number)))
+    steps = np.diff((hours * 60 + minutes) * 60 + seconds)
+    is_apart = number.max() >= 1000 or bool((steps >= 0).all())
+    return is_apart and bool(np.std(steps) < np.std(np.diff(number)))
 
 
 def _with_colons(cell: str) -> str:
-    """Return up to six digits as a time of the day, '60059' as '06:00:59'.
+    """Return up to six digits, perhaps with decimals, as a time of the day, '60059.5' as '06:00:59.5'.
 
     Other cells become a text that is no time.
     """
-    digits = cell.strip().zfill(6)
+    text = cell.strip()
+    digits = text.zfill(6 + len(text.lstrip('0123456789')))
     return f'{digits[:2]}:{digits[2:4]}:{digits[4:]}'
 
 
@@ -416,12 +472,12 @@ def _first_clock_of_numbers(
         named: The columns that are headed as times.
 
     Raises:
-        BagError: A column that is headed so is empty, so that no other may stand for it.
+        BagError: A column that is headed so, or the first, is empty, so that no other may stand for it.
     """
     for k in named:
         if clock := clock_of_numbers(table, rows, k, is_named=True):
             return clock
-    for k in named:
+    for k in (*named, 0):
         if rows and all(row[k].strip().lower() in _EMPTY for row in rows):
             raise BagError(
                 f"log '{path}': column '{table.names[k]}' is empty in the first {len(rows)} lines: leave"
@@ -497,7 +553,7 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
             question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
             return DAY, zero, f'{name}, without a zone: taken as UTC', question if may_be_seconds else ''
     question = ''
-    if unit == '' and step >= _MILLISECONDS_FROM:
+    if unit == '' and step * _MAX_RATE >= 1000.0:
         question = "has times that may be s or ms since the start: head them 'time [s]' or 'time [ms]'"
     return unit_ns, 0, elapsed, question
 

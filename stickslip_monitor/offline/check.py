@@ -20,6 +20,7 @@ import numpy as np
 from stickslip_logs.recordings.log_times import LogTimes
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Fault, Progress, Recording, Request, Series
+from stickslip_logs.tables.time_columns import WITHOUT_ZONE
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import BoolArray
 from stickslip_monitor.errors import BagError
@@ -35,7 +36,7 @@ from stickslip_monitor.offline.binding import bind_at_least_one
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, lasting_ns
 from stickslip_monitor.offline.held_values import HeldValues
 from stickslip_monitor.offline.input_columns import Bound, guess_of
-from stickslip_monitor.offline.input_report import COARSE, HOLDS, InputCheck, InputReport, Plausibility
+from stickslip_monitor.offline.input_report import COARSE, HOLDS, Gap, InputCheck, InputReport, Plausibility
 
 SCHEMA = 'stickslip_monitor/check/3'
 _NONE = np.empty(0, np.int64)
@@ -199,13 +200,19 @@ def _judge_stretches(
 
 
 def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> None:
-    """Note on the bag where samples are too far apart for short stick-slip, or stored only at changes.
+    """Note on the bag where samples are far apart, lack an hour of summer time, or are stored at changes.
 
     ``inputs`` are the speed and the load of each bearing, with its name.
     """
     coarse = max((item.gaps.usual for _, item in inputs if item.gaps.usual >= COARSE), default=0.0)
     if coarse > 0.0:
         bag.note(f'samples are {coarse:.4g} s apart: stick-slip shorter than some minutes cannot be seen')
+    gaps = [(gap, item.gaps.usual) for _, item in inputs for gap in item.gaps.longest]
+    if WITHOUT_ZONE in bag.warnings and any(_is_summer_hour(gap, usual) for gap, usual in gaps):
+        bag.note(
+            'an hour has no lines, from one full hour to the next: if it is the one that summer time leaves'
+            ' out, write the times in UTC'
+        )
     for name, item in inputs:
         if item.changes_only:
             longest = item.gaps.longest[0].seconds
@@ -215,6 +222,12 @@ def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> Non
                 f' before it, and gaps of up to {about(longest)} have {item.gaps.share:.0%} of the time; let'
                 f' values stand by {name}.{item.quantity}.hold: {hold}'
             )
+
+
+def _is_summer_hour(gap: Gap, usual: float) -> bool:
+    """Return whether a gap leaves out one full hour and at most two usual intervals [s]."""
+    before = -gap.start_ns * 1e-9 % 3600.0
+    return before <= usual and 0.0 < gap.seconds - 3600.0 <= 2.0 * usual
 
 
 class _BearingCheck:

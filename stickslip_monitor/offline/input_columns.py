@@ -281,11 +281,11 @@ class ColumnBinding:
         if clock.question and clock.columns not in self._asked_clocks:
             self._asked_clocks.add(clock.columns)
             yield clock.question
-        filler = self._log.filler(column)
-        if filler is not None and filler not in NO_VALUES:
+        if marks := self._log.unknown_marks(column):
+            heading, texts = marks
             yield (
-                f'has {filler:g} far from all other values: leave these cells empty if it means that there is'
-                ' no value'
+                f"has beside it column '{heading}' with {listed(texts)}: write the lines that count, as in"
+                f' where: {{{heading}: {texts[0]}}}'
             )
         if interval > _SLOWEST and not source.hold_ns:
             yield (

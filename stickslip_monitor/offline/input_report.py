@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -56,6 +57,7 @@ FAR_BELOW = 0.2
 APART = 100.0
 """Two levels of a load so far apart, and nothing between, are no bearing's: its unit was changed."""
 _SHARE = 0.05  # of the values of a turning shaft that is worth a question
+_NINES = re.compile(r'-?99+(?:\.9+)?0*')
 _BINS, _A_DECADE = 64, 4  # of the loads from a millionth of a newton on
 
 
@@ -210,6 +212,34 @@ class InputReport:
         return [*texts, f'{place}: {self.fault}'] if self.fault else texts
 
 
+class FillerSearch:
+    """Finds a number such as -99 among values, which loggers write where an instrument is silent."""
+
+    def __init__(self) -> None:
+        self._nines = Counter[float]()
+        self._count, self._low, self._high = 0, math.inf, -math.inf
+
+    def take(self, value: FloatArray) -> None:
+        """Count extremes of nines among more values, shape (n,); extend the span of the others."""
+        for end in {float(value.min()), float(value.max())} if value.size else ():
+            if _NINES.fullmatch(f'{end:.10g}'):
+                is_end = value == end
+                self._nines[end] += int(np.count_nonzero(is_end))
+                value = value[~is_end]
+        self._count += value.size
+        self._low, self._high = float(value.min(initial=self._low)), float(value.max(initial=self._high))
+
+    @property
+    def filler(self) -> float | None:
+        """A number of nines that comes twice and is farther from all others than these from each other."""
+        for number, count in self._nines.items():
+            others = [self._low, self._high, *(self._nines.keys() - {number})]
+            span = max(others) - min(others)
+            if 1 < count < self._count and min(abs(number - other) for other in others) > span:
+                return number
+        return None
+
+
 class InputCheck:
     """Adds up counts, gaps and faults of one input of a bearing."""
 
@@ -226,6 +256,7 @@ class InputCheck:
         self._watch = SourceWatch(least_gap(config, place))
         self._sources: list[SourceFault] = []
         self._span = math.inf, -math.inf
+        self._fillers = FillerSearch()
         self._messages = self._delay_ns = 0
 
     def take(self, series: Series, stream: Stream, scan: Scan, fitness: FitnessWatch) -> None:
@@ -246,9 +277,11 @@ class InputCheck:
             self._equal += int(equal) + int(series.value[0] == self._latest)
             self._latest = float(series.value[-1])
         self._counts += scan.counts[self._place]
-        value, arrival_ns = series.value, series.log_time_ns
+        value, arrival_ns, numbers = series.value, series.log_time_ns, series.value
         if scan.counts[self._place, Status.ACCEPTED] < value.size:
-            is_used = (scan.status == Status.ACCEPTED) & (stream.inputs == self._place)
+            is_own = stream.inputs == self._place
+            is_used = is_own & (scan.status == Status.ACCEPTED)
+            numbers = stream.value[is_own & ~np.isin(scan.status, (Status.NO_VALUE, Status.NOT_FINITE))]
             value, arrival_ns = stream.value[is_used], stream.arrival_ns[is_used]
         # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
         if self._place < LEVEL and not self._source.is_assumed:
@@ -257,6 +290,7 @@ class InputCheck:
             # What stands until the next change is known to come slowly.
             if not self._source.hold_ns:
                 fitness.take_values(self._place, arrival_ns, si)
+        self._fillers.take(numbers)
         low, high = self._span
         self._span = float(value.min(initial=low)), float(value.max(initial=high))
 
@@ -299,6 +333,11 @@ class InputCheck:
             topic = self._source.topic
             common = self.quantity, topic, self._messages, used, (), self._gaps, (low, high), self._assumed
             return InputReport(*common, questions=questions, is_assumed=True, values=values)
+        if (filler := self._fillers.filler) is not None:
+            questions += (
+                f'has {filler:g} far from all other values: leave it out of the recording if it means that'
+                ' there is no value',
+            )
         first, last = self._span if used else (math.nan, math.nan)
         low, high = sorted(float(self._to_si(end)) for end in (first, last))
         counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}

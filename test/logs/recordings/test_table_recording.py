@@ -69,22 +69,3 @@ def test_a_full_disk_is_told_with_what_to_do(
     monkeypatch.setattr(table_reading, '_MAX_KEPT_BYTES', 0)
     with pytest.raises(BagError, match=r"a\.csv' cannot be read: .* '.*none': free some there, or .*TMPDIR"):
         TableRecording(log).reading([SPEED])
-
-
-@pytest.mark.parametrize(
-    ('cells', 'filler'),
-    [
-        (['30', '-99', '31', '-99', '32'], -99.0),
-        (['30', '-99,9', '31', '-99,9', '32'], -99.9),
-        (['30', '9999.0', '31', '9999.0', '32'], 9999.0),
-        (['98', '99', '97', '99', '96'], None),
-        (['30', '-99', '31', '30', '32'], None),
-        (['30', '-50', '31', '-50', '32'], None),
-    ],
-)
-def test_nines_far_from_all_others_are_found(cells: list[str], filler: float | None, tmp_path: Path) -> None:
-    text = 'time;rpm\n' + ''.join(f'2026-04-13T10:00:0{k}Z;{cell}\n' for k, cell in enumerate(cells))
-    path = tmp_path / 'voyage.csv'
-    path.write_text(text)
-    recording = TableRecording(path)
-    assert recording.filler(recording.all_columns[0]) == filler

@@ -97,9 +97,11 @@ def test_seconds_that_begin_before_any_day_of_a_spreadsheet_are_none(first: int,
 
 
 @pytest.mark.parametrize(
-    ('head', 'gap', 'asked'), [('time', 100, True), ('time [s]', 100, False), ('time', 5, False)]
+    ('head', 'gap', 'asked'),
+    [('time', 100, True), ('time [s]', 100, False), ('time', 5, True), ('time', 2, False)],
 )
 def test_milliseconds_or_seconds_are_asked(head: str, gap: int, asked: bool, tmp_path: Path) -> None:
+    """Two are no milliseconds: no text has 500 lines a second."""
     times = times_of(tmp_path, log_of(head, lambda t: f'{(t - T0).seconds * gap}'))
     assert times == ([k * gap * 10**9 for k in range(90)], times[1] if asked else '')
     assert ('may be s or ms since the start' in times[1]) == asked
@@ -114,6 +116,57 @@ def test_digits_of_a_time_of_the_day_are_no_seconds(form: str, every: timedelta,
     assert ([time - times[0] for time in times], question) == (since, '')
     dated = log_of('date,time', lambda t: f'{t:%d.%m.%Y},{form.format(t)}', every)
     assert times_of(tmp_path, dated) == ([epoch_ns(T0) + time for time in since], '')
+
+
+def test_digits_of_the_first_minutes_of_a_day_are_one_time(tmp_path: Path) -> None:
+    """0, 30, 100, ... are half minutes from midnight on; behind 235930 comes the next day."""
+    start = T0.replace(hour=23, minute=50)
+    text = log_of(
+        'date,time', lambda t: f'{start + (t - T0):%Y%m%d},{int(f"{start + (t - T0):%H%M%S}")}', 30 * EVERY
+    )
+    assert times_of(tmp_path, text) == ([epoch_ns(start + 30 * k * EVERY) for k in range(90)], '')
+
+
+def test_speeds_beside_digits_of_a_time_are_no_times(tmp_path: Path) -> None:
+    """30.010 rpm are not 00:00:30.010."""
+    text = 'time,rpm,load\n' + ''.join(
+        f'{int(f"{T0 + k * EVERY:%H%M%S}")},{30 + 0.01 * k:.3f},900\n' for k in range(90)
+    )
+    assert [column.heading for column in open_log(tmp_path, text).all_columns] == ['rpm', 'load']
+
+
+@pytest.mark.parametrize('rate', [4, 10])
+@pytest.mark.parametrize(
+    ('head', 'form'),
+    [
+        ('time,ms', '{0:%Y-%m-%d %H:%M:%S},{1}'),
+        ('Date,Time,Milliseconds', '{0:%d.%m.%Y},{0:%H:%M:%S},{1}'),
+        ('Time,n,msec', '{0:%Y-%m-%d %H:%M:%S},7,{1:03d}'),
+        ('timestamp,usec', '{0:%Y-%m-%d %H:%M:%S},{0.microsecond}'),
+        ('ts,millis', '{2},{1}'),
+        ('Time,Millis', '{2},{1}'),
+        ('time,sec', '{0:%Y-%m-%d %H:%M},{0:%S.%f}'),
+    ],
+)
+def test_a_column_of_milliseconds_belongs_to_times_to_the_second(
+    head: str, form: str, rate: int, tmp_path: Path
+) -> None:
+    every = EVERY / rate
+    text = log_of(head, lambda t: form.format(t, t.microsecond // 1000, int(t.timestamp())), every)
+    assert times_of(tmp_path, text) == ([epoch_ns(T0 + k * every) for k in range(90)], '')
+
+
+@pytest.mark.parametrize('ms', ['7', '{0}', '{1}', '-{2}'])
+def test_other_numbers_beside_a_time_are_no_fractions_of_it(ms: str, tmp_path: Path) -> None:
+    """A constant, a value that falls within a second, a counter that goes on, and negative ones."""
+    every = timedelta(milliseconds=250)
+
+    def row(time: datetime) -> str:
+        part = time.microsecond // 1000
+        return f'{time:%Y-%m-%d %H:%M:%S},' + ms.format(999 - part, (time - T0) // every, part)
+
+    seconds = [epoch_ns((T0 + k * every).replace(microsecond=0)) for k in range(90)]
+    assert times_of(tmp_path, log_of('time,ms', row, every))[0] == seconds
 
 
 @pytest.mark.parametrize('time', ['0 days 06:00:00', '14. Mai 2026 06:00:00', '4 of 90', '1e300'])

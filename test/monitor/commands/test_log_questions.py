@@ -43,14 +43,45 @@ def test_a_question_about_times_is_no_all_clear(
     assert result.code == int(bool(asked) or every > 1)
 
 
-@pytest.mark.parametrize(('filler', 'code'), [('-99', 1), ('-9999', 0)])
+@pytest.mark.parametrize(
+    ('filler', 'code'),
+    [('-99', 1), ('999.9', 1), ('9999.0', 1), ('-9999', 0), ('1e20', 0), ('82', 0), ('-50', 0)],
+)
+@pytest.mark.parametrize('first', [0, 3000])
 def test_a_filler_that_is_not_known_is_asked(
-    filler: str, code: int, tmp_path: Path, stickslip: Stickslip
+    filler: str, code: int, first: int, tmp_path: Path, stickslip: Stickslip
 ) -> None:
-    """-99 rpm are turns astern; -9999 means no value wherever it comes."""
-    rows = (f'{k},{filler if k % 20 == 7 else 80},{900 + k % 3}\n' for k in range(60))
+    """-99 rpm are turns astern; -9999 means no value wherever it comes, and so it is of the whole log."""
+    rows = (f'{k},{filler if k >= first and k % 20 == 7 else 80},{900 + k % 3}\n' for k in range(first + 60))
     path = tmp_path / 'voyage.csv'
-    path.write_text('time [s],rpm,load [N]\n' + ''.join(rows))
+    path.write_text('time [s],rpm,load [N]\n' + ''.join(rows) + f'{first + 60},80,900\n' * (first > 0))
     result = stickslip('check', path, '--config', CONFIG)
-    assert result.code == code
-    assert ('has -99 far from all other values' in result.out) == (code == 1)
+    assert f'has {float(filler):g} far from all other values' in result.out or not code
+    assert code or 'far from all' not in result.out
+
+
+def test_unknown_words_of_a_quality_are_asked(tmp_path: Path, stickslip: Stickslip) -> None:
+    """They are asked about wherever they come, and answered by a line of the configuration."""
+    rows = (f'{k},80,{"schlecht" if 4000 < k < 4100 else "gut"},900\n' for k in range(6000))
+    path, config = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml'
+    path.write_text('time [s],Drehzahl [rpm],Drehzahl Qualität,load [N]\n' + ''.join(rows))
+    result = stickslip('check', path, '--config', CONFIG)
+    assert result.code == 1
+    assert "with 'gut', 'schlecht': write the lines that count, as in where: {Drehzahl Qualit" in result.out
+    config.write_text(CONFIG.read_text().replace('unit: rpm', 'unit: rpm, where: {Drehzahl Qualität: gut}'))
+    assert 'schlecht' not in stickslip('check', path, '--config', config).out
+
+
+@pytest.mark.parametrize(('zone', 'first', 'asked'), [('', '01:58', 1), ('Z', '01:58', 0), ('', '01:28', 0)])
+def test_an_hour_that_summer_time_may_leave_out_is_asked(
+    zone: str, first: str, asked: int, tmp_path: Path, stickslip: Stickslip
+) -> None:
+    """On 29 March 2026 clocks went from 02:00 to 03:00; a pause from 01:30 on is none of summer time."""
+    start = datetime.fromisoformat(f'2026-03-29T{first}')
+    times = [start + timedelta(seconds=k + 3600 * (k >= 120)) for k in range(240)]
+    path = tmp_path / 'voyage.csv'
+    path.write_text(
+        HEAD + '\n' + ''.join(f'{t:%Y-%m-%d %H:%M:%S}{zone},{80 + t.second % 3},900\n' for t in times)
+    )
+    result = stickslip('check', path, '--config', CONFIG)
+    assert ('the one that summer time leaves out' in result.out) == bool(asked)
