@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip_logs.files import DRAFT, KINDS, hold, near_name, open_file, read_file, sweep
-from stickslip_monitor.errors import OutputError
+from stickslip_monitor.errors import ConfigurationError, OutputError
 
 __all__ = [
     'PICTURES',
@@ -25,6 +25,7 @@ __all__ = [
     'printable',
     'read_file',
     'read_json',
+    'read_token',
     'replace_file',
     'sweep',
     'write_whole',
@@ -35,6 +36,10 @@ PICTURES: Mapping[str, bytes | None] = {
     '.svg': b'<dc:title>stickslip_monitor</dc:title>',
 }
 """By its ending, what the beginning of a picture of ours contains."""
+MIN_TOKEN_LENGTH = 16
+"""A shorter token of the page could be guessed."""
+MAX_TOKEN_BYTES = 4096
+"""A larger file holds something else: tokens have some 200 bytes."""
 _HEAD = 4096
 _LONGEST_TEXT = 4000
 _ENDS = 1000
@@ -51,6 +56,28 @@ def read_json(path: str | Path, max_bytes: int) -> Any:
         return json.loads(read_file(path, max_bytes).decode('utf-8'))
     except RecursionError as error:
         raise ValueError('it is nested too deeply') from error
+
+
+def read_token(path: str) -> str:
+    """Return the token in a file that holds nothing else.
+
+    Raises:
+        ConfigurationError: It cannot be read, is too short to keep anybody out, or is open to others.
+    """
+    try:
+        mode = Path(path).stat().st_mode
+        token = read_file(path, MAX_TOKEN_BYTES).decode().strip()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'it is not a text file'
+        raise ConfigurationError(f"token file '{path}' cannot be read: {reason}") from error
+    if mode & (stat.S_IROTH | stat.S_IWOTH):
+        raise ConfigurationError(f"token file '{path}' is open to every user: chmod 600 '{path}'")
+    if len(token) < MIN_TOKEN_LENGTH or not token.isascii() or not token.isprintable():
+        raise ConfigurationError(
+            f"token file '{path}' must hold at least {MIN_TOKEN_LENGTH} printable ASCII characters,"
+            " e.g. those of: python3 -c 'import secrets; print(secrets.token_urlsafe())'"
+        )
+    return token
 
 
 def is_same(one: str | Path, second: str | Path) -> bool:

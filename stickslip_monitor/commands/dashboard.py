@@ -27,6 +27,7 @@ from stickslip_monitor import jit
 from stickslip_monitor.commands import options
 from stickslip_monitor.drawing.map import boundaries, map_ranges
 from stickslip_monitor.errors import ConfigurationError, DashboardError, no_ros
+from stickslip_monitor.files import read_token
 from stickslip_monitor.links.buses import is_loopback
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_config
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
@@ -179,7 +180,7 @@ def page_access(args: argparse.Namespace) -> Access:
     Raises:
         DashboardError: The page would be open to others without a token, or its file cannot be used.
     """
-    from stickslip_monitor.dashboard.access import Access, read_token
+    from stickslip_monitor.dashboard.access import Access
 
     token = '' if args.token_file is None else read_token(args.token_file)
     if not token and not is_loopback(args.host):

@@ -16,7 +16,7 @@ from typing import Any
 
 from stickslip_monitor.commands import options
 from stickslip_monitor.errors import ConfigurationError, DashboardError, RosError, cause, no_ros
-from stickslip_monitor.files import printable
+from stickslip_monitor.files import printable, read_token
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Severity
 
 _LONGEST = 600
@@ -83,12 +83,11 @@ def _of_page(args: argparse.Namespace) -> int:
 
     if not args.page.startswith(('http://', 'https://')):
         raise ConfigurationError(f"--page = '{args.page}' must be an address such as http://127.0.0.1:8370/")
+    token = None if args.token_file is None else read_token(args.token_file)
     try:
         request = Request(f'{args.page.rstrip("/")}/metrics')
-        if args.token_file is not None:
-            from stickslip_monitor.dashboard.access import read_token
-
-            request.add_header('Authorization', f'Bearer {read_token(args.token_file)}')
+        if token is not None:
+            request.add_header('Authorization', f'Bearer {token}')
         with urlopen(request, timeout=args.timeout) as answer:
             figures = answer.read().decode()
     except (OSError, ValueError) as error:

@@ -19,7 +19,6 @@ from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from itertools import chain
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
@@ -393,10 +392,11 @@ def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
     from stickslip_monitor.links.nmea_client import NmeaClient
     from stickslip_monitor.links.signalk import SignalKInputs
     from stickslip_monitor.links.signalk_client import SignalKClient
+    from stickslip_monitor.links.signalk_token import read_signalk_token
 
     clients: list[Client] = []
     if links.signalk is not None:
-        token = _read_signalk_token(links.signalk.token_file)
+        token = read_signalk_token(links.signalk.token_file)
         inputs = links.of(SIGNALK)
         theirs = {item.bearing for item in inputs if item.place is Input.LOAD}
         own_load = [name for name in side.bearings if name not in theirs]
@@ -412,20 +412,3 @@ def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
             )
         clients.append(NmeaClient(links.nmea, links.of(NMEA), side))
     return clients
-
-
-def _read_signalk_token(path: str) -> str:
-    """Read the token of the server from ``signalk.token_file``; '' where none is configured.
-
-    Raises:
-        LinkError: Others can read the file.
-        DashboardError: It cannot be read, or holds no token.
-    """
-    if not path:
-        return ''
-    from stickslip_monitor.dashboard.access import read_token
-
-    token = read_token(path)
-    if Path(path).stat().st_mode & 0o077:
-        raise LinkError(f"signalk.token_file = '{path}' can be read by others: chmod 600 it")
-    return token

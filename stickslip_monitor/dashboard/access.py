@@ -12,23 +12,16 @@ import hmac
 import ipaddress
 import math
 import secrets
-import stat
 import time
 from collections import deque
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from aiohttp import web
 from aiohttp.typedefs import Handler
 
-from stickslip_monitor.errors import DashboardError
-from stickslip_monitor.files import read_file
-
-_LARGEST_TOKEN = 4096
-SHORTEST_TOKEN = 16
 _MOST_ENDED = 1000
 OPEN_PATHS = ('/login', '/page.css', '/icon.svg')
 """What is given without a token: it says nothing of the ship."""
@@ -144,28 +137,6 @@ def same_origin(request: web.Request) -> bool:
         return site == 'same-origin'
     origin = request.headers.get('Origin')
     return origin is None or urlsplit(origin).netloc == request.host
-
-
-def read_token(path: str) -> str:
-    """Read the token of a file that holds nothing else.
-
-    Raises:
-        DashboardError: It cannot be read, is too short to keep anybody out, or is open to others.
-    """
-    try:
-        mode = Path(path).stat().st_mode
-        token = read_file(path, _LARGEST_TOKEN).decode().strip()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'it is not a text file'
-        raise DashboardError(f"token file '{path}' cannot be read: {reason}") from error
-    if mode & (stat.S_IROTH | stat.S_IWOTH):
-        raise DashboardError(f"token file '{path}' is open to every user: chmod 600 '{path}'")
-    if len(token) < SHORTEST_TOKEN or not token.isascii() or not token.isprintable():
-        raise DashboardError(
-            f"token file '{path}' must hold at least {SHORTEST_TOKEN} printable ASCII characters,"
-            " e.g. those of: python3 -c 'import secrets; print(secrets.token_urlsafe())'"
-        )
-    return token
 
 
 async def add_headers(_: web.Request, response: web.StreamResponse) -> None:

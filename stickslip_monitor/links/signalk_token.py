@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The token of a Signal K server: asked for, and written to ``signalk.token_file``."""
+"""The token of a Signal K server in ``signalk.token_file``: read, or asked for and written."""
 
 from __future__ import annotations
 
@@ -15,13 +15,27 @@ from typing import Any
 import aiohttp
 
 from stickslip_monitor.errors import LinkError
+from stickslip_monitor.files import MAX_TOKEN_BYTES, read_token
 from stickslip_monitor.links.buses import SignalKLink
 from stickslip_monitor.links.signalk_client import failure_reason, ssl_context
 
 ASK_PERIOD = 2.0
 """Time between two questions whether the request is approved [s]: an officer needs minutes."""
-MAX_TOKEN_BYTES = 10_000
-"""A larger file holds something else: tokens have some 200 bytes."""
+
+
+def read_signalk_token(path: str) -> str:
+    """Return the token of the server in ``signalk.token_file``; '' where the path is empty.
+
+    Raises:
+        ConfigurationError: The file cannot be read, or holds no token.
+        LinkError: Others can read the file.
+    """
+    if not path:
+        return ''
+    token = read_token(path)
+    if Path(path).stat().st_mode & 0o077:
+        raise LinkError(f"signalk.token_file = '{path}' can be read by others: chmod 600 it")
+    return token
 
 
 async def save_requested_token(link: SignalKLink | None, log: Callable[[str], object]) -> None:
