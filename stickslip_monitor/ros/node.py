@@ -36,8 +36,8 @@ from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig, parameters_of
 from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, require_rule
 from stickslip_monitor.ros.inputs import OVERRIDES, ROS_FAULTS, check_inputs
+from stickslip_monitor.ros.node_loop import NodeLoop, node_clock
 from stickslip_monitor.ros.outputs import Configured, output_names, resolved
-from stickslip_monitor.ros.running import Running, node_clock
 from stickslip_monitor.state_file import StateFile
 
 USE_SIM_TIME = 'use_sim_time'
@@ -215,7 +215,7 @@ class MonitorNode(LifecycleNode):
 
     # A node that could not be made is destroyed all the same.
     _configured: Configured | None = None
-    _running: Running | None = None
+    _loop: NodeLoop | None = None
 
     def __init__(self, store: Callable[[ClipConfig], ClipStore] | None = None, **options: Any) -> None:
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True, **options)
@@ -239,7 +239,7 @@ class MonitorNode(LifecycleNode):
     @property
     def subscriptions(self) -> Iterator[Subscription[Any]]:
         """Subscriptions that executors serve: all but the inputs, see :class:`.Inputs`."""
-        lanes = () if self._running is None else self._running.inputs.lanes
+        lanes = () if self._loop is None else self._loop.inputs.lanes
         input_ids = {id(lane.subscription) for lane in lanes}
         return (one for one in super().subscriptions if id(one) not in input_ids)
 
@@ -297,14 +297,14 @@ class MonitorNode(LifecycleNode):
         simulated = self.get_parameter(USE_SIM_TIME).value is True
         try:
             clock = node_clock(self, simulated)
-            running = Running(self, self._configured, self.survived, clock, simulated)
+            loop = NodeLoop(self, self._configured, self.survived, clock, simulated)
         except ROS_FAULTS as error:
             return self._fail_transition(f'its inputs cannot be subscribed to: {sentence(error)}')
         result = super().on_activate(state)
         self._record_state('active')
         self._log_inputs(self._configured.session.config)
-        self._running = running
-        running.begin()
+        self._loop = loop
+        loop.begin()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -327,7 +327,7 @@ class MonitorNode(LifecycleNode):
 
     def destroy_node(self) -> None:
         """Publish that nobody monitors, write unfinished clips and alarms, and destroy the node."""
-        was_active = self._running is not None
+        was_active = self._loop is not None
         self._stop_listening()
         if self._configured is not None:
             if was_active:
@@ -384,11 +384,11 @@ class MonitorNode(LifecycleNode):
 
     def _stop_listening(self) -> None:
         """End what runs while the node is active, and put on record that nobody monitors; else do nothing."""
-        running, self._running = self._running, None
-        if running is not None:
-            running.destroy()
+        loop, self._loop = self._loop, None
+        if loop is not None:
+            loop.destroy()
             self._record_state('inactive: the bearings are not monitored')
-            running.end()
+            loop.end()
 
     def _take_down(self) -> None:
         if self._configured is not None:
@@ -406,7 +406,7 @@ class MonitorNode(LifecycleNode):
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [change for change in changes if not change.name.startswith('qos_overrides.')]
         try:
-            config, rebuilt, changed = changed_config(self, changes, self._running is not None)
+            config, rebuilt, changed = changed_config(self, changes, self._loop is not None)
             self._check_machine(config)
             if self._configured is not None:
                 take = self._configured.rebuild if rebuilt else self._configured.retune

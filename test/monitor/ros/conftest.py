@@ -67,7 +67,7 @@ def start(peer: Peer, tmp_path: Path) -> Callable[..., Monitor]:
 @pytest.fixture
 def host(peer: Peer, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Hosted]:
     """Starts a monitor in this process, which answers fast; it ends with the test."""
-    for name, period in (('ros.running.TURN_PERIOD', 0.01), ('ros.running.SHOW_NS', 10**8)):
+    for name, period in (('ros.node_loop.TURN_PERIOD', 0.01), ('ros.node_loop.SHOW_NS', 10**8)):
         monkeypatch.setattr(f'stickslip_monitor.{name}', period)
     monkeypatch.setattr('stickslip_monitor.monitor.session.LOOK_NS', 10**8)
 

@@ -154,7 +154,7 @@ def test_a_changed_parameter_stands_until_it_is_acknowledged_or_taken_back(host:
     assert health.message == 'Monitoring.'
     assert monitor.set(aft__load__timeout=50.0) == [(True, '')]
     # Who acknowledges one bearing has not seen what was changed of all.
-    monitor.node._running._carry_out(ActionRequest(Action.ACKNOWLEDGE, 'Ada', 'aft'))
+    monitor.node._loop._carry_out(ActionRequest(Action.ACKNOWLEDGE, 'Ada', 'aft'))
     assert health.severity == 1
     monitor.peer.call(Trigger, monitor.name('acknowledge'))
     assert health.message == 'Monitoring.'

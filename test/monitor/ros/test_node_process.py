@@ -465,7 +465,7 @@ def test_the_security_policy_covers_all_topics_and_services(host: Any) -> None:
 def test_a_double_of_the_node_is_noticed(host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     import rclpy
 
-    monkeypatch.setattr('stickslip_monitor.ros.running._DOUBLE_LOOKS', 1)
+    monkeypatch.setattr('stickslip_monitor.ros.node_loop._DOUBLE_LOOKS', 1)
     monitor = host(kit.node_parameters())
     diagnostics = monitor.diagnostics()
     double = rclpy.create_node('stickslip_monitor', namespace=monitor.space)
@@ -484,7 +484,7 @@ def test_a_double_of_the_node_is_noticed(host: Any, monkeypatch: pytest.MonkeyPa
 def test_a_second_publisher_of_the_clock_is_named(host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from rosgraph_msgs.msg import Clock
 
-    monkeypatch.setattr('stickslip_monitor.ros.running._DOUBLE_LOOKS', 1)
+    monkeypatch.setattr('stickslip_monitor.ros.node_loop._DOUBLE_LOOKS', 1)
     monitor = host(kit.node_parameters(use_sim_time=True))
     diagnostics = monitor.diagnostics()
     for _ in range(2):

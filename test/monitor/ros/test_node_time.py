@@ -74,7 +74,7 @@ def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int, set_by
 
     A computer without a battery for its clock is behind after each start [s].
     """
-    from stickslip_monitor.ros.running import Watchdog
+    from stickslip_monitor.ros.node_loop import Watchdog
 
     ship = Ship(load_config(CONFIG))
     (name,) = (bearing.name for bearing in ship.config.bearings)
@@ -97,7 +97,7 @@ def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int, set_by
 
 @pytest.mark.parametrize('days', [-300, 300])
 def test_silence_is_measured_by_the_clock_that_is_never_set(days: int) -> None:
-    from stickslip_monitor.ros.running import Watchdog
+    from stickslip_monitor.ros.node_loop import Watchdog
 
     ship = Ship(load_config(CONFIG))
     (bearing,) = ship.config.bearings
@@ -135,7 +135,7 @@ class Turns:
 
     def __init__(self, **changes: Any) -> None:
         from stickslip_monitor.ros.inputs import Number
-        from stickslip_monitor.ros.running import Running
+        from stickslip_monitor.ros.node_loop import NodeLoop
 
         changes = {'speed.timeout': 2.0, 'load.timeout': 2.0} | changes
         self.ship = ship = Ship(build_config(kit.node_parameters(changes)))
@@ -150,7 +150,7 @@ class Turns:
 
         node, configured = Mock(), Mock(session=ship.session, health=NodeHealth(), config=ship.config)
         node.get_node_names_and_namespaces.return_value = []
-        self.running: Any = Running(node, configured, lambda each: each, lambda: ship.now, False)
+        self.running: Any = NodeLoop(node, configured, lambda each: each, lambda: ship.now, False)
         self.running._log = ship
         self.running.inputs = SimpleNamespace(fetch=lambda late: None, numbers=numbers, piled=False, lanes=[])
 
@@ -281,7 +281,7 @@ def test_clock_starts_late_and_jumps(host: Any) -> None:
 
 def test_a_clock_that_starts_late_loses_what_is_due_and_nothing_else() -> None:
     """It starts after the time-out of the speed, and before that of the load."""
-    from stickslip_monitor.ros.running import Watchdog
+    from stickslip_monitor.ros.node_loop import Watchdog
 
     config = load_config(CONFIG)
     (bearing,) = config.bearings
@@ -303,7 +303,7 @@ def test_a_clock_that_starts_late_loses_what_is_due_and_nothing_else() -> None:
 
 def test_a_clock_that_stands_keeps_no_input_alive_and_loses_none_when_it_goes_on() -> None:
     """Values come ten times a second; the clock moves for a second, stands for ten and goes on."""
-    from stickslip_monitor.ros.running import PassingTime, Watchdog
+    from stickslip_monitor.ros.node_loop import PassingTime, Watchdog
 
     ship = Ship(load_config(CONFIG))
     watchdog, (name,) = Watchdog(ship.session), ship.session.monitor.bearings
@@ -355,7 +355,7 @@ ROS, TICK = 10**18, 6 * 10**8
     ],
 )
 def test_time_without_samples(simulated: bool, begun: int, ticks: list[tuple[int, int, int]]) -> None:
-    from stickslip_monitor.ros.running import PassingTime
+    from stickslip_monitor.ros.node_loop import PassingTime
 
     clock, elapsed = PassingTime(simulated, Moment(0, begun)), 0
     for steady_ns, time_ns, expected in ticks:

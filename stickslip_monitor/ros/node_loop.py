@@ -66,7 +66,7 @@ def node_clock(node: LifecycleNode, simulated: bool) -> ReadClock:
     return HostClock().now
 
 
-class Running:
+class NodeLoop:
     """Receives samples and drives the timers of an active node.
 
     Args:
