@@ -150,7 +150,7 @@ class Inputs:
         self._turned = 0, 0  # of the middleware, and ROS time
 
     def subscribe(self) -> None:
-        """Listen from now on.
+        """Create the subscriptions of all topics.
 
         Raises:
             Exception: One of :data:`ROS_FAULTS`: a subscription cannot be made.
@@ -159,14 +159,15 @@ class Inputs:
             lane.subscribe()
 
     def destroy(self) -> None:
-        """Take the subscriptions down."""
+        """Destroy the subscriptions."""
         for lane in self.lanes:
             lane.destroy()
 
     def fetch(self, late: bool) -> None:
         """Move the messages of all topics from the middleware into the queue, sorted by arrival.
 
-        Of more than :data:`MOST_WAITING` every n-th is kept. :attr:`piled` is updated.
+        Of more than :data:`MOST_WAITING` every n-th is kept. :attr:`piled` and the counts of the lanes are
+        updated.
 
         Args:
             late: Whether the node was stalled, so that missing messages are not counted as lost.
@@ -184,7 +185,7 @@ class Inputs:
     def numbers(self) -> Iterator[Number]:
         """Take messages from the queue and yield their numbers, in the order of arrival.
 
-        After :data:`TURN_NS` the rest waits for the next turn.
+        After :data:`TURN_NS` the rest waits for the next call.
         """
         begun = self._clock().steady_ns
         while self._waiting and self._clock().steady_ns - begun < TURN_NS:
@@ -201,7 +202,8 @@ class Inputs:
     def _arrival_clock(self, ros_ns: int) -> Callable[[int], int]:
         """Return a function that converts a time of the middleware in this turn to simulated time [ns].
 
-        It interpolates between this turn and the one before: a fast replay moves by seconds in a turn.
+        It interpolates between this turn, whose times are stored, and the one before: a fast replay moves
+        by seconds in a turn.
         """
         (begin, before), end = self._turned, time.time_ns()
         self._turned = end, ros_ns
@@ -211,13 +213,13 @@ class Inputs:
         return lambda came: before + round(pace * (min(max(came, begin), end) - begin))
 
     def _read_numbers(self, waiting: Waiting) -> Iterator[Number]:
-        """Yield the numbers of one message; nothing if it cannot be decoded or came before the first /clock.
+        """Yield the numbers of one message; none if it cannot be decoded or came before the first /clock.
 
-        The message goes to the tap, and its sender is noted.
+        The tap takes it, and each number is noted as one of its sender.
         """
         _, arrival_ns, lane, data, sender = waiting
         # What comes before the first /clock has no time and is not used.
-        message = lane.decoded(data) if arrival_ns else None
+        message = lane.decode(data) if arrival_ns else None
         if message is None:
             return
         time_ns = lane.stamp(message) or arrival_ns
@@ -271,7 +273,7 @@ class Lane:
         self._excused: set[bytes] = set()
 
     def subscribe(self) -> None:
-        """Listen from now on."""
+        """Create the subscription."""
         self.subscription = self._node.create_subscription(
             self._class,
             self._topic,
@@ -282,7 +284,7 @@ class Lane:
         )
 
     def destroy(self) -> None:
-        """Take the subscription down."""
+        """Destroy the subscription, if there is one."""
         if self.subscription is not None:
             self._node.destroy_subscription(self.subscription)
 
@@ -308,7 +310,7 @@ class Lane:
                 arrival_ns = came_ns if arrival is None else arrival(came_ns)
                 yield Waiting(came_ns, arrival_ns, self, data, sender)
 
-    def decoded(self, data: bytes) -> Any:
+    def decode(self, data: bytes) -> Any:
         """Decode a message and set :attr:`undecodable`; return ``None`` where it cannot be decoded."""
         try:
             message = deserialize_message(data, self._class)
@@ -318,7 +320,7 @@ class Lane:
         return message
 
     def note_names(self, names: Iterable[str]) -> None:
-        """Add the names of elements of a message that has none of ours, for the report of a fault."""
+        """Add to :attr:`names` those of elements of a message that has none of ours; up to a limit."""
         if len(self.names) < _NAMES_KEPT:
             self.names.update(names)
 
@@ -462,6 +464,7 @@ def stamp_reader(type_name: str) -> Callable[[Any], int]:
     stamped = next(iter(_fields_of_type(type_name).items()), None) == ('header', 'std_msgs/Header')
 
     def read(message: Any) -> int:
+        """Return the stamp [ns], 0 for one before 1970."""
         stamp = message.header.stamp
         return max(0, int(stamp.sec) * 10**9 + int(stamp.nanosec))
 
@@ -479,6 +482,7 @@ def number_reader(
     number = NumberField(path)
 
     def read(message: Any) -> float | None:
+        """Return the number, or ``nan`` or ``None`` as said above."""
         try:
             return number.read(message)
         except NoSuchElementError as error:

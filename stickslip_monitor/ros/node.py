@@ -37,7 +37,7 @@ from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig, para
 from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, require_rule
 from stickslip_monitor.ros.inputs import OVERRIDES, ROS_FAULTS, check_inputs
 from stickslip_monitor.ros.node_loop import NodeLoop, node_clock
-from stickslip_monitor.ros.outputs import Configured, output_names, resolved
+from stickslip_monitor.ros.outputs import Configured, output_names, resolve_topics
 from stickslip_monitor.state_file import StateFile
 
 USE_SIM_TIME = 'use_sim_time'
@@ -63,7 +63,7 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
 
 
 def declare(node: Node) -> None:
-    """Give every parameter its descriptor, and those without a value their default.
+    """Declare every parameter of the table anew: with its descriptor, and its default where it has no value.
 
     The node has declared what the parameter file and the command line gave.
 
@@ -257,7 +257,7 @@ class MonitorNode(LifecycleNode):
         """Wrap a callback so that its exceptions are logged and the monitor goes on."""
 
         def call(*arguments: Any) -> Any:
-            """Return the result of the callback, ``None`` where it raised."""
+            """Return the result of the callback; ``None`` where it raised, which is reported."""
             try:
                 return callback(*arguments)
             except Exception as error:
@@ -268,7 +268,7 @@ class MonitorNode(LifecycleNode):
         return call
 
     def survive(self, error: Exception) -> None:
-        """Report an unexpected exception, in the log and in diagnostics."""
+        """Log an unexpected exception, count it in the health, and put the first one on record."""
         frames = traceback.extract_tb(error.__traceback__)
         place = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
         text = f'{type(error).__name__}: {sentence(error)}{place}'
@@ -280,7 +280,10 @@ class MonitorNode(LifecycleNode):
             self._put_on_record('node', f'a callback failed: {text}')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Build the monitor from the parameters and create the publishers; fail where that is impossible."""
+        """Build the session from the parameters and create the publishers, with a new health.
+
+        Returns ``FAILURE``, and logs why, where that is impossible.
+        """
         self.health = NodeHealth(changed=self.health.changed, calibration_faults=self.config.faults)
         bearings = plural(len(self.config.bearings), 'bearing')
         self.get_logger().info(f'working out the boundaries of {bearings}')
@@ -292,7 +295,10 @@ class MonitorNode(LifecycleNode):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Subscribe to the inputs and wait for them from now on; fail where one cannot be subscribed to."""
+        """Subscribe to the inputs, offer the services, and start the loop.
+
+        Returns ``FAILURE``, and logs why, where one cannot be subscribed to.
+        """
         assert self._configured is not None
         simulated = self.get_parameter(USE_SIM_TIME).value is True
         try:
@@ -308,18 +314,18 @@ class MonitorNode(LifecycleNode):
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop listening; what was learned is kept."""
+        """End the loop; session, alarms and publishers stay."""
         self._stop_listening()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Destroy the publishers and the session with its alarms."""
+        """Destroy the publishers and the session with its alarms; write clips and alarms."""
         self._take_down()
         self._record_state('unconfigured')
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Destroy services, publishers and subscriptions from any state; write clips and alarms."""
+        """End the loop and destroy publishers and session, from any state; write clips and alarms."""
         self._stop_listening()
         self._take_down()
         self._record_state('finalized')
@@ -339,7 +345,7 @@ class MonitorNode(LifecycleNode):
         """Make the store for the clips of a configuration; ``None`` where it wants no clips.
 
         Raises:
-            StickslipError: The node was started without one, or its folder cannot be made.
+            StickslipError: The node was started without what takes clips, or their folder cannot be made.
         """
         if not config.directory:
             return None
@@ -355,7 +361,7 @@ class MonitorNode(LifecycleNode):
             self._configured.session.note(topic, text)
 
     def _fail_transition(self, text: str) -> TransitionCallbackReturn:
-        """Log why a transition fails and store it for :meth:`start`; return ``FAILURE``."""
+        """Log why a transition fails, store that for :meth:`start`, and return ``FAILURE``."""
         # Logged here because rclpy says nothing of an exception in a transition.
         self._failure = text
         self.get_logger().error(text)
@@ -383,7 +389,7 @@ class MonitorNode(LifecycleNode):
             log(f'{bearing.name}: {", ".join(inputs)}')
 
     def _stop_listening(self) -> None:
-        """End what runs while the node is active, and put on record that nobody monitors; else do nothing."""
+        """End and destroy the loop, and put on record that nobody monitors; do nothing without a loop."""
         loop, self._loop = self._loop, None
         if loop is not None:
             loop.destroy()
@@ -397,12 +403,15 @@ class MonitorNode(LifecycleNode):
 
     def _check_machine(self, config: MonitorConfig) -> None:
         """Check message types, fields and folders, which only this machine knows; raise ``RosError``."""
-        check_inputs(resolved(self, config), output_names(self, config))
+        check_inputs(resolve_topics(self, config), output_names(self, config))
         if config.state_file:
             StateFile(config.state_file).check()
 
     def _on_parameters(self, changes: list[RosParameter[Any]]) -> SetParametersResult:
-        """Apply changes of parameters, all or none; log them and note them for the diagnostics."""
+        """Apply changes of parameters, all or none, and return whether, and why not.
+
+        What changed is logged, put on record and, of a bearing, reported in diagnostics until acknowledged.
+        """
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [change for change in changes if not change.name.startswith('qos_overrides.')]
         try:
@@ -426,7 +435,10 @@ class MonitorNode(LifecycleNode):
         return SetParametersResult(successful=True)
 
     def _refuse_unknown_types(self) -> None:
-        """Refuse requests with unknown types of parameters: rclpy raises, and never answers them."""
+        """Replace the callbacks of the services that set parameters: requests of unknown types are refused.
+
+        rclpy raises, and never answers them.
+        """
         known_types = {kind.value for kind in RosParameter.Type}
 
         def refusing(serve: Callable[..., Any], request: Any, response: Any) -> Any:

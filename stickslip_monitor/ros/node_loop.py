@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the node that run only while it is active: turns, services and timers."""
+"""The loop of an active node: messages in, time passing, actions of people."""
 
 from __future__ import annotations
 
@@ -107,19 +107,19 @@ class NodeLoop:
         )
 
     def begin(self) -> None:
-        """Start watching: publish the list of alarms, and wait for the inputs from now on."""
+        """Mark the node as monitoring, publish the list of alarms, and wait for the inputs from now on."""
         self._health.monitoring = True
         self._session.begin()
         self._let_time_pass(self._now())
 
     def end(self) -> None:
-        """Stop watching: publish that, and write the unfinished clips."""
+        """Mark the node as not monitoring, publish that, and write the unfinished clips."""
         self._health.monitoring = False
         self._session.end()
         self._own.end_clips()
 
     def destroy(self) -> None:
-        """Take subscriptions, services and timer down."""
+        """Destroy subscriptions, services, the topic of requests and the timer; end all turns."""
         self.inputs.destroy()
         self._actions.destroy()
         ticker, self._ticker = self._ticker, None
@@ -127,7 +127,11 @@ class NodeLoop:
             self._node.destroy_timer(ticker)
 
     def turn(self) -> None:
-        """Process the waiting messages, publish changes, and let time pass."""
+        """Take the waiting messages, let time pass, and publish what changes; nothing after :meth:`destroy`.
+
+        Called every :data:`TURN_PERIOD`. A stall of the node is left out of the age of every input; after one
+        amid a turn, time passes in the next turn only.
+        """
         if self._ticker is None:
             return  # a call that waited while the node was deactivated
         now = self._now()
@@ -167,7 +171,10 @@ class NodeLoop:
             self._watchdog.note(name)
 
     def _let_time_pass(self, now: Moment) -> None:
-        """Let time pass for watchdog, session, clips and health; publish all bearings once a second."""
+        """Let time pass for watchdog, session and clips; publish changes, and once a second all bearings.
+
+        The node's own health is updated once a second, before it is published.
+        """
         self._ticked_ns = now.steady_ns
         passed_ns = self._passing.passed(now)
         if self._passing.stands:
@@ -183,7 +190,7 @@ class NodeLoop:
         self._session.flush(now)
 
     def _discount_stall(self, held_ns: int, now: Moment) -> None:
-        """Leave a stall of this node out of the age of every input; report a long one."""
+        """Leave a stall [ns] out of the age of every input; report a long one: health, log, alarm notes."""
         self._session.excuse(held_ns)
         # The alarms' time has passed, that of the inputs has not.
         self._running_ns += self._passing.passed(now)
@@ -197,27 +204,24 @@ class NodeLoop:
         self._session.note('node', text)
 
     def _carry_out(self, request: ActionRequest) -> list[AlarmChange]:
-        """Carry out a request; acknowledging all alarms acknowledges changes of parameters, too."""
+        """Carry out a request, and return what it changed.
+
+        To acknowledge all alarms clears the health of changed parameters, too.
+        """
         if request.action is Action.ACKNOWLEDGE and request.bearing is None:
             self._health.changed.clear()
         return self._session.act(request)
 
     def _update_health(self, steady: float) -> None:
-        """Update the node's own health at a time of the steady clock [s]; called once a second."""
-        self._health.age(steady)
-        self._own.look_at_files()
-        self._update_losses(steady)
-        if self._looks % _DOUBLE_LOOKS == 0:
-            self._look_for_doubles()
-        self._looks += 1
-
-    def _update_losses(self, steady: float) -> None:
-        """Update the health on lost messages, and whether any was lost lately; log new losses.
+        """Update the node's own health: files, lost messages, doubles; log new faults. Called once a second.
 
         Args:
             steady: Time of the steady clock [s].
         """
-        health, lanes = self._health, self.inputs.lanes
+        health = self._health
+        health.age(steady)
+        self._own.check_files()
+        lanes = self.inputs.lanes
         health.lost = sum(lane.lost for lane in lanes)
         health.left_out = sum(lane.left_out for lane in lanes)
         lost = health.lost + health.left_out
@@ -226,9 +230,15 @@ class NodeLoop:
             text = f'since the node was configured: {health.losses}'
             self._log.warning(text, throttle_duration_sec=LOSS_PERIOD)
         health.losing = steady - self._lost_at < LOSS_PERIOD
+        if self._looks % _DOUBLE_LOOKS == 0:
+            self._look_for_doubles()
+        self._looks += 1
 
     def _look_for_doubles(self) -> None:
-        """Update the health on nodes of the same name and publishers of /clock; report new doubles."""
+        """Update the health on nodes of the same name and publishers of /clock; report new doubles as errors.
+
+        On the system's time nothing reads /clock, so its publishers are not looked for.
+        """
         node, health = self._node, self._health
         node_key, clocks = (node.get_name(), node.get_namespace()), ''
         double = node.get_node_names_and_namespaces().count(node_key) > 1
@@ -267,13 +277,13 @@ class Actions:
         self._requests: Any = node.create_subscription(String, '~/actions', self._on_request, qos)
 
     def destroy(self) -> None:
-        """Take services and topic down."""
+        """Destroy the services and the subscription."""
         self._node.destroy_subscription(self._requests)
         for service in self._services:
             self._node.destroy_service(service)
 
     def _on_request(self, message: Any) -> None:
-        """Carry out a request of the topic; log who asked, or why it is refused."""
+        """Carry out a request of the topic, after a line in the log on who asked; log why one is refused."""
         log = self._node.get_logger()
         try:
             request = parse_request(json.loads(message.data), self._bearings)
@@ -290,9 +300,9 @@ class Actions:
         """Create a service that carries out ``on`` or ``off`` (alike for a Trigger) for all bearings."""
 
         def serve(request: Any, response: Any) -> Any:
-            """Log and carry out the action for all bearings, and name the alarms that it changed.
+            """Log and carry out the action for all bearings; return the response with the alarms changed.
 
-            A Trigger that changed none is answered with ``success`` false, a SetBool never.
+            ``success`` is false for a Trigger that changed none, never for a SetBool.
             """
             action = on if getattr(request, 'data', True) else off
             self._node.get_logger().info(f'{action} of all bearings asked for by a {ROS_SERVICE} call')
@@ -324,7 +334,7 @@ class PassingTime:
         self._simulated, self._last, self._moved_ns, self._counted_ns = simulated, now, now.steady_ns, 0
 
     def passed(self, now: Moment) -> int:
-        """Return the time since the last call [ns], and update :attr:`stands`."""
+        """Return the time that counts as passed since the last call [ns]; update :attr:`stands`."""
         last, self._last = self._last, now
         if not self._simulated or not now.time_ns:
             return now.steady_ns - last.steady_ns
@@ -351,11 +361,11 @@ class Watchdog:
         self._timeless: set[str] = set()
 
     def note(self, name: str) -> None:
-        """Note that a bearing had a valid sample since the last tick."""
+        """Note that a bearing had a valid sample: it counts at the next tick."""
         self._heard.add(name)
 
     def tick(self, now: Moment, passed_ns: int) -> None:
-        """Advance each bearing by the time that passed without a sample.
+        """Follow the clock if it was set, and advance each bearing that had no sample since the last tick.
 
         Args:
             now: The time; ROS time is 0 while a simulated clock stands, and samples count for nothing.
@@ -366,18 +376,23 @@ class Watchdog:
             before, has_sample = self._silent[name], now.time_ns and name in self._heard
             silent = self._silent[name] = 0 if has_sample else before + passed_ns
             elapsed = max(silent - LAG_NS, 0)
-            time_ns = self._bearing_time(bearing, now, elapsed, elapsed - max(before - LAG_NS, 0))
+            time_ns = self._time_without_sample(bearing, now, elapsed, elapsed - max(before - LAG_NS, 0))
             if silent and time_ns:
                 self._session.advance(name, time_ns, now)
         self._heard.clear()
 
-    def _bearing_time(self, bearing: BearingMonitor, now: Moment, elapsed: int, more: int) -> int:
-        """Return the time of a bearing [ns], 0 where there is none yet.
+    def _time_without_sample(self, bearing: BearingMonitor, now: Moment, elapsed: int, more: int) -> int:
+        """Return the time that a bearing without a sample has reached [ns]; 0 while it has none.
 
         Inputs are waited for from the first instant that ROS time knows. Where it knows none, or stands,
-        for longer than a timeout, they are lost all the same.
-        ``elapsed`` is the time without a sample less the lag of the watchdog [ns]; of it ``more`` has passed
-        since the last call.
+        for longer than a timeout, they are lost all the same: a bearing without a time is then started
+        at 1 ns, and shifted into ROS time once that is known.
+
+        Args:
+            bearing: Started, or shifted in time, in these two cases.
+            now: ROS time is 0 where it is unknown or stands.
+            elapsed: Time without a sample, less the lag of the watchdog [ns].
+            more: Part of it that has passed since the last call [ns].
         """
         config = bearing.config
         if bearing.now_ns is None:

@@ -58,7 +58,13 @@ class RosGraph(Graph):
         self.lanes: dict[str, Lane] = {}
 
     def publishers(self, topic: str, bearing: str, place: int) -> tuple[Publisher, ...]:
-        """Return the publishers of a topic for an input, with the faults of their quality of service."""
+        """Return the publishers of a topic, with what keeps their messages from an input of a bearing.
+
+        Args:
+            topic: Its full name.
+            bearing: Name of the bearing.
+            place: The input, a place in :data:`.signals.INPUTS`.
+        """
         name = self._given.get(topic, topic)
         profile, lane = self._asked_quality(name), self.lanes.get(topic)
         override = _override_clause(name, profile)
@@ -109,7 +115,9 @@ def _override_clause(topic: str, profile: QoSProfile) -> str:
 
 
 def _publisher_of(info: Any, profile: QoSProfile, override: str, sends: bool) -> Publisher:
-    """Describe a publisher of an input, and why its quality of service does not match, if so.
+    """Describe a publisher of an input: who, which type, and what keeps its messages from the node.
+
+    That is a quality of service that does not match, or that it latches and the latched one is not received.
 
     Args:
         info: The publisher as rclpy describes the end of a topic.
@@ -247,7 +255,7 @@ class Bridge:
             self._publishers[name, place] = publisher
 
     def take(self, bearing: str, place: Input, value: float) -> None:
-        """Publish one number."""
+        """Publish one number; of a speed that two bearings share, only that of the first."""
         if (bearing, place) in self._publishers:
             self._publishers[bearing, place].publish(Float64(data=value))
 
@@ -273,9 +281,9 @@ def open_watcher(listeners: Mapping[str, Sink], diagnostics: str, hand_over: Han
 
 @contextmanager
 def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> Iterator[None]:
-    """Pass on full name, level and text of every monitor that publishes the health of its node.
+    """Have ``take`` called, in another thread, with the health of each monitor's node until it is closed.
 
-    ``take`` is called in another thread.
+    It is given the node's full name, the level and the text of its diagnostic status.
 
     Raises:
         RosError: ROS cannot be started, or the topic's name is not valid.

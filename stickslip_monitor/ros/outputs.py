@@ -58,7 +58,7 @@ def output_names(node: LifecycleNode, config: MonitorConfig) -> set[str]:
     return {node.resolve_topic_name(name) for name in names}
 
 
-def resolved(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
+def resolve_topics(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
     """Return a copy of the configuration with the full, remapped names of its topics."""
 
     def named(bearing: BearingConfig) -> BearingConfig:
@@ -106,18 +106,18 @@ class Configured:
             raise
 
     def _make_outputs(self, config: MonitorConfig) -> None:
-        """Store a configuration, and make the clips and publishers that it asks for."""
+        """Set :attr:`config`, and :attr:`clips` and ``outputs`` to those that it asks for."""
         store = self._make_store(config.clips)
         self.config = config
         self.clips = None if store is None else Clips(self._node, config.clips, store)
         self.outputs = Outputs(self._node, config, self.health, self.clips)
 
     def _make_session(self) -> Session:
-        """Make the session, and set :attr:`graph`, by which it finds publishers."""
+        """Return a new session for the configuration, and set :attr:`graph`, by which it finds publishers."""
         node, given = self._node, self.config.bearings
         self.graph = RosGraph(node, [source.topic for b in given for source in b.inputs.values()])
         return Session(
-            resolved(node, self.config),
+            resolve_topics(node, self.config),
             self.outputs,
             node.get_logger(),
             lambda: node.get_clock().now().nanoseconds,
@@ -126,20 +126,24 @@ class Configured:
         )
 
     def retune(self, config: MonitorConfig) -> None:
-        """Apply a configuration that differs in live parameters only."""
-        self.session.retune(resolved(self._node, config))
+        """Apply and store a configuration that differs in live parameters only."""
+        self.session.retune(resolve_topics(self._node, config))
         self.config = config
 
     def rebuild(self, config: MonitorConfig) -> None:
-        """Replace publishers and session for another configuration; the alarms are taken over."""
+        """Replace clips, publishers and session for another configuration; the alarms are taken over.
+
+        Raises:
+            Exception: As for a new one; publishers and session stay as they were where clips cannot be taken.
+        """
         before, outputs = self.session, self.outputs
         self._make_outputs(config)
         outputs.destroy()
         self.session = self._make_session()
         self.session.inherit(before)
 
-    def look_at_files(self) -> None:
-        """Update the health on clips and state file; log each new fault."""
+    def check_files(self) -> None:
+        """Update the health on clips and state file; log each new fault as an error."""
         before = self.health.clip_fault, self.health.state_file_fault
         now = tuple('' if writer is None else writer.fault for writer in (self.clips, self._kept))
         self.health.clip_fault, self.health.state_file_fault = now
@@ -149,26 +153,26 @@ class Configured:
                 self._node.get_logger().error(fault)
 
     def tick_clips(self) -> None:
-        """Advance the clips to the latest time of a bearing, and write those that are complete."""
+        """Advance the clips, if any, to the latest time of a bearing, and write complete ones."""
         if self.clips is not None:
             bearings = self.session.monitor.bearings.values()
             self.clips.advance(max((b.now_ns or 0 for b in bearings), default=0))
             self.clips.write()
 
     def end_clips(self) -> None:
-        """Write the unfinished clips."""
+        """Write the unfinished clips, if any: see :meth:`Clips.close`."""
         if self.clips is not None:
             self.clips.close()
 
     def close(self) -> None:
-        """Write the unfinished clips, and close the state file."""
+        """Write the unfinished clips, and close the state file: alarms are not saved any more."""
         self.end_clips()
         if self._kept is not None:
             self._kept.close()
             self._kept = None
 
     def destroy(self) -> None:
-        """Take everything down."""
+        """Close clips and state file, and destroy the publishers."""
         self.close()
         self.outputs.destroy()
 
@@ -203,20 +207,20 @@ class Outputs(Sink):
         }
 
     def destroy(self) -> None:
-        """Take the publishers down."""
+        """Destroy the publishers."""
         number_publishers = [publisher for group in self._bearings.values() for publisher, *_ in group]
         for publisher in (*number_publishers, self._warnings, self._alarms, self._records, self._diagnostics):
             self._node.destroy_lifecycle_publisher(publisher)
 
     def take_verdict(self, verdict: Verdict) -> None:
-        """Publish amplitude, margins and regime of one bearing."""
+        """Publish the numbers and words of one bearing, each on its topic if it has subscribers."""
         for publisher, message, value in self._bearings[verdict.bearing]:
             if self._is_wanted(publisher):
                 message.data = value(verdict)
                 self._publish_message(publisher, message, verdict.time_ns)
 
     def take_event(self, event: Event) -> None:
-        """Publish an event as a JSON warning."""
+        """Publish an event as a JSON warning; it may begin a clip."""
         self._publish_message(self._warnings, String(data=event_json(event)), event.time_ns)
         if self._clips is not None:
             self._clips.note(event)
@@ -226,7 +230,12 @@ class Outputs(Sink):
         self._publish_message(self._alarms, String(data=json.dumps(record, allow_nan=False)))
 
     def take_states(self, states: list[BearingState], *, whole: bool) -> None:
-        """Publish the state of bearings; with that of all of them the health of the node."""
+        """Publish the state of bearings as JSON and as diagnostics.
+
+        Args:
+            states: The states.
+            whole: Whether they are of all bearings: the health of the node is then added.
+        """
         now = self._node.get_clock().now()
         if self._is_wanted(self._records):
             text = bearings_json(states, now.nanoseconds)
@@ -241,16 +250,16 @@ class Outputs(Sink):
         self._publish_message(self._diagnostics, message)
 
     def flush(self) -> None:
-        """Wait a moment until the last list of alarms and diagnostics have arrived."""
+        """Wait until subscribers have alarms, states and diagnostics: for each up to :data:`_LAST_WORD` s."""
         for publisher in (self._alarms, self._records, self._diagnostics):
             publisher.wait_for_all_acked(Duration(seconds=_LAST_WORD))
 
     def _is_wanted(self, publisher: Any) -> bool:
-        """Return whether there is a subscriber, or clips are recorded."""
+        """Return whether a message is to be made: it has a subscriber, or clips are recorded."""
         return self._clips is not None or publisher.get_subscription_count() > 0
 
     def _publish_message(self, publisher: Any, message: Any, time_ns: int | None = None) -> None:
-        """Publish a message and give it to the clips; a full queue is logged."""
+        """Publish a message; before that, clips take it. A full queue loses it, which is logged."""
         if self._clips is not None:
             self._clips.take(publisher.topic_name, message, time_ns)
         try:
@@ -291,13 +300,13 @@ class Clips(ClipRecorder):
         return self._writer.fault and f'an event clip is lost: {self._writer.fault}'
 
     def take(self, topic: str, message: Any, time_ns: int | None = None) -> None:
-        """Take a message that is published; without a time [ns] it is that of the samples."""
+        """Record a message that is published, at a time [ns]; by default at the latest of the samples."""
         message_class = type(message)
         kind = f'{message_class.__module__.partition(".")[0]}/msg/{message_class.__name__}'
         self.tap(topic, kind, serialize_message(message), self.now_ns if time_ns is None else time_ns)
 
     def tap(self, topic: str, kind: str, data: bytes, time_ns: int) -> None:
-        """Take an encoded message of that type, with its time on the clock of the samples [ns]."""
+        """Record an encoded message of a type, with its time on the clock of the samples [ns]."""
         if kind not in self._known:
             self._known[kind] = definition(kind)
         self.add(ClipMessage(time_ns, topic, kind, data))
@@ -313,6 +322,6 @@ class Clips(ClipRecorder):
             self._node.get_logger().error(f'an event clip is lost: the disk takes longer than {patience:g} s')
 
     def write(self) -> None:
-        """Give the completed clips to the writer."""
+        """Hand the completed clips to the thread that writes them."""
         for clip in self.clips():
             self._writer.put(clip)

@@ -79,8 +79,10 @@ class Player:
             rate: How much faster than recorded, > 0.
             progress: Called with the recorded time reached [ns].
 
+        Blocks until all are published and, for up to :data:`_PATIENCE` s a topic, received.
+
         Returns:
-            The number of messages published.
+            The number of messages published; those on skipped topics do not count.
         """
         begin, first, played = time.monotonic(), None, 0
         for topic, time_ns, data in messages:
@@ -120,10 +122,11 @@ class Player:
         self._publish_message(self._clock, message)
 
     def _publish_message(self, publisher: Any, message: Any) -> None:
-        """Publish a message; while the queue is full, wait for its readers.
+        """Publish a message; while the queue is full, wait for its readers, for up to a second.
 
         Raises:
             RosError: A subscriber does not keep up.
+            KeyboardInterrupt: ROS was shut down.
         """
         for _ in range(200):
             try:

@@ -52,9 +52,14 @@ def make_executor() -> Executor:
 
 
 def _spin_node(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> None:
-    """Spin until a signal has been noted, or ROS is shut down.
+    """Spin the node until a signal has been noted or ROS is shut down; report exceptions of callbacks.
 
-    ``errors`` is where Python writes the frames of a crash.
+    The service manager is notified of the start, of life, and of the end.
+
+    Args:
+        node: The node.
+        signals: Signals noted so far, to which a handler adds.
+        errors: File descriptor to which Python writes the frames of a crash.
     """
     executor, manager = make_executor(), ServiceManager()
     faulthandler.enable(errors)  # the executor has it write where nobody hands on what is left
@@ -115,7 +120,11 @@ def _make_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | N
 
 
 def _parameter_slip(args: Sequence[str]) -> str:
-    """Return the sentence on how parameters were given, where nothing was or nothing is for this node."""
+    """Return the sentence on what is wrong with how parameters were given; '' where nothing is.
+
+    None were given, an option is out of place, a file cannot be read or is not for this node, or a list is
+    empty or nested. The files are read.
+    """
     inside, files, given, name, space = False, list[str](), False, NODE_NAME, ''
     for number, word in enumerate(args):
         inside = word == '--ros-args' or (inside and word != '--')
@@ -159,7 +168,10 @@ def _list_fault(key: str, listed: object) -> str:
 def _run_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int) -> None:
     """Make the node, start it, and spin until a signal or the end of ROS; take it down in any case.
 
-    ``errors`` is where Python writes the frames of a crash.
+    ``errors`` is the file descriptor to which Python writes the frames of a crash.
+
+    Raises:
+        StickslipError: The node cannot be made or started.
     """
     # Noted, not raised: an interrupt in the middle of an import prints a traceback of its own.
     # ROS's own handlers stay out: they take ROS down in a thread, under the node's feet.

@@ -210,9 +210,9 @@ def test_messages_that_cannot_be_decoded_are_known() -> None:
     graph.lanes['load'] = lane
     # By CDR: an empty layout, an offset of 0, and fifty numbers of which one is there.
     wrong = b'\0\1\0\0' + struct.pack('<IIId', 0, 0, 50, 1.0)
-    assert lane.decoded(wrong) is None
+    assert lane.decode(wrong) is None
     assert graph.is_undecodable('load')
-    assert lane.decoded(serialize_message(Float64MultiArray(data=[2.0]))).data[0] == 2.0
+    assert lane.decode(serialize_message(Float64MultiArray(data=[2.0]))).data[0] == 2.0
     assert not graph.is_undecodable('load')
 
 
