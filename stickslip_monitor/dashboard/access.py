@@ -66,7 +66,7 @@ class Access:
         return f'{number}.{hmac.new(self.token.encode(), text, hashlib.sha256).hexdigest()}'
 
     def end(self, request: web.Request) -> None:
-        """End the session of a request."""
+        """End the session of a request: its cookie is not accepted any more."""
         self.ended.append(request.cookies.get(cookie_name(request), ''))
 
     def signed_in(self, request: web.Request) -> bool:
@@ -97,7 +97,7 @@ class Access:
 
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Enforce the rules, as a middleware."""
+        """Answer a request by its handler, as a middleware, or refuse it by the rules."""
         refused = self._refuse_request(request)
         return refused if refused is not None else await handler(request)
 
@@ -129,8 +129,7 @@ def cookie_name(request: web.Request) -> str:
 def same_origin(request: web.Request) -> bool:
     """Return whether a request comes from a page of ours, or from no page at all.
 
-    A browser vouches for it, which no page can forge. Only where it says nothing is the Origin
-    held against the Host, which a proxy may have replaced by its own.
+    By ``Sec-Fetch-Site``, which no page can forge; without it by Origin and Host, which a proxy may replace.
     """
     site = request.headers.get('Sec-Fetch-Site')
     if site is not None and site != 'none':
@@ -140,7 +139,7 @@ def same_origin(request: web.Request) -> bool:
 
 
 async def add_headers(_: web.Request, response: web.StreamResponse) -> None:
-    """Give an answer the headers that keep its page by itself."""
+    """Add the headers to an answer that keep other pages out of its page; those it has stay."""
     for name, value in _HEADERS.items():
         response.headers.setdefault(name, value)
 
@@ -155,7 +154,7 @@ class Connections:
 
     @web.middleware
     async def count(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Note, as a middleware, on which connections a request is being answered."""
+        """Answer a request by its handler, as a middleware; its connection is idle only after it."""
         self._since[request.protocol] = math.inf
         try:
             return await handler(request)

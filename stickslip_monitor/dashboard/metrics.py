@@ -58,7 +58,7 @@ class Metrics(Collector):
         return ()
 
     def collect(self) -> Iterator[Metric]:
-        """Yield every metric."""
+        """Yield every metric, of the board as it is now; of monitors without data only that."""
         board = self._board
         yield _make_metric('dashboard_readers', 'Pages that are open.', [], [([], len(self._readers))])
         if board.links:
@@ -78,7 +78,7 @@ class Metrics(Collector):
 
 
 def _presence_metrics(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
-    """Yield which monitors and bearings there are data of."""
+    """Yield whether each monitor and bearing sends data, and for how long a monitor was silent."""
     monitors = board.monitors
     ups = [((m.namespace,), not (m.faults() or board.finished)) for m in monitors]
     yield _make_metric('monitor_up', _UP, _SPACE, ups)
@@ -165,7 +165,7 @@ def _alarm_metrics(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
 
 
 def _make_metric(name: str, text: str, labels: Sequence[str], values: Iterable[tuple[Any, Any]]) -> Metric:
-    """Make a metric with a value for each set of labels; ``None`` is left out."""
+    """Make a gauge with a value for each set of label values; one that is ``None`` is left out."""
     family = GaugeMetricFamily(f'{PREFIX}{name}', text, labels=labels)
     for names, value in values:
         if value is not None:

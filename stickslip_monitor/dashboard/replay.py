@@ -66,7 +66,7 @@ class Replay:
         self._restart_session()
 
     def _restart_session(self) -> None:
-        """Rewind to before the first sample, with a new session."""
+        """Go to the first sample, with a new session that begins there and takes the page's actions."""
         self._session = Session(self._config, self._shown, NoLog(), lambda: self._log_ns, None, Graph())
         self._shown.act = self._session.act
         self._next = 0
@@ -84,7 +84,7 @@ class Replay:
         return min(self._from_ns + round(passed * 1e9), self._start_ns + self._length_ns)
 
     def hold(self, paused: bool) -> None:
-        """Pause or resume the replay."""
+        """Pause or resume the replay at the place it has reached; one that waits at the end is woken."""
         self._go_from(self._wanted_ns())
         self._paused = paused
         self._changed.set()
@@ -111,7 +111,10 @@ class Replay:
             await self._changed.wait()
 
     async def play(self) -> None:
-        """Play the recording from its present place, showing its state; at the end finish the board."""
+        """Play the recording from its present place to its end, showing its state; then finish the board.
+
+        A pause holds it up; it returns at the end only.
+        """
         shown = -math.inf
         while self._next < len(self._samples):
             behind = self._play_until(self._wanted_ns())
@@ -150,7 +153,7 @@ class Replay:
         return False
 
     def _advance_to(self, log_ns: int) -> None:
-        """Advance all bearings to a log time [ns] without a sample."""
+        """Advance all bearings and alarms to a log time [ns]; to one that has passed, not at all."""
         self._log_ns = max(self._log_ns, log_ns)
         now = self._moment_now()
         for name in self._session.monitor.bearings:

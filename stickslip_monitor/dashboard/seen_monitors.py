@@ -87,9 +87,13 @@ class Watched:
     off_map: bool = False  # whether the newest is of other parameters than the map
 
     def take(self, record: dict[str, Any], now: float) -> dict[str, Any]:
-        """Store a new record and add it to the history; return the record for the page.
+        """Store a new record, which came at ``now`` [s], and add it to the history.
 
-        In the history it replaces those of its second and all later ones (after a clock step).
+        In the history it replaces those of its second and all later ones (after a clock step); those older
+        than :data:`SPAN` are dropped.
+
+        Returns:
+            A copy of the record with its row of the history: ``None`` where a lost input leaves no value.
         """
         # What rests on a lost input has no value, though the last one is still published.
         hidden = {name for name in ('speed', 'load') if record['inputs'].get(name, {}).get('lost')}
@@ -113,7 +117,10 @@ class Watched:
         return {'name': self.key, **view_fields, 'status': self.record}
 
     def _is_off_map(self, record: Mapping[str, Any]) -> bool:
-        """Return whether a record has the averaged fold at its load elsewhere than the map has it."""
+        """Return whether a record has the averaged fold at its load elsewhere than the map has it.
+
+        False where the record or the map has none.
+        """
         if record['fold_speed_kbm'] is None or record['load'] is None or not self.view.curves:
             return False
         speed, load = (np.array(self.view.curves[name], dtype=float) for name in ('speed', 'fold'))
@@ -177,7 +184,7 @@ class WatchedMonitor(Sink):
         self.forget()
 
     def forget(self) -> None:
-        """Forget all that was received, as before the first record."""
+        """Forget all that was received, as before the first record; maps get their first size."""
         self.bearings = {view.name: Watched(self.key(view.name), view) for view in self._views}
         self.alarms: dict[str, Any] | None = None
         self._health: tuple[int, str] = (0, '')
@@ -264,7 +271,10 @@ class WatchedMonitor(Sink):
         return idle or any(record['reason'] == NOT_MONITORING for record in records)
 
     def take_record(self, document: Any) -> None:
-        """Store the record of a bearing and send it to the page; ignore what is invalid or unknown."""
+        """Check and store the record of a bearing, and send it to the page.
+
+        An invalid one is ignored; of an unknown bearing only the name is stored, for :meth:`faults`.
+        """
         record = checked_record(document)
         if record is None:
             return
@@ -277,7 +287,7 @@ class WatchedMonitor(Sink):
         self.send('status', bearing.take(record, self._received_at), bearing.key)
 
     def take_health(self, level: int, text: str) -> None:
-        """Take the diagnostic status of the node itself; levels are those of ROS."""
+        """Store the diagnostic status of the node itself, for :meth:`notice`; levels are those of ROS."""
         self._health = (level, text)
 
     def take_alarms(self, document: Any) -> None:
@@ -303,7 +313,7 @@ class WatchedMonitor(Sink):
                 done.set_result(answers)
 
     def take_other(self, node: str) -> None:
-        """Note a message of another monitor than those that are shown."""
+        """Store the name of another monitor than those that are shown, which :meth:`faults` proposes."""
         self._remember_name(self._others, f'/{node}')
 
     def _name_fully(self, record: dict[str, Any]) -> None:
@@ -350,7 +360,7 @@ class WatchedMonitor(Sink):
 
 
 def _is_about(request: ActionRequest, alarm: dict[str, Any]) -> bool:
-    """Return whether a request is about an alarm."""
+    """Return whether a request is about an alarm: about its bearing or all, and its kind or all."""
     return request.bearing in (None, alarm['bearing']) and request.kind in (None, alarm['alarm'])
 
 
@@ -418,7 +428,10 @@ class DashboardState:
         }
 
     def _take_news(self, kind: str, document: dict[str, Any], key: str) -> None:
-        """Send an event of a monitor to the page, alarms as those of all; then the state of the monitors."""
+        """Send an event of a monitor to the page, then the state of the monitors if it changed.
+
+        Alarms are sent as those of all monitors, with the log, whatever the document.
+        """
         if kind == 'alarms':
             document = {'alarms': self.alarms, 'log': self.log.latest()}
         self.send(kind, document, key)
@@ -442,12 +455,12 @@ class DashboardState:
         self.send('state', self.state(), '')
 
     def finish(self) -> None:
-        """Nothing more will come: the recording is over."""
+        """Mark the recording as over, and send that to the page."""
         self.finished = True
         self._send_monitor()
 
     def tick(self) -> None:
-        """Let time pass: report a monitor that falls silent, enlarge a map that is too small.
+        """Send the page the state of monitors that fell silent, and a map that had to be enlarged.
 
         One map at a time: it takes some 30 ms.
         """

@@ -80,7 +80,7 @@ class Reader:
         self._something.set()
 
     async def take(self) -> bytes:
-        """Wait for an event, and return all waiting ones as one piece of the stream."""
+        """Wait for an event, and return all waiting ones as one piece of the stream; empty once closed."""
         await self._something.wait()
         self._something.clear()
         events, self._waiting = self._waiting, {}
@@ -174,10 +174,10 @@ class Server:
         return app
 
     async def listen(self, address: str, port: int) -> asyncio.Server:
-        """Listen at an address until :meth:`close`; port 0 stands for any that is free.
+        """Listen at an address, and end idle connections, until :meth:`close`; return what listens.
 
-        There is no access log, which would fill up with a line for every scrape and says who reads
-        what; and what is no HTTP, as a port scan sends it, is refused without a word in the log.
+        Port 0 stands for any that is free. There is no access log, which would fill up with a line for every
+        scrape and says who reads what; what is not HTTP, as a port scan sends it, is not logged either.
 
         Raises:
             DashboardError: The address cannot be listened at.
@@ -210,7 +210,13 @@ class Server:
         await self._runner.cleanup()
 
     async def serve(self, address: str, port: int, started: Callable[[str], None]) -> None:
-        """Listen, and serve until a signal comes; ``started`` is called with the page's address."""
+        """Listen, and serve until a signal comes, with a tick of the board each half second.
+
+        ``started`` is called with the page's address.
+
+        Raises:
+            DashboardError: The address cannot be listened at.
+        """
         stop = asyncio.Event()
         for number in end_signals():
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -226,7 +232,10 @@ class Server:
             await self.close()
 
     async def _log_in(self, request: web.Request) -> web.Response:
-        """Answer the right token with the cookie of a new session, a wrong one with the form again."""
+        """Answer the right token with the page and the cookie of a session, a wrong one with the form again.
+
+        The answer is 303, or 408 where the form does not come whole in time.
+        """
         try:
             form = await asyncio.wait_for(request.post(), SLOWEST_REQUEST)
         except asyncio.TimeoutError:
@@ -239,7 +248,7 @@ class Server:
         return response
 
     async def _log_out(self, request: web.Request) -> web.Response:
-        """End the session of a request, and delete its cookie."""
+        """End the session of a request; answer 204, which deletes its cookie."""
         self._access.end(request)
         response = web.Response(status=204)
         response.del_cookie(cookie_name(request))
@@ -291,10 +300,10 @@ class Server:
         return _make_answer(200, f'{action_request.action}: {count} alarm{"s" if count != 1 else ""}')
 
     def _parse_action(self, document: Any) -> ActionRequest:
-        """Parse a request to act.
+        """Return the request to act in a JSON document.
 
         Raises:
-            ConfigurationError: It is invalid, or its action is not offered on a dashboard.
+            ConfigurationError: It is invalid, names an unknown bearing, or its action is not offered here.
         """
         action_request = parse_request(document, self._board.bearings)
         if action_request.action not in OFFERED:
@@ -302,7 +311,7 @@ class Server:
         return action_request
 
     async def _steer_replay(self, request: web.Request) -> web.Response:
-        """Pause, resume or move the replay as a request asks."""
+        """Pause, resume or move the replay as a request asks; answer 200. See :func:`_read_request`."""
         assert self._player is not None
         paused, place = await _read_request(request, _parse_course)
         if paused is not None:
@@ -312,7 +321,7 @@ class Server:
         return _make_answer(200, '')
 
     async def _send_history(self, request: web.Request) -> web.Response:
-        """Answer with the history of the bearing in the query; 404 for an unknown one."""
+        """Answer with the history of the bearing in the query as JSON; 404 for an unknown one."""
         history = self._board.history(request.query.get('bearing', ''))
         if history is None:
             return web.Response(status=404, text='There is no such bearing.\n')
@@ -338,7 +347,7 @@ def _serve_file(name: str) -> Handler:
 
 
 async def _read_request(request: web.Request, read: Callable[[Any], T]) -> T:
-    """Read the JSON document of a request, and parse it by ``read``.
+    """Return the JSON document of a request as ``read`` parses it.
 
     Raises:
         web.HTTPException: The answer to a request that is not JSON (415 by its type, else 400), that ``read``

@@ -132,7 +132,7 @@ class LinksConfig:
 
 
 def is_loopback(host: str | None) -> bool:
-    """Return whether a host is this machine, as far as its name shows."""
+    """Return whether a host is this machine, as far as its name shows; false for ``None``."""
     try:
         return host == 'localhost' or ipaddress.ip_address(host or '').is_loopback
     except ValueError:
@@ -164,7 +164,11 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
 
 
 def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
-    """Raise ``ConfigurationError`` for the first name that is not a parameter, with the nearest one."""
+    """Refuse values by names that are not parameters.
+
+    Raises:
+        ConfigurationError: For the first of them; the text proposes the nearest parameter.
+    """
     names = [p.name for p in LINK_PARAMETERS]
     names += [f'{b}.{q}.{p.name}' for b in bearings for q in BUS_INPUTS for p in INPUT_PARAMETERS]
     for key, value in values.items():
@@ -174,7 +178,11 @@ def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
 
 
 def _split_url(name: str, value: str, example: str, schemes: Iterable[str]) -> SplitResult:
-    """Split an address of one of some schemes; raise ``ConfigurationError`` with an example otherwise."""
+    """Split an address of one of some schemes.
+
+    Raises:
+        ConfigurationError: It is not one, or has port 0; the text names the parameter and an example.
+    """
     try:
         url = urlsplit(value)
         fits = url.scheme in schemes and url.port != 0
@@ -185,9 +193,14 @@ def _split_url(name: str, value: str, example: str, schemes: Iterable[str]) -> S
 
 
 def _build_signalk(settings: Mapping[str, Any], used: bool) -> SignalKLink | None:
-    """Build the Signal K link from checked parameters; ``None`` where it has no address and none is needed.
+    """Build the Signal K link, its address without a final slash; ``None`` where none is given or needed.
 
-    ``used`` says whether inputs come from it.
+    Args:
+        settings: Values by parameter, each checked by itself.
+        used: Whether inputs come from it.
+
+    Raises:
+        ConfigurationError: Values do not fit together, or the address would show the token.
     """
     link, example = build_section(SignalKLink, 'signalk.', settings), 'http://127.0.0.1:3000'
     if not link.url:
@@ -207,7 +220,15 @@ def _build_signalk(settings: Mapping[str, Any], used: bool) -> SignalKLink | Non
 
 
 def _build_nmea(settings: Mapping[str, Any], used: bool) -> NmeaLink | None:
-    """Build the NMEA link from checked parameters; ``None`` without a port. ``used``: inputs come from it."""
+    """Build the NMEA link; ``None`` without a port.
+
+    Args:
+        settings: Values by parameter, each checked by itself.
+        used: Whether inputs come from it.
+
+    Raises:
+        ConfigurationError: A value breaks its rule.
+    """
     link = build_section(NmeaLink, 'nmea.', settings)
     for fits, name, rule in (
         (link.listen or not used, 'listen', 'given: inputs come from it'),
@@ -248,7 +269,17 @@ def check_port(name: str, value: str) -> SplitResult:
 
 
 def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mapping[str, Any]) -> BusInput:
-    """Build one input from the values under its name; raise ``ConfigurationError`` if one breaks a rule."""
+    """Build one input of a bearing from the values under its name.
+
+    Args:
+        bearing: The bearing, whose time-out and hold apply.
+        place: The input.
+        name: Its full name, e.g. ``aft.speed``.
+        values: Parameter values of all inputs by full name.
+
+    Raises:
+        ConfigurationError: A value breaks its rule, or the bearing has no such input to feed.
+    """
     settings = {p.name: p.checked(f'{name}.{p.name}', values) for p in INPUT_PARAMETERS}
     load = place is Input.LOAD
     assumed = load and bearing.load.is_assumed
@@ -281,7 +312,11 @@ def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mappin
 
 
 def _check_unit(source: InputConfig, name: str, unit: str, who: str) -> None:
-    """Check that the monitor expects the unit of the bus: numbers are passed on as received."""
+    """Check that the monitor expects the unit of the bus: numbers are passed on as received.
+
+    Raises:
+        ConfigurationError: It expects another one.
+    """
     require_rule(source.unit == unit, f'{name}.unit', source.unit, f'{unit}, in which {who} gives it')
 
 
@@ -312,18 +347,21 @@ class BusInputs:
         self._heard: dict[BusInput, float] = {}
 
     def start_waiting(self, now: float) -> None:
-        """Count the silence of every input from now on [s]."""
+        """Count the silence of every input from a time of the steady clock [s]."""
         self._heard = {items[0]: now for items, _ in self.groups}
 
     def note_received(self, item: BusInput, now: float) -> None:
-        """Note the time of a value [s]; log that values are back where the input was reported as silent."""
+        """Note when an input had a value, by the steady clock [s]; log that of one reported as silent."""
         self._heard[item] = now
         if item in self._told:
             self._told.discard(item)
             self.log(f'{item.label}: values again')
 
     def take_silent(self, now: float) -> list[BusInput]:
-        """Return the inputs that have become silent, each once until it has values again."""
+        """Return the inputs that have become silent, each once until it has values again.
+
+        Silence counts from the first call, or from :meth:`start_waiting`. ``now`` is of the steady clock [s].
+        """
         if not self._heard:
             self.start_waiting(now)
         new = [
@@ -357,7 +395,7 @@ class MonitorSide:
     log: Log  # where faults are logged
 
     def pass_request(self, request: ActionRequest) -> None:
-        """Let the monitor carry out a request that came over a bus; log a refusal as an error."""
+        """Let the monitor carry out a request that came over a bus; log a refusal, and raise nothing."""
         try:
             self.act(request)
         except StickslipError as error:
@@ -391,9 +429,9 @@ class LiveMonitor:
         return self._session.damage
 
     def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
-        """Take a number that arrives now, by its sender's stamp [ns] if it has one.
+        """Give the session a number that arrives now, measured at its sender's stamp [ns] if it has one.
 
-        With each speed the load that is assumed there is taken, too.
+        With each speed it is given the load that is assumed there, too.
         """
         now = self._read_moment()
         time_ns = now.time_ns if stamp_ns is None else stamp_ns
@@ -402,16 +440,16 @@ class LiveMonitor:
             self._session.take(bearing, Input.LOAD, time_ns, value, now)
 
     def act(self, request: ActionRequest) -> None:
-        """Carry out a request."""
+        """Have the session carry out a request: alarms change, and are published at the next tick."""
         self._session.act(request)
 
     def begin(self) -> None:
-        """Publish the list of alarms, and wait for inputs from now on."""
+        """Publish the list of alarms, and start the wait of every bearing for its inputs."""
         self._session.begin()
         self._advance_bearings(self._now(), 0)
 
     def tick(self) -> None:
-        """Advance all bearings; once a second publish their state; then publish what has changed."""
+        """Advance all bearings to :data:`BEHIND_NS` ago; publish changes, and once a second their state."""
         now = self._read_moment()
         self._ticked_ns = now.steady_ns
         self._advance_bearings(now, BEHIND_NS)

@@ -96,9 +96,9 @@ class SentenceStream:
         self._rest = ''
 
     def take(self, data: bytes) -> list[str]:
-        """Return the sentences with a good checksum that some bytes complete.
+        """Return the sentences with a good checksum that some bytes complete, without ends of line.
 
-        A beginning is kept for the next call, and what is unreadable is counted.
+        A beginning is stored for the next call; what cannot be used is counted in :attr:`unused`.
         """
         text = self._rest + data.decode('ascii', 'replace')
         pieces = [piece for piece in re.split('(?=[$!])', text) if piece.startswith(('$', '!'))]
@@ -120,9 +120,10 @@ class SentenceStream:
 
 
 def read_numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
-    """Return the numbers for an input in the fields of a sentence; empty where it is of another source.
+    """Return the numbers for an input in the fields of a sentence of its formatter.
 
-    A number that is marked as invalid, or cannot be read, is NaN.
+    Empty where it is of another shaft, engine or transducer. A number that is marked as invalid, or cannot
+    be read, is NaN.
     """
     if item.sentence == 'XDR':
         unit = [item.kind, 'N', item.name]
@@ -136,7 +137,7 @@ def read_numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
 
 
 def describe_unused(item: BusInput, formatter: str, fields: Sequence[str]) -> str:
-    """Describe the content of a sentence that brings an input nothing; '' if it is of another formatter."""
+    """Describe a sentence that brings an input nothing, for the log; '' if it is of another formatter."""
     if formatter != item.sentence:
         return ''
     if formatter == 'RPM':
@@ -166,7 +167,8 @@ class NmeaInputs(BusInputs):
     def take(self, text: str, now: float) -> Iterator[tuple[str, Input, float]]:
         """Yield bearing, input and number (NaN if invalid) for each input that an admitted talker brings.
 
-        What a sentence brings in place of an input is counted, for :meth:`log_silent`.
+        ``now`` is of a steady clock [s]. What a sentence brings in place of an input's number is
+        counted, for :meth:`log_silent`.
         """
         parsed = parse(text)
         if parsed is None:
@@ -179,16 +181,12 @@ class NmeaInputs(BusInputs):
                 self._others[first][describe_unused(first, formatter, fields)] += 1
             elif admission.admits(talker, now, valid=not all(map(math.isnan, values))):
                 for value in values:
-                    self._note_value(first, value, now)
+                    if math.isnan(value):
+                        self._others[first]['invalid by its talker'] += 1
+                    else:
+                        self.note_received(first, now)
+                        self._others[first].clear()
                     yield from ((item.bearing, item.place, value) for item in items)
-
-    def _note_value(self, item: BusInput, value: float, now: float) -> None:
-        """Note that an input has a value, and reset its counts; count a NaN as invalid instead."""
-        if math.isnan(value):
-            self._others[item]['invalid by its talker'] += 1
-        else:
-            self.note_received(item, now)
-            self._others[item].clear()
 
     def log_silent(self, now: float, unused: Mapping[str, int]) -> None:
         """Log, once for each input that has become silent, what was received in its place.
@@ -247,7 +245,10 @@ class Alerts:
         self._sequence = self._list_sequence = self._beat_sequence = 0
 
     def take_alarms(self, record: dict[str, Any]) -> list[str]:
-        """Return ALF sentences for the alarms that differ from the last call, and note their states."""
+        """Return ALF sentences for the alarms of a list that differ from the last call; store their states.
+
+        One that is raised anew has a second sentence, with its text.
+        """
         times = {(c['bearing'], c['alarm']): c['time'] for c in record['changes']}
         lines = []
         for alarm in record['alarms']:
@@ -269,7 +270,10 @@ class Alerts:
         ]
 
     def make_list(self) -> list[str]:
-        """Return the ALC sentences of the next cyclic list of alerts that are not normal."""
+        """Return the ALC sentences of a list of the alerts that are not normal, and count the lists.
+
+        Without such alerts it is one sentence.
+        """
         entries = [f',{self._alert_id(alert)},{alert.revision}' for alert in self._standing_alerts()]
         # Four entries of the longest kind would not fit into one sentence.
         groups = [entries[i : i + 3] for i in range(0, len(entries), 3)] or [[]]
@@ -281,15 +285,22 @@ class Alerts:
         ]
 
     def make_heartbeat(self, period: float, is_present: bool) -> str:
-        """Return the next HBT sentence: time to the one after it [s], and if the monitor is there."""
+        """Return an HBT sentence, and count them.
+
+        Args:
+            period: Time to the next one [s].
+            is_present: Whether the monitor gives data.
+        """
         line = self._make_sentence(f'HBT,{period:.1f},{"A" if is_present else "V"},{self._beat_sequence}')
         self._beat_sequence = (self._beat_sequence + 1) % 10
         return line
 
     def handle_acn(self, line: str, now_ns: int) -> tuple[list[str], ActionRequest | None]:
-        """Return the answers to an ACN sentence, and the request that it makes (``None`` for none).
+        """Read an ACN sentence: a display acknowledges, silences, or asks for all alerts.
 
-        Neither is given for other sentences, and for an ACN to another device.
+        Returns:
+            The sentences that answer, ARC for a refusal; and the request that it makes, or ``None``. No
+            sentence and ``None`` for another sentence, and for an ACN to another device.
         """
         parsed = parse(line)
         if parsed is None or parsed[1] != 'ACN' or len(parsed[2]) != 6:
@@ -318,7 +329,7 @@ class Alerts:
         return f'{self._manufacturer},{alert.identifier},{alert.instance}'
 
     def _alf_sentences(self, alert: _Alert, with_text: bool) -> list[str]:
-        """Return the ALF sentence of an alert, and a second one with its text where that is wanted."""
+        """Return the ALF sentence of an alert, and a second one with its text where wanted; count them."""
         self._sequence = (self._sequence + 1) % 10
         end = f'{self._alert_id(alert)},{alert.revision},0,'
         total = 2 if with_text else 1
@@ -336,7 +347,10 @@ class Alerts:
 
 
 def _order_text(text: str) -> str:
-    """Return the order and the operating point of a text; a text without an order as it is."""
+    """Return what to do and the operating point of an alarm's text, in capitals.
+
+    Of a text without an order what follows the bearing's name, as it is.
+    """
     if (order := _ORDER.search(text)) and (words := _ORDERS.get(order[1])):
         return f'{words.format(order[2])}. NOW {order[3]} {order[4]}'
     return text.partition(': ')[2] or text
@@ -355,7 +369,7 @@ def short_names(bearings: Sequence[str]) -> list[str]:
 
 
 def _truncate_words(text: str, room: int) -> str:
-    """Return the whole words of a text that fit into ``room`` characters, or the start of a longer word."""
+    """Return the whole words of a text that fit into ``room`` characters; of a longer word the start."""
     if len(text) <= room:
         return text
     return text[: text.rfind(' ', 0, room + 1)].rstrip(' .') if ' ' in text[: room + 1] else text[:room]
@@ -367,7 +381,10 @@ def clean(text: str) -> str:
 
 
 def _state_letter(alarm: dict[str, Any], priority: str) -> str:
-    """Return the letter of the state that the displays are given; 'N' where a worse alarm covers it."""
+    """Return the letter of an alarm's state in ALF: V, S, A, U, or N for normal or covered by a worse alarm.
+
+    A caution (priority ``C``) is never V or U: nobody needs to acknowledge it.
+    """
     letter = 'N' if alarm.get('covered') else _LETTERS.get(alarm['state'], 'N')
     if priority == 'C':
         return {'V': 'A', 'U': 'N'}.get(letter, letter)

@@ -69,7 +69,7 @@ class Port:
         return self.url.scheme == 'udp' and not self._listens
 
     async def start(self) -> None:
-        """Open the port for the first time; leave a TCP server that does not answer yet to :meth:`run`.
+        """Open the port, and read it from now on; leave a TCP server that does not answer yet to :meth:`run`.
 
         Raises:
             LinkError: It cannot be opened, and waiting does not mend it.
@@ -124,7 +124,11 @@ class Port:
             self._descriptor = None
 
     async def _open_port(self) -> None:
-        """Open the port, read it from now on, and report the link where its state is known."""
+        """Open the port, read it from now on, and report the link; not one with inputs, before it has data.
+
+        Raises:
+            OSError: It cannot be opened.
+        """
         self._fault = self._loop.create_future()
         if self.url.scheme == 'serial':
             self._descriptor = self._open_serial_line()
@@ -172,7 +176,11 @@ class Port:
         return await self._open_socket_at(last_info[0], kind, last_info[4])
 
     async def _open_socket_at(self, family: int, kind: int, address: Any) -> int:
-        """Bind a socket to an address, or connect it; return its descriptor."""
+        """Bind a socket to an address if datagrams are received, else connect it; return its descriptor.
+
+        Raises:
+            OSError: That fails, or takes longer than :data:`_CONNECT_TIMEOUT`.
+        """
         # Closed at the end of the block, unless it is detached.
         with socket.socket(family, kind) as sock:
             sock.setblocking(False)
@@ -203,7 +211,10 @@ class Port:
             self._fault.set_result(why)
 
     def _read_bytes(self, descriptor: int) -> None:
-        """Read available bytes and pass on the whole sentences; an error or the end is set as the fault."""
+        """Read available bytes, report the link as working, and pass on the whole sentences.
+
+        An error, or the end, is set as the fault.
+        """
         try:
             data = os.read(descriptor, _MAX_READ_BYTES)
         except BlockingIOError:
@@ -222,7 +233,7 @@ class Port:
 
 
 def _join_group(sock: socket.socket, group: str) -> None:
-    """Join a multicast group (IEC 61162-450) on every interface that takes it.
+    """Join a multicast group (IEC 61162-450) on every interface that takes it; others may join its port.
 
     Raises:
         OSError: No interface takes it.
@@ -288,7 +299,7 @@ class NmeaClient(Sink):
             await port.start()
 
     def _make_port(self, role: str, address: str) -> Port:
-        """Return a port for a role, ``listen`` or ``alerts``."""
+        """Make a port, not yet open, for a role: ``listen`` or ``alerts``."""
         listens = role == 'listen'
         on_link = partial(self._report_link, 'nmea_in' if listens else 'nmea_out')
         # Where only acknowledgements may come, silence is nothing wrong.
@@ -296,7 +307,7 @@ class NmeaClient(Sink):
         return Port(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
 
     def _report_link(self, name: str, works: bool | None, why: str) -> None:
-        """Report the state of a link; after a failure list and heartbeat are sent at the next tick."""
+        """Report the state of a link; of one that works again, have the next tick send list and heartbeat."""
         if works is not False and self._down.get(name, True):
             self._listed = self._beaten = -math.inf
         self._down[name] = works is False
@@ -307,11 +318,15 @@ class NmeaClient(Sink):
         await asyncio.gather(*(port.run() for port in self._ports))
 
     def take_alarms(self, record: dict[str, Any]) -> None:
-        """Send the ALF sentences of the alarms that changed."""
+        """Send the ALF sentences of the alarms that changed, if there is a port for alerts."""
         self._send_lines(self._alerts.take_alarms(record))
 
     def tick(self, is_present: bool) -> None:
-        """Log silent inputs; send the list and the heartbeat when they are due."""
+        """Log silent inputs; send the list and the heartbeat when they are due.
+
+        Args:
+            is_present: Whether the monitor gives data.
+        """
         now = time.monotonic()
         if self._has_inputs:
             self._inputs.log_silent(now, self._ports[0].stream.unused)

@@ -92,9 +92,9 @@ class SignalKInputs(BusInputs):
         self._ratios: dict[str, float] = {}  # to Signal K's own unit; NaN where nothing converts to it
 
     def greet(self, hello: Mapping[str, Any], now: float) -> None:
-        """Start a connection by the server's greeting: note vessel and clock, and wait for all inputs again.
+        """Start a connection by the server's greeting: store vessel and clock, and wait for all inputs anew.
 
-        The first value of each source may be old from then on.
+        Of each source and path the first value is taken as possibly old. ``now`` is of a steady clock [s].
         """
         self._own = hello['self']
         self._server_ahead = _parse_stamp(hello.get('timestamp')) - now
@@ -113,7 +113,7 @@ class SignalKInputs(BusInputs):
         """Yield bearing, input, number and stamp [ns] of each fresh sample of an admitted source.
 
         The number is converted from the unit of its meta data, and NaN if invalid; the stamp is ``None``
-        if unreadable.
+        if unreadable. ``now`` is of a steady clock [s]; units, sources and times of values are stored.
         """
         self._take_units(frame)
         for update, source, path, value in _own_values(frame, self._own):
@@ -322,13 +322,13 @@ class Notifications:
         return [*cleared, alarm.update()]
 
     def is_echoed(self, frame: object, own_vessel: str) -> bool:
-        """Return whether a frame brings back a notification of this run, which proves that we may write."""
+        """Return whether a frame brings back a notification of this run: proof that we may write."""
         return any(
             _occurrence_of(value).startswith(f'{self._run}-') for *_, value in _own_values(frame, own_vessel)
         )
 
     def take_echo(self, frame: object, own_vessel: str) -> tuple[list[Update], list[ActionRequest]]:
-        """Compare notifications from the server with what was sent, and note what people did there.
+        """Compare notifications from the server with what was sent, and store what people did there.
 
         Returns:
             The updates to send: a restart of an acknowledgement that the server kept, and the end of
@@ -347,7 +347,7 @@ class Notifications:
         return updates, requests
 
     def _take_first_echo(self, alarm: _Alarm, value: Mapping[str, Any]) -> list[Update]:
-        """Note the flags of the first echo of an occurrence, with which later ones are compared.
+        """Store the flags of the first echo of an occurrence, with which later ones are compared.
 
         Returns:
             Updates that send it from a fresh source where the server kept an old acknowledgement; else none.

@@ -128,7 +128,12 @@ class SignalKClient(Sink):
             self._side.report_link(OUT, False, reason)
 
     async def _use_connection(self, session: aiohttp.ClientSession) -> str:
-        """Connect, subscribe, and exchange frames until the connection ends; return the reason."""
+        """Connect, subscribe, and exchange frames until the connection ends; return the reason.
+
+        Raises:
+            LinkError: The server cannot be used as configured.
+            aiohttp.ClientError: The connection fails; so also OSError, asyncio.TimeoutError.
+        """
         async with await self._open_stream(session) as socket:
             hello = await self._receive_hello(socket)
             now = time.monotonic()
@@ -184,7 +189,7 @@ class SignalKClient(Sink):
             raise _Unusable(self._refusal_text(error.status)) from error
 
     def _refusal_text(self, status: int) -> str:
-        """Return the sentence on the HTTP status with which the server refuses the stream."""
+        """Return the sentence on why the server refuses the stream, by its HTTP status, and what to do."""
         if status in (401, 403) and not self._headers:
             return f"signalk.url = '{self._link.url}' {_NEEDS_TOKEN} ({status})"
         if status in (401, 403):
@@ -197,6 +202,8 @@ class SignalKClient(Sink):
 
         Raises:
             LinkError: It is not a Signal K server, or one that is not safe for actions.
+            aiohttp.ClientError: The server closed the connection.
+            asyncio.TimeoutError: None came.
         """
         message = await asyncio.wait_for(socket.receive(), 2.0 * HEARTBEAT)
         if message.type is not aiohttp.WSMsgType.TEXT:
@@ -275,10 +282,12 @@ class SignalKClient(Sink):
             self._queue_updates(self._alarms.take_alarms(record))
 
     def tick(self, is_present: bool) -> None:
-        """Ask about silent paths; queue values and repeated alarms when due; report a missing echo.
+        """Have silent paths explained; queue values and repeated alarms when due; report a missing echo.
+
+        Without a connection or a prefix nothing is queued.
 
         Args:
-            is_present: Whether the monitor gives data.
+            is_present: Whether the monitor gives data; that it gives none is sent as a notification.
         """
         now = time.monotonic()
         if self._socket is not None:
@@ -353,12 +362,12 @@ def _explain_silence(status: int, value: str, has_token: bool) -> str:
 
 
 async def _send_update(socket: aiohttp.ClientWebSocketResponse, update: Update) -> None:
-    """Send one update as a delta."""
+    """Send one update as a delta; what aiohttp raises passes."""
     await socket.send_str(json.dumps({'updates': [update]}, allow_nan=False))
 
 
 def failure_reason(error: BaseException) -> str:
-    """Return why a connection failed, without the names that Python has for its parts."""
+    """Return why a connection failed, in the words of the system; 'no answer' where there are none."""
     inner = getattr(error, 'os_error', None) or error
     text = getattr(inner, 'strerror', None) or re.sub(r'ssl:(<[^>]*>|\S+) ?', '', str(inner))
     return text or 'no answer'
