@@ -30,8 +30,8 @@ from stickslip_monitor.monitor.parameters import (
     MonitorConfig,
 )
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, WATER
+from stickslip_monitor.physics.averages_by_quadrature import equilibrium_table
 from stickslip_monitor.physics.averaging import fold_speed, hopf_load
-from stickslip_monitor.physics.averaging_by_scan import equilibrium_table
 from stickslip_monitor.physics.friction import speed_scales
 from stickslip_monitor.physics.lubrication import as_measured
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from stickslip_monitor.arrays import FloatArray, IndexArray, flatten, in_blocks, mapped, restore
 from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.severity import WordEnum
-from stickslip_monitor.physics import averaging, closed_form
+from stickslip_monitor.physics import averages_closed_form, averaging
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
@@ -473,7 +473,7 @@ def _judge_points(
     # Speed and load come in turns as a rule, so that a load is met twice.
     first = np.append(0, np.flatnonzero(load[1:] != load[:-1]) + 1)[: load.size]
     # What is no closed form costs milliseconds a load.
-    if table is not None and solver is not closed_form:
+    if table is not None and solver is not averages_closed_form:
         hopf, kbm = solver.hopf_speed(law, q[first]), table.fold_kbm(load[first])
     else:
         hopf, kbm = solver.boundaries(law, q[first])

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, mapped
-from stickslip_monitor.physics import averaging_by_scan, closed_form
+from stickslip_monitor.physics import averages_by_quadrature, averages_closed_form
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load, load_for
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
 from stickslip_monitor.physics.lubrication import at_points, gives_load, gives_speed, reference_point
@@ -33,7 +33,7 @@ from stickslip_monitor.physics.lubrication import at_points, gives_load, gives_s
 
 def averaged(law: FrictionLaw) -> Any:
     """Return the module that solves the averaged equations of a law: in closed form for Stribeck's."""
-    return closed_form if computes_as(law, Stribeck) else averaging_by_scan
+    return averages_closed_form if computes_as(law, Stribeck) else averages_by_quadrature
 
 
 @gives_speed

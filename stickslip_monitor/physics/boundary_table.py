@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import FloatArray, flatten, restore
-from stickslip_monitor.physics import averaging, closed_form
+from stickslip_monitor.physics import averages_closed_form, averaging
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.folds import deciding_fold, fold_curve
 from stickslip_monitor.physics.lubrication import as_measured
@@ -154,7 +154,7 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     load = np.exp(onset + grid)
     exact = curve.exact_fold(load)
     exact[-1] = np.nan if ends else exact[-1]
-    closed = averaging.averaged(law) is closed_form
+    closed = averaging.averaged(law) is averages_closed_form
     averaged = np.asarray(averaging.fold_speed(bearing, load)) if closed else curve.averaged_fold(load)
     # At its onset the fold of a law that falls most at rest is no speed yet.
     begins = averaged[:1] < curve.exact[0, 0]

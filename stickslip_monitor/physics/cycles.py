@@ -31,6 +31,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, flatten, mapped, restore
+from stickslip_monitor.physics import averages_closed_form
+from stickslip_monitor.physics.averages_by_quadrature import average_curve
 from stickslip_monitor.physics.averaging import averaged, fold_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.folds import deciding_fold, exact_fold
@@ -429,11 +431,10 @@ def _may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolA
     Under averaging it does where ``rho(a; V)`` is above ``c/N`` at some amplitude and falls below
     it up to the sliding limit; of a law whose ``rho`` is highest there, as Stribeck's, nowhere.
     """
-    law = bearing.friction
-    peak = np.asarray(averaged(law).peak_slope(law, speed))
-    result = load * peak > _LESS * bearing.damping
-    result[result] = averaged(law).cusp_slope(law, speed[result]) < (1.0 - _SAME) * peak[result]
-    return result
+    if averaged(bearing.friction) is averages_closed_form:
+        return np.zeros(speed.size, bool)
+    peak, cusp = average_curve(bearing.friction).at(speed)
+    return (load * peak > _LESS * bearing.damping) & (cusp < (1.0 - _SAME) * peak)
 
 
 def _slides_steadily(field: SlipField) -> BoolArray:

@@ -26,8 +26,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
-from stickslip_monitor.physics import averaging, closed_form
-from stickslip_monitor.physics.averaging_by_scan import cusp_curve, peak_curve
+from stickslip_monitor.physics import averages_closed_form, averaging
+from stickslip_monitor.physics.averages_by_quadrature import average_curve
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import speed_scales
 from stickslip_monitor.physics.numerics import hermite, monotone_slopes, root_on_bracket, spline_slopes
@@ -593,13 +593,13 @@ def deciding_fold(bearing: Bearing, load: FloatArray, exact: FloatArray, average
         averaged: The averaged folds there, ``nan`` for none, shape (n,) [m/s].
     """
     law, lasts = bearing.friction, np.ones(exact.size)
-    if averaging.averaged(law) is not closed_form and speed_scales(law):
-        curve, cusp = peak_curve(law), cusp_curve(law)
-        if np.any(cusp < curve.peak):
+    if averaging.averaged(law) is not averages_closed_form and speed_scales(law):
+        curve = average_curve(law)
+        if np.any(curve.cusp < curve.peak):
             with np.errstate(all='ignore'):
                 ends = [
-                    _last_crossing(curve.speeds, height, bearing.damping / load)
-                    for height in (curve.peak, cusp)
+                    _last_crossing(curve.speed, height, bearing.damping / load)
+                    for height in (curve.peak, curve.cusp)
                 ]
                 lasts = np.fmax(ends[0] / ends[1], 1.0)
                 lasts = np.where(lasts > _APART, np.fmax(averaged / exact, 1.0), lasts)
@@ -787,10 +787,10 @@ def _averaged_curve(grazing: Grazing) -> tuple[FloatArray, FloatArray]:
     """
     law = grazing.law
     speed = np.geomspace(1e-3 * grazing.scales[0], 300.0 * grazing.scales[-1], _SCAN)
-    if (solver := averaging.averaged(law)) is closed_form:
+    if (solver := averaging.averaged(law)) is averages_closed_form:
         peak = solver.peak_slope(law, speed)
     elif speed_scales(law):
-        speed, peak, *_ = peak_curve(law)
+        speed, peak, _ = average_curve(law)
     else:
         peak = np.zeros(speed.size)
     with np.errstate(all='ignore'):

@@ -22,6 +22,12 @@ _SECANT_CLOSE = 1e-14
 _PATIENCE = 12
 
 
+def gauss_rule(order: int) -> tuple[FloatArray, FloatArray]:
+    """Return Gauss-Legendre nodes and weights on [0, 1], shape (order,) each."""
+    nodes, weights = np.polynomial.legendre.leggauss(order)
+    return 0.5 + 0.5 * nodes, 0.5 * weights
+
+
 def hermite_cubics(x: FloatArray, y: FloatArray, slope: FloatArray) -> FloatArray:
     """Return the cubic of each interval, highest power of the distance from its begin first.
 

@@ -32,7 +32,7 @@ from stickslip_monitor.physics import scalar_law as scalar_laws
 from stickslip_monitor.physics import slip_step as dop853
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw
-from stickslip_monitor.physics.quadrature import gauss_rule
+from stickslip_monitor.physics.numerics import gauss_rule
 from stickslip_monitor.physics.scalar_law import (
     ALMOST_REST,
     LawInUse,

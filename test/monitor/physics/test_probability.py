@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from stickslip_monitor.errors import PhysicsError
+from stickslip_monitor.physics.averages_closed_form import decline
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.closed_form import decline
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.probability import (
     Belief,

@@ -7,7 +7,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from stickslip_monitor.physics import closed_form
+from stickslip_monitor.physics import averages_closed_form
 
 
 @pytest.mark.parametrize('x', [1e-9, 1e-4, 0.1, 0.4999, 0.5001, 2.1, 30.0, 699.0, 3e5, 1e8])
@@ -23,10 +23,10 @@ def test_growth_decline_and_their_inverses_keep_every_digit(x: float) -> None:
             for value, rate in ((growth, slope), (exact - growth, 1 - slope))
         ]
         values = np.array([[float(growth)], [float(exact - growth)]])
-    assert closed_form.growth(np.array([x])) == pytest.approx(values[0], rel=2e-15)
-    assert closed_form.decline(np.array([x])) == pytest.approx(values[1], rel=2e-15)
+    assert averages_closed_form.growth(np.array([x])) == pytest.approx(values[0], rel=2e-15)
+    assert averages_closed_form.decline(np.array([x])) == pytest.approx(values[1], rel=2e-15)
     if x > 1e-8:  # below it the growth, x^2/8, is beneath all use
-        assert closed_form.amplitude_for_growth(values[0])[0] == pytest.approx(back[0], rel=2e-15)
+        assert averages_closed_form.amplitude_for_growth(values[0])[0] == pytest.approx(back[0], rel=2e-15)
     # Conditioning: at large v the decline is 1.5 ln v, so an ulp of it is ln v ulps of v.
     least = 4e-15 * max(1.0, np.log(x))
-    assert closed_form.speed_for_decline(values[1])[0] == pytest.approx(back[1], rel=least)
+    assert averages_closed_form.speed_for_decline(values[1])[0] == pytest.approx(back[1], rel=least)

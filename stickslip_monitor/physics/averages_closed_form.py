@@ -11,7 +11,7 @@ the unstable amplitude each follow from one function of one variable,
 inverted here by Newton's method in a fixed number of steps: an element's value never depends on
 what else is in the array.
 
-The functions of a law are those that :mod:`.averaging_by_scan` has for any other. They take arrays of
+The functions of a law are those that :mod:`.averages_by_quadrature` has for any other. They take arrays of
 shape (n,): surface speeds ``V`` > 0 [m/s] and the damping for each unit of load, ``q = c/N`` [s/m]
 (``inf`` without load). What would warn on the way to ``inf`` and ``nan`` is for the caller to
 silence.
@@ -25,11 +25,11 @@ from functools import cache
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray
+from stickslip_monitor.physics import averages_by_quadrature
 from stickslip_monitor.physics.bearing import damping_per_load, load_for
 from stickslip_monitor.physics.bessel import i0e, i1e
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.numerics import root_on_bracket
-from stickslip_monitor.physics.quadrature import friction_harmonic, gauss_rule
+from stickslip_monitor.physics.numerics import gauss_rule, root_on_bracket
 
 _SERIES_LIMIT = 0.5
 _FAR = 1e6
@@ -176,7 +176,7 @@ def harmonic(law: Stribeck, speed: FloatArray, amplitude: FloatArray) -> FloatAr
     falls = i1e(law.decay * a) * np.exp(law.decay * a - law.decay * v)
     result[near] = (law.static - law.kinetic) * falls - 0.5 * law.viscous * a
     # Further out the closed form's two terms cancel: quadrature on each side of the reversal does better.
-    result[~near] = friction_harmonic(law, speed[~near], amplitude[~near])
+    result[~near] = averages_by_quadrature.harmonic(law, speed[~near], amplitude[~near])
     return result
 
 

@@ -1,0 +1,486 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Averages of a friction law without closed forms: by quadrature, a scan, and a root on a bracket.
+
+Everything follows from one surface that the load does not enter, the averaged negative slope
+
+    ``rho(a; V) = 2 S(a; V)/a``   with   ``rho(0; V) = -mu'(V)``.
+
+With ``q = c/N`` a cycle has ``rho = q`` and is stable where ``rho`` falls with ``a``; the
+equilibrium is unstable where ``rho(0) > q``; the highest Hopf speed and the fold are the highest
+speeds at which ``rho(0)`` and ``max_a rho`` still reach ``q``. No number of roots is assumed.
+
+The amplitude coordinate ``x`` runs from 0 through the sliding limit at 1 (``a = V x``) to 2
+(``a = V / cos((x-1) pi/2)``): along it ``rho`` is smooth on both sides of the limit, and beyond
+the limit it falls.
+
+The functions of a law and their arguments are those of :mod:`.averages_closed_form`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
+from stickslip_monitor.physics.bearing import damping_per_load, load_for
+from stickslip_monitor.physics.friction import FrictionLaw, speed_scales
+from stickslip_monitor.physics.numerics import gauss_rule, root_on_bracket
+
+# Stretches of half cycles that are summed at a time, which the processor's cache holds.
+_STRETCHES = 16384
+# Nodes in a stretch; and in one of a table, a cubic, that is narrower than this [rad]: both to 1e-13.
+_RULE, _NARROW, _NARROW_RULE = gauss_rule(16), 0.1, gauss_rule(4)
+# Amplitude coordinates of a scan up to the sliding limit, whose last is the limit, and beyond it.
+_BELOW = np.linspace(0.0, 1.0, 49)
+_ABOVE = 1.0 + np.concatenate([np.geomspace(1e-9, 1e-2, 15), np.linspace(0.02, 0.98, 25)])
+GRID = np.concatenate([_BELOW, _ABOVE])
+CUSP = _BELOW.size - 1
+# Halvings of a bracket about a turn of rho before a parabola: where rho bends suddenly, as of a table, they
+# leave 1e-6 of its height.
+_HALVINGS = 5
+# Speeds of a curve up to the last breakpoint, at least, and beyond it up to a million times as far.
+_SPEEDS, _FAR = 200, np.geomspace(1.0, 1e6, 97)[1:]
+# Of a table with more points so many, and so many of the others besides that may have the highest fold:
+# a table of 300 that scatters by 0.001 has its fold at 1.235 m/s; by 40 speeds alone it was at 0.62.
+_POINTS, _OUTSTANDING = 100, 160
+# Shares of the speed, to both sides, over which the steepest mean fall is looked for.
+_WINDOWS = np.geomspace(1e-3, 1.0, 61)
+# Speeds in a panel between two breakpoints at which the slope of a law is looked at.
+_PER_PANEL = 24
+# Amplitude coordinate below which S/a has lost more digits than the slope of steady sliding is off.
+_STILL = 1e-7
+# Friction has no scale outside this range [m/s]; inside it no amplitude over- or underflows.
+_SLOWEST, _FASTEST = 1e-200, 1e200
+# A fall of friction by less than this share of the coefficient is rounding.
+_ROUNDING = 4e-16
+
+
+def crossing_angle(speed: FloatArray, amplitude: FloatArray, level: FloatArray | float) -> FloatArray:
+    """Return the phase ``t`` in [0, pi] at which ``V - a cos t`` passes a level; clipped to the ends.
+
+    The half-angle form keeps full precision at grazing, where ``arccos`` loses half its digits.
+
+    Args:
+        speed: ``V`` >= 0 [m/s].
+        amplitude: Velocity amplitude ``a`` > 0 [m/s], shape of ``speed``.
+        level: Relative speeds to look for [m/s]; broadcasts with ``speed``.
+    """
+    rise = np.clip((((amplitude - speed) + level) / amplitude) * 0.5, 0.0, 1.0)
+    angle: FloatArray = 2.0 * np.arcsin(np.sqrt(rise))
+    return angle
+
+
+@lru_cache(maxsize=64)
+def _break_levels(law: FrictionLaw) -> FloatArray:
+    """Return the relative speeds at which the friction of a cycle is not smooth, ascending [m/s]."""
+    breaks = speed_scales(law)
+    return np.array([*(-b for b in reversed(breaks)), 0.0, *breaks])
+
+
+def harmonic(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
+    """``S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt``, split where the law is not smooth.
+
+    Sums run term by term: the value of an element never depends on what else is in the array.
+
+    Args:
+        law: Any friction law.
+        speed: ``V`` >= 0 [m/s].
+        amplitude: Velocity amplitude ``a`` > 0 [m/s], shape of ``speed``.
+
+    Returns:
+        ``S`` [-], shape of ``speed``.
+    """
+    v, a = speed.ravel(), amplitude.ravel()
+    level, varying = law.coefficient(v), np.empty(v.size)
+    block = max(1, _STRETCHES // _break_levels(law).size)
+    for first in range(0, v.size, block):
+        part = slice(first, first + block)
+        varying[part] = _varying_harmonic(law, v[part], a[part], level[part])
+    # The average of the constant part has a closed form.
+    reach = np.maximum(a, v)
+    sine = np.sqrt(((reach - v) / reach) * (1.0 + v / reach))
+    return np.asarray(varying - (2.0 / np.pi) * level * sine).reshape(speed.shape)
+
+
+def _varying_harmonic(
+    law: FrictionLaw, speed: FloatArray, amplitude: FloatArray, level: FloatArray
+) -> FloatArray:
+    """Return ``S`` of friction less that of steady sliding, which leaves no rounding noise.
+
+    That noise would pass for cycles where friction is flat.
+
+    Args:
+        law: The law.
+        speed: ``V`` >= 0, shape (n,) [m/s].
+        amplitude: ``a`` > 0, shape (n,) [m/s].
+        level: ``mu(V)``, shape (n,) [-].
+    """
+    begin, extent, element = _smooth_stretches(law, speed, amplitude)
+    narrow = (extent < _NARROW) & (len(getattr(law, 'kinks', ())) > 0)
+    total = np.zeros(element.size)
+    for rows, (nodes, weights) in ((~narrow, _RULE), (narrow, _NARROW_RULE)):
+        index = element[rows, None]
+        sine = np.sin(0.5 * (begin[rows, None] + nodes * extent[rows, None]))
+        drop = 2.0 * sine * sine
+        # V - a cos t without its cancellation: at grazing the sign of v decides the sum.
+        v = (speed - amplitude)[index] + amplitude[index] * drop
+        friction = law.coefficient(v) - np.copysign(level[index], v + 0.0)
+        total[rows] = np.add.reduce(friction * (1.0 - drop) * weights, axis=1)
+    # Stretch by stretch in the order of t, so that no element sees another.
+    return np.bincount(element, total * extent, speed.size) / np.pi
+
+
+def _smooth_stretches(
+    law: FrictionLaw, speed: FloatArray, amplitude: FloatArray
+) -> tuple[FloatArray, FloatArray, IndexArray]:
+    """Return the stretches of the half cycles within which the law is smooth.
+
+    Returns:
+        Start and width of each [rad] and the element it belongs to, in the order of elements and of ``t``;
+        only those with a width; shape (stretches,) each.
+    """
+    levels = _break_levels(law)
+    first = np.searchsorted(levels, speed - amplitude, side='right')
+    inside = np.maximum(np.searchsorted(levels, speed + amplitude, side='left') - first, 0)
+    stretches = inside + 1
+    end = np.cumsum(stretches)
+    element = np.repeat(np.arange(speed.size), stretches)
+    # The number of each stretch in its half cycle, which ends where the next level is passed.
+    number = np.arange(element.size) - (end - stretches)[element]
+    last = number == inside[element]
+    edge = np.full(element.size, np.pi)
+    passing = element[~last]
+    level = levels[first[passing] + number[~last]]
+    edge[~last] = crossing_angle(speed[passing], amplitude[passing], level)
+    start = np.where(number == 0, 0.0, np.roll(edge, 1))
+    width = edge - start
+    used = np.flatnonzero(width)
+    return start[used], width[used], element[used]
+
+
+def _velocity_amplitude(x: FloatArray, speed: FloatArray) -> FloatArray:
+    """Return the velocity amplitudes of amplitude coordinates ``x`` at speeds [m/s]."""
+    beyond = np.maximum(x - 1.0, 0.0) * (0.5 * np.pi)
+    return np.where(x <= 1.0, speed * x, speed / np.cos(beyond))
+
+
+def slope_surface(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> FloatArray:
+    """Return ``rho`` at amplitude coordinates ``x`` and speeds [s/m]; the two broadcast."""
+    x, v = np.broadcast_arrays(x, np.clip(speed, _SLOWEST, _FASTEST))
+    still = x < _STILL
+    a = _velocity_amplitude(np.where(still, 1.0, x), v)
+    rho = 2.0 * harmonic(law, v, a) / a
+    rho[still] = -law.slope(v[still])
+    return rho
+
+
+def _find_vertex(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return where the parabola through three points turns, between the first and the last of them.
+
+    Args:
+        x: Places, rising along the first axis, shape (3, n).
+        y: Values there, shape (3, n).
+
+    Returns:
+        Shape (n,); the middle place where the points lie on a line.
+    """
+    left, right = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
+    with np.errstate(all='ignore'):
+        place = 0.5 * (x[0] + x[1]) + 0.5 * (x[2] - x[0]) * left / (left - right)
+    return np.where(np.isfinite(place), np.clip(place, x[0], x[2]), x[1])
+
+
+def _find_turns(
+    law: FrictionLaw, speed: FloatArray, low: FloatArray, high: FloatArray, side: FloatArray | float = 1.0
+) -> tuple[FloatArray, FloatArray]:
+    """Find where ``rho`` is highest, or lowest, between two amplitude coordinates each.
+
+    Args:
+        law: The law.
+        speed: Shape (n,) [m/s].
+        low: Where to begin, shape (n,).
+        high: Where to end, shape (n,).
+        side: 1 for the highest, -1 for the lowest; one number or one each.
+
+    Returns:
+        Amplitude coordinates, and ``rho`` there [s/m], shape (n,) each.
+    """
+    for _ in range(_HALVINGS):
+        quarter = 0.25 * (high - low)
+        x = low + quarter * np.array([[1.0], [2.0], [3.0]])
+        y = slope_surface(law, x, speed)
+        place = np.take_along_axis(x, np.argmax(side * y, axis=0)[None], 0)[0]
+        low, high = place - quarter, place + quarter
+    x = np.vstack([x, _find_vertex(x, y)])
+    y = np.vstack([y, slope_surface(law, x[-1:], speed)])
+    best = np.argmax(side * y, axis=0)[None]
+    return np.take_along_axis(x, best, 0)[0], np.take_along_axis(y, best, 0)[0]
+
+
+def _find_peaks(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return ``max_a rho(a; V)`` and ``rho`` at the sliding limit [s/m], each of shape (n,).
+
+    Beyond the sliding limit ``rho`` falls, so the highest stands at an amplitude ``a <= V``.
+    """
+    rows = slope_surface(law, _BELOW, speed[:, None])
+    best = np.argmax(rows, axis=1)
+    place, peak = _find_turns(law, speed, _BELOW[np.maximum(best - 1, 0)], _BELOW[np.minimum(best + 1, CUSP)])
+    on_grid = np.max(rows, axis=1)
+    place, peak = np.where(peak > on_grid, place, _BELOW[best]), np.maximum(peak, on_grid)
+    # A fall in the last digit of the coefficient is rounding, not friction.
+    rounding = np.abs(peak) * place * speed < _ROUNDING * law.coefficient(speed)
+    peak[rounding & (place > 0.0)] = 0.0
+    return peak, rows[:, CUSP]
+
+
+class AverageCurve(NamedTuple):
+    """Averaged slopes of a law over the speed.
+
+    Attributes:
+        speed: Ascending, shape (m,) [m/s].
+        peak: The highest ``rho`` of any amplitude, shape (m,) [s/m].
+        cusp: ``rho`` at the sliding limit, shape (m,) [s/m].
+    """
+
+    speed: FloatArray
+    peak: FloatArray
+    cusp: FloatArray
+
+    def at(self, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return peak and cusp at speeds, by lines between those of the curve, shape of ``speed`` [s/m]."""
+        return np.interp(speed, self.speed, self.peak), np.interp(speed, self.speed, self.cusp)
+
+
+@lru_cache(maxsize=32)
+def average_curve(law: FrictionLaw) -> AverageCurve:
+    """Scan a law from almost rest to far past its last breakpoint; a law without a scale has no speeds."""
+    scales = np.array(speed_scales(law))
+    if not scales.size:
+        return AverageCurve(*np.zeros((3, 0)))
+    edges = np.append(0.0, scales[:: -(-scales.size // _POINTS)])
+    share = np.arange(1, _SPEEDS // (edges.size - 1) + 2) / (_SPEEDS // (edges.size - 1) + 1)
+    panels = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
+    near = np.geomspace(1e-9, 0.9, 40) * panels[0]
+    speed = np.unique(np.concatenate([near, panels, _outstanding_speeds(law), scales[-1] * _FAR]))
+    return AverageCurve(speed, *_find_peaks(law, speed))
+
+
+def _outstanding_speeds(law: FrictionLaw) -> FloatArray:
+    """Return speeds of a table whose highest ``rho`` may exceed that of all higher speeds, shape (n,) [m/s].
+
+    ``rho`` is the mean of ``-mu'`` about ``V`` with the weight ``sqrt(a^2 - (v - V)^2)``, and so a mean of
+    its means over windows ``V - h`` to ``V + h``: the steepest of these bounds it.
+    """
+    breaks, (steady, fall) = np.array(speed_scales(law)), equilibrium_table(law)
+    steepest = steady[1:-1][(fall[1:-1] > fall[:-2]) & (fall[1:-1] >= fall[2:])]
+    speed = np.unique(np.concatenate([breaks, 0.5 * (breaks[1:] + breaks[:-1]), steepest]))
+    at_rest = -law.slope(speed)
+    bound = at_rest.copy()
+    for share in _WINDOWS:
+        fall = law.coefficient(speed * (1.0 - share)) - law.coefficient(speed * (1.0 + share))
+        bound = np.maximum(bound, fall / (2.0 * share * speed))
+    record = (bound > 0.0) & (bound >= np.maximum.accumulate(bound[::-1])[::-1])
+    steady, moving = speed[record & (at_rest >= bound)], speed[record & (at_rest < bound)]
+    # So many stand out only where the peaks fall from speed to speed, and between them.
+    return np.append(steady, moving[:: max(1, -(-moving.size // _OUTSTANDING))])
+
+
+@lru_cache(maxsize=32)
+def equilibrium_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
+    """Return speeds up to the last breakpoint with the steepest falls among them [m/s], and ``rho(0)`` there.
+
+    Each of shape (n,), of a law with a breakpoint.
+    """
+    edges = np.append(0.0, speed_scales(law))
+    share = np.arange(1, _PER_PANEL + 1) / _PER_PANEL
+    panels = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
+    speeds = np.append(np.geomspace(1e-9, 0.9, 40) * panels[0], panels)
+    x, y = (np.stack([part[:-2], part[1:-1], part[2:]]) for part in (speeds, -law.slope(speeds)))
+    top = (y[1] > y[0]) & (y[1] >= y[2])
+    speeds = np.unique(np.append(speeds, _find_vertex(x[:, top], y[:, top])))
+    return speeds, -law.slope(speeds)
+
+
+def peak_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
+    """``max_a rho(a; V)`` [s/m] for each speed."""
+    return _find_peaks(law, np.clip(speed, _SLOWEST, _FASTEST))[0]
+
+
+def cusp_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
+    """Return ``rho`` at the sliding limit ``a = V`` [s/m], shape of ``speed``."""
+    return slope_surface(law, np.ones(1), speed)
+
+
+def hopf_load(law: FrictionLaw, speed: FloatArray, damping: float) -> FloatArray:
+    """``N_H = -c/mu'(V)`` [N]; ``nan`` where friction does not fall."""
+    return load_for(-law.slope(speed), damping)
+
+
+def _last_above(heights: FloatArray, q: FloatArray) -> IndexArray:
+    """Return the index of the last height that exceeds each ``q``; -1 where none does."""
+    from_right = np.maximum.accumulate(heights[::-1])[::-1]
+    return np.searchsorted(-from_right, -q, side='left') - 1
+
+
+def boundaries(law: FrictionLaw, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return Hopf and fold speed [m/s]; ``nan`` where there is none, ``inf`` for a fold without an end."""
+    return hopf_speed(law, q), fold_speed(law, q)
+
+
+def hopf_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
+    """Highest speed at which the equilibrium loses its stability [m/s]; ``nan`` without one."""
+    result = np.full_like(q, np.nan)
+    if not speed_scales(law):
+        return result
+    speeds, heights = equilibrium_table(law)
+    index = _last_above(heights, q)
+    # A law that ends on a falling stretch is flat beyond it: its last speed is the boundary.
+    result[index == speeds.size - 1] = speeds[-1]
+    inside = np.flatnonzero((index >= 0) & (index < speeds.size - 1))
+    result[inside] = _last_root(lambda v: -law.slope(v), speeds, heights, index[inside], q[inside])
+    return result
+
+
+def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
+    """Return the highest speed with a stick-slip cycle, by averaging [m/s].
+
+    Args:
+        law: The friction law.
+        q: Damping for each unit of load ``c/N``, shape (n,) [s/m].
+
+    Returns:
+        Shape (n,); ``nan`` where no speed has a cycle, ``inf`` where the fastest scanned one still has.
+    """
+    curve = average_curve(law)
+    index = _last_above(curve.peak, q)
+    result = np.where(index >= 0, np.inf, np.nan)
+    inside = np.flatnonzero((index >= 0) & (index < curve.speed.size - 1))
+    result[inside] = _last_root(
+        lambda v: peak_slope(law, v), curve.speed, curve.peak, index[inside], q[inside]
+    )
+    return result
+
+
+def _last_root(
+    height: Callable[[FloatArray], FloatArray],
+    speed: FloatArray,
+    heights: FloatArray,
+    index: IndexArray,
+    q: FloatArray,
+) -> FloatArray:
+    """Return where a height falls to ``q`` between a speed of a scan and the next, shape (n,) [m/s].
+
+    Args:
+        height: Of speeds, shape (n,) [s/m].
+        speed: Of the scan, ascending, shape (m,) [m/s].
+        heights: There, shape (m,) [s/m].
+        index: Of the speeds at which a root's bracket begins, shape (n,).
+        q: Shape (n,) [s/m].
+    """
+    ends = heights[index] - q, heights[index + 1] - q
+    return root_on_bracket(lambda v, level: height(v) - level, speed[index], speed[index + 1], ends, (q,))
+
+
+def is_unstable(law: FrictionLaw, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
+    """Return where steady sliding is unstable, ``-mu'(V) > q``; there may be several such ranges of speed."""
+    return -law.slope(speed) > q
+
+
+def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
+    """Return where a stable stick-slip cycle exists; there may be several such ranges of speed.
+
+    It does wherever the highest ``rho`` exceeds ``q``: with growing amplitude ``rho`` falls below every
+    ``q``. Where one of several ranges ends is read from :func:`average_curve`.
+
+    Args:
+        law: The law.
+        speed: Shape (n,) [m/s].
+        q: ``c/N``, shape (n,) [s/m].
+        fold: Averaged fold at each, shape (n,) [m/s].
+    """
+    curve = average_curve(law)
+    below = (speed > 0.0) & (speed < fold)
+    if not below.any():
+        return below
+    # From the last speed of the curve that has a cycle there is one up to the fold.
+    last = curve.speed[np.maximum(_last_above(curve.peak, q), 0)]
+    return below & ((curve.at(speed)[0] > q) | (speed >= last))
+
+
+def stable_amplitude(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
+    """Return the velocity amplitude of the largest stable cycle [m/s], shape (n,); ``nan`` for none."""
+    amplitude, stable = _all_cycles(law, speed, q)
+    return np.fmax.reduce(np.where(stable > 0.0, amplitude, np.nan), axis=1, initial=np.nan)
+
+
+def threshold_amplitude(law: FrictionLaw, speed: FloatArray, damping: float, load: FloatArray) -> FloatArray:
+    """Return the velocity amplitude of the smallest unstable cycle about stable sliding [m/s], shape (n,).
+
+    ``nan`` where steady sliding is not stable or no cycle surrounds it.
+    """
+    q = damping_per_load(damping, load)
+    amplitude, stable = _all_cycles(law, speed, q)
+    smallest = np.fmin.reduce(np.where(stable > 0.0, np.nan, amplitude), axis=1, initial=np.nan)
+    return np.where(-law.slope(speed) <= q, smallest, np.nan)
+
+
+def cycles(
+    law: FrictionLaw, speed: FloatArray, damping: float, load: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the velocity amplitudes of all cycles and their stability.
+
+    Returns:
+        Amplitudes, ascending and padded with ``nan`` [m/s], and 1.0 for a stable, 0.0 for an unstable cycle
+        or padding; both of shape (n, w) with the ``w`` of the point that has most.
+    """
+    return _all_cycles(law, speed, damping_per_load(damping, load))
+
+
+def _all_cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return :func:`cycles` for the damping of a unit of load, ``q = c/N``, shape (n,) [s/m]."""
+    point, low, high, below, above = _cycle_brackets(law, speed, q)
+    point = point.astype(np.intp)
+    v, level = speed[point], q[point]
+    x = root_on_bracket(
+        lambda x, v, level: slope_surface(law, x, v) - level, low, high, (below, above), (v, level)
+    )
+    with np.errstate(over='ignore'):
+        cycle_amplitude = _velocity_amplitude(x, v)
+    # Of each point a row, by ascending amplitude.
+    order = np.lexsort([cycle_amplitude, point])
+    point, counts = point[order], np.bincount(point, minlength=speed.size)
+    rank = np.arange(point.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    amplitude, stable = (np.full((speed.size, counts.max(initial=0)), pad) for pad in (np.nan, 0.0))
+    amplitude[point, rank], stable[point, rank] = cycle_amplitude[order], (below > above)[order]
+    return amplitude, stable
+
+
+def _cycle_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
+    """Return the stretches of the amplitude coordinate within which ``rho`` passes ``q`` once.
+
+    Returns:
+        The point that each belongs to, where it begins and ends, and ``rho - q`` there and there [s/m];
+        shape (5, stretches).
+    """
+    rows = slope_surface(law, GRID, speed[:, None]) - q[:, None]
+    point, k = np.nonzero((rows[:, :-1] > 0.0) != (rows[:, 1:] > 0.0))
+    before, after = rows[point, k], rows[point, k + 1]
+    # Friction that is level gives and takes nothing up to some amplitude: that is no cycle of none.
+    before = np.where(before == 0.0, -after, before)
+    crossings = np.stack([point, GRID[k], GRID[k + 1], before, after])
+    # A turn towards 0 between places of the grid may hide two roots. That at the cusp is none, but one may
+    # lie just below.
+    side = np.sign(rows[:, 1:-1])
+    middle, beside = side * rows[:, 1:-1], np.minimum(side * rows[:, :-2], side * rows[:, 2:])
+    point, k = np.nonzero((middle > 0.0) & (middle <= beside))
+    side, last = side[point, k], np.where(k + 1 == CUSP, k + 1, k + 2)
+    turn, value = _find_turns(law, speed[point], GRID[k], GRID[last], -side)
+    value = value - q[point]
+    hides = value * side < 0.0
+    point, k, last, turn, value = point[hides], k[hides], last[hides], turn[hides], value[hides]
+    to = np.stack([point, GRID[k], turn, rows[point, k], value])
+    back = np.stack([point, turn, GRID[last], value, rows[point, last]])
+    return np.concatenate([crossings, to, back], axis=1)
