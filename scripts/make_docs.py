@@ -270,8 +270,8 @@ def with_links(page: str) -> str:
 
 def with_diagnostics(page: str) -> str:
     """Return the page on interfaces with the table of a bearing's diagnostic keys made anew."""
-    rows = [(f'`{row.key}`', f'`{row.name}`', row.text, NEEDED[row.needs]) for row in BEARING if row.key]
-    lines = ['| key | field of `~/bearings` | meaning | only with |', '|---|---|---|---|']
+    rows = [(f'`{row.key}`', f'`{row.name}`', NEEDED[row.needs]) for row in BEARING if row.key]
+    lines = ['| key | field of `~/bearings` | only with |', '|---|---|---|']
     lines += [f'| {" | ".join(cells)} |'.replace('|  |', '| |') for cells in rows]
     table = '\n'.join(lines)
     return DIAGNOSTICS.sub(lambda _: f'\n{table}\n\n', page, count=1)
