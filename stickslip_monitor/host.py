@@ -31,7 +31,7 @@ _UPTIME = getattr(time, 'CLOCK_BOOTTIME', time.CLOCK_MONOTONIC)
 
 
 def uptime_ns() -> int:
-    """Time since the machine was started [ns]; that in which it slept counts, where it can."""
+    """Return the time since the machine was started [ns], with that in which it slept where known."""
     return time.clock_gettime_ns(_UPTIME)
 
 
@@ -48,7 +48,7 @@ class HostClock:
         self._ahead_ns, self._set_ns = wall() - steady(), 0
 
     def now(self) -> Moment:
-        """Now, on both, and by how much that on the wall was set since this was made."""
+        """Return the time of both, and by how much the one on the wall was set since the first [ns]."""
         moment = Moment(self._steady(), self._wall(), self._set_ns)
         before, self._ahead_ns = self._ahead_ns, moment.time_ns - moment.steady_ns
         step_ns = self._ahead_ns - before
@@ -84,7 +84,7 @@ class _Pump:
         self._rest, self._lost = b'', 0
 
     def run(self) -> None:
-        """Forward until the source ends, then what the reader takes in time."""
+        """Forward until the source ends; then what the reader takes without a pause of :data:`LAST_WORDS`."""
         is_open = True
         while is_open or self._lines:
             sources, targets = [self._source] * is_open, [self._target] * bool(self._lines)
@@ -97,7 +97,7 @@ class _Pump:
                 is_open = self._read_available()
 
     def _read_available(self) -> bool:
-        """Read available data; return False at the end of the source."""
+        """Queue the lines that can be read, and count those dropped; return whether the source goes on."""
         data = os.read(self._source, 1 << 16)
         *lines, self._rest = (self._rest + data).split(b'\n')
         if self._rest and not data:
@@ -120,6 +120,7 @@ class _Pump:
 
 
 def _open_null(descriptor: int) -> None:
+    """Have what is written to a descriptor vanish."""
     null = os.open(os.devnull, os.O_WRONLY)
     if null != descriptor:
         os.dup2(null, descriptor)

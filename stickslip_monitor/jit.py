@@ -144,6 +144,6 @@ def _search_of(values: Any, wanted: Any) -> Callable[[Any, Any], int]:
 
 
 def _digest_modules(modules: tuple[ModuleType, ...]) -> str:
-    """Name of the cached functions: numba does not see when a function they call has changed."""
+    """Return a name for cached functions that changes with their modules, which numba does not look at."""
     sources = [Path(str(module.__file__)).read_bytes() for module in modules]
     return f'{zlib.crc32(repr((_OPTIONS, sources)).encode()):08x}'

@@ -104,7 +104,7 @@ class StateFile:
         return self.path.with_name(self.path.name + suffix)
 
     def lock(self) -> None:
-        """Lock the file for this process, until :meth:`unlock` or its end.
+        """Lock the file for this process, until :meth:`unlock` or its end; go on where locks cannot be had.
 
         Raises:
             RosError: Another process has it.
@@ -150,7 +150,7 @@ class StateFile:
         return document
 
     def set_aside(self) -> str:
-        """Rename a damaged file, so that somebody can look at it; return where it is now."""
+        """Rename a damaged file, so that somebody can look at it; return the sentence on where it is now."""
         try:
             return f'it is now {self.path.replace(self._path_beside(".damaged"))}'
         except OSError as error:
@@ -171,7 +171,7 @@ class Background(Generic[T]):
     Args:
         name: What the thread is called.
         write: Writes one thing; whatever it raises is survived.
-        most: So many wait at most, the newest of all.
+        max_waiting: How many things wait, the newest of all.
 
     Attributes:
         fault: Why the last thing is not written yet; empty otherwise.
@@ -186,7 +186,10 @@ class Background(Generic[T]):
         self._thread: threading.Thread | None = None
 
     def put(self, thing: T) -> None:
-        """Have something written; it must not change any more."""
+        """Queue something for the thread, which the first one starts; it must not change any more.
+
+        Of more than the thread may keep waiting the oldest is dropped.
+        """
         with self._changed:
             self._waiting.append(thing)
             self._changed.notify()
@@ -196,7 +199,7 @@ class Background(Generic[T]):
                 self._thread.start()
 
     def close(self, patience: float) -> bool:
-        """Write what is left; whether that took no longer than so much time [s]."""
+        """End the thread when all that waits is written; return whether that took up to ``patience`` [s]."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -206,6 +209,7 @@ class Background(Generic[T]):
         return thread is None or not thread.is_alive()
 
     def _run_writer(self) -> None:
+        """Write what waits, as the thread, until :meth:`close`; store a failure in :attr:`fault`."""
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting or self._closing)
@@ -217,15 +221,12 @@ class Background(Generic[T]):
                 self.fault = ''
             except Exception as error:
                 self.fault = cause(error)
-                self._wait_for_retry(thing)
-
-    def _wait_for_retry(self, thing: T) -> None:
-        """Before the next attempt, with this one unless there is a newer one by then."""
-        with self._changed:
-            if not self._closing:
-                self._changed.wait_for(lambda: self._closing, RETRY_PERIOD)
-                if not self._waiting:
-                    self._waiting.append(thing)
+                with self._changed:
+                    # Another attempt, with this one unless there is a newer one by then; none at the end.
+                    if not self._closing:
+                        self._changed.wait_for(lambda: self._closing, RETRY_PERIOD)
+                        if not self._waiting:
+                            self._waiting.append(thing)
 
 
 class StateWriter(StateFile):
@@ -249,10 +250,10 @@ class StateWriter(StateFile):
         return self._writer.fault and f'the alarms are not kept: {self._writer.fault}'
 
     def write(self, document: Any) -> None:
-        """Have a document written, which must not change any more; the newest of all."""
+        """Have the thread write a document, which must not change any more, in place of one that waits."""
         self._writer.put(document)
 
     def close(self, patience: float = 2.0) -> None:
-        """Write what is left, unless that takes longer than patience [s], and let others write."""
+        """Write what waits, for up to ``patience`` [s], and unlock the file."""
         self._writer.close(patience)
         self.unlock()

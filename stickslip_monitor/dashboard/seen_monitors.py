@@ -308,7 +308,11 @@ class WatchedMonitor(Sink):
         self.log(sorted(entries, key=lambda entry: entry['time'] or 0))
         self.send('alarms', {}, '')
         for request, done in self._expected:
-            answers = sum(_is_answer(change, request) for change in record['changes'])
+            by_it = request.by, request.action.value
+            answers = sum(
+                (change['by'], change['what']) == by_it and _is_about(request, change)
+                for change in record['changes']
+            )
             if answers and not done.done():
                 done.set_result(answers)
 
@@ -362,12 +366,6 @@ class WatchedMonitor(Sink):
 def _is_about(request: ActionRequest, alarm: dict[str, Any]) -> bool:
     """Return whether a request is about an alarm: about its bearing or all, and its kind or all."""
     return request.bearing in (None, alarm['bearing']) and request.kind in (None, alarm['alarm'])
-
-
-def _is_answer(change: dict[str, Any], request: ActionRequest) -> bool:
-    """Return whether a change is the result of a request."""
-    same = (change['by'], change['what']) == (request.by, request.action.value)
-    return same and _is_about(request, change)
 
 
 def _list_names(names: list[str]) -> str:

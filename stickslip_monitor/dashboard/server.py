@@ -45,6 +45,7 @@ SWEEP = 0.1
 PATIENCE = 3.0
 """How long an action may take [s]."""
 LARGEST_REQUEST = 4096
+"""Content of a request [bytes]: an action with its reason has some hundred."""
 SESSION = 30 * 24 * 3600
 """A browser keeps a session for so long [s]."""
 _JSON = 'application/json'

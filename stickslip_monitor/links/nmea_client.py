@@ -63,11 +63,6 @@ class Port:
         self._fault: asyncio.Future[str] = self._loop.create_future()
         self._descriptor: int | None = None
 
-    @property
-    def _is_unanswered(self) -> bool:
-        """Whether it is unknown if what is sent arrives: datagrams are not answered."""
-        return self.url.scheme == 'udp' and not self._listens
-
     async def start(self) -> None:
         """Open the port, and read it from now on; leave a TCP server that does not answer yet to :meth:`run`.
 
@@ -135,7 +130,7 @@ class Port:
         else:
             self._descriptor = await self._open_socket()
         self._loop.add_reader(self._descriptor, self._read_bytes, self._descriptor)
-        if self._is_unanswered:
+        if self.url.scheme == 'udp' and not self._listens:  # datagrams are not answered
             self._on_link(None, 'datagrams are sent; whether anybody takes them is unknown')
         elif self._silent == math.inf:
             self._on_link(True, '')

@@ -342,7 +342,8 @@ class Notifications:
             if _occurrence_of(value) == alarm.token and source == alarm.source:
                 updates += self._take_first_echo(alarm, value)
                 requests += self._requests_of_echo(alarm, value)
-            elif source != alarm.source and _is_leftover(source, value):
+            elif source != alarm.source and source.startswith(SOURCE) and value.get('state') != 'normal':
+                # Another run of this program has left it.
                 updates.append(_make_update(source, path, NORMAL))
         return updates, requests
 
@@ -425,8 +426,3 @@ def _acknowledged_silenced(value: Mapping[str, Any]) -> tuple[bool, bool]:
     status = value.get('status')
     flags = status if isinstance(status, dict) else {}
     return flags.get('acknowledged') is True, flags.get('silenced') is True
-
-
-def _is_leftover(source: str, value: Mapping[str, Any]) -> bool:
-    """Return whether a notification that is not normal was sent by another run of this program."""
-    return source.startswith(SOURCE) and value.get('state') != 'normal'

@@ -36,13 +36,14 @@ HEARTBEAT = 10.0
 REPEAT = 60.0
 """All alarms are sent again after so long [s]: a server forgets, and others overwrite."""
 BACK_OFF = (0.5, 5.0)
+"""First and longest wait before another connection [s], shortened by chance: ships must not call at once."""
 LIVED = 10.0
 """A connection that ends sooner was none: the waits go on growing [s]."""
 _WAIT_FOR = (408, 425, 429)
 """Answers of a server that is busy: these are waited for, as those from 500 on."""
-_VALUES_EVERY = 1.0
-_OUTBOX = 1000
-_LARGEST_FRAME = 4 << 20
+_VALUES_EVERY = 1.0  # period of the values [s]
+_OUTBOX = 1000  # updates that wait for the server; the oldest are dropped
+_LARGEST_FRAME = 4 << 20  # of a frame [bytes]: a server's whole state has some 100 kB
 _NEEDS_TOKEN = (
     'gives nothing without a token: name a file as signalk.token_file and run'
     ' `stickslip watch --request-token`'
@@ -115,17 +116,13 @@ class SignalKClient(Sink):
                     reason = str(error)
                 except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
                     reason = failure_reason(error)
-                self._report_lost(reason)
+                self._socket, self._waiting_since = None, None
+                self._side.report_link(IN, False, reason)
+                if self._link.prefix:
+                    self._side.report_link(OUT, False, reason)
                 wait = BACK_OFF[0] if time.monotonic() - begun > LIVED else wait
                 await asyncio.sleep(wait * random.uniform(0.5, 1.0))
                 wait = min(2.0 * wait, BACK_OFF[1])
-
-    def _report_lost(self, reason: str) -> None:
-        """Report both links as lost, and expect no echo."""
-        self._socket, self._waiting_since = None, None
-        self._side.report_link(IN, False, reason)
-        if self._link.prefix:
-            self._side.report_link(OUT, False, reason)
 
     async def _use_connection(self, session: aiohttp.ClientSession) -> str:
         """Connect, subscribe, and exchange frames until the connection ends; return the reason.
@@ -222,7 +219,7 @@ class SignalKClient(Sink):
         return hello
 
     def _queue_all(self, now: float) -> None:
-        """Empty the outbox, and queue meta data and all notifications for a new connection."""
+        """Empty the outbox, and with a prefix queue meta data and all notifications for a new connection."""
         self._outbox.clear()
         if self._link.prefix:
             self._outbox += [self._values.make_meta(name) for name in self._side.bearings]
