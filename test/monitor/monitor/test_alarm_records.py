@@ -158,3 +158,17 @@ def test_a_damaged_state_is_named_and_nothing_is_taken_over(
 def test_what_is_no_state_at_all(stuck: Annunciator, document: Any) -> None:
     with pytest.raises(AlarmStateError, match='the document has no'):
         recall_state(stuck, document, T0)
+
+
+def test_the_row_of_an_input_that_is_back_says_since_when_and_when_it_clears(config: MonitorConfig) -> None:
+    annunciator = Annunciator(config)
+    for second, before, after in (
+        (5, Condition.NORMAL, Condition.INPUT_STALE),
+        (8, Condition.INPUT_STALE, Condition.NORMAL),
+    ):
+        annunciator.advance(second * SECOND, T0 + second * SECOND)
+        annunciator.take_event(condition_change(second, before, after))
+    annunciator.advance(9 * SECOND, T0 + 9 * SECOND)
+    (row,) = alarms_record(annunciator, [], T0 + 9 * SECOND, 1)['rows']
+    # The default input_off_delay is a minute.
+    assert (row['back_since'], row['clears_at']) == (T0 + 8 * SECOND, T0 + 68 * SECOND)

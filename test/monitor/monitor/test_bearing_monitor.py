@@ -12,9 +12,13 @@ from shared import REFERENCE
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
+from stickslip_monitor.monitor.rule import BEYOND, IDLE, end_stick_slip
+from stickslip_monitor.monitor.rule_state import DOUBT, State
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.signals import NO_VALUES, Input, Status
 from stickslip_monitor.monitor.statements import OrderKind, SpeedOrder, order
+from stickslip_monitor.monitor.vibration_rule import QUIET as QUIET_LEVEL
+from stickslip_monitor.monitor.vibration_rule import SHORT, UNKNOWN, VIBRATING, usable_state
 
 # The first point below the Hopf speed decides, and no delay waits for a second one.
 AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}
@@ -477,3 +481,51 @@ def test_two_values_far_apart_are_no_pair() -> None:
     timeout = monitor.config.speed.timeout_ns
     (event,) = monitor.advance(200 * 10**9)
     assert (event.time_ns, event.after) == (100 * 10**9 + timeout, Condition.INPUT_STALE)
+
+
+def test_an_input_is_lost_until_its_first_value_and_after_its_timeout() -> None:
+    monitor = Monitor(configured())
+    bearing = monitor.bearings['aft']
+    lost = [[bearing.is_lost(place) for place in Input]]
+    for time, quantity in ((0.0, 'speed'), (1.0, 'load'), (6.0, 'load')):
+        feed(monitor, time, quantity, 1000.0)
+        lost.append([bearing.is_lost(place) for place in Input])
+    # Neither level nor water temperature is configured.
+    assert lost == [
+        [True, True, False, False],
+        [False, True, False, False],
+        [False, False, False, False],
+        [True, False, False, False],
+    ]
+
+
+@pytest.mark.parametrize(
+    ('verdict', 'course', 'doubt'),
+    [(QUIET_LEVEL, IDLE, 2 * DOUBT), (QUIET_LEVEL, BEYOND, 0), (UNKNOWN, IDLE, 0)],
+)
+def test_a_level_is_doubted_only_where_its_quiet_alone_ended_stick_slip(
+    verdict: int, course: int, doubt: int
+) -> None:
+    state = State()
+    state.sticking, state.course, state.doubt = 1, course, 0
+    end_stick_slip(state, verdict)
+    assert (state.sticking, state.doubt) == (0, doubt)
+
+
+@pytest.mark.parametrize(
+    ('doubt', 'high_for', 'still', 'expected'),
+    [
+        (0, SHORT - 1, 0, VIBRATING),  # quiet for long enough before: used at once
+        (1, SHORT - 1, 0, UNKNOWN),
+        (1, SHORT, 0, VIBRATING),  # it goes on, so it counts
+        (DOUBT, SHORT, DOUBT, VIBRATING),
+        (DOUBT + 1, SHORT, 0, UNKNOWN),
+        (0, SHORT, DOUBT + 1, UNKNOWN),  # stuck
+    ],
+)
+def test_a_vibration_counts_at_once_or_when_it_goes_on(
+    doubt: int, high_for: int, still: int, expected: int
+) -> None:
+    state = State()
+    state.vibrating, state.doubt, state.high_for, state.still = VIBRATING, doubt, high_for, still
+    assert usable_state(state) == expected

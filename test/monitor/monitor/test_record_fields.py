@@ -15,14 +15,17 @@ from stickslip_monitor import Monitor
 from stickslip_monitor.monitor.assessment import Assessments
 from stickslip_monitor.monitor.bearing_records import (
     BearingState,
+    NodeHealth,
     bearing_record,
     bearings_json,
     diagnostic_record,
     event_record,
+    health_record,
     output_topics,
 )
 from stickslip_monitor.monitor.input_faults import InputState
 from stickslip_monitor.monitor.record_fields import ASSESSMENT, BEARING, NUMBERS, WARNING
+from stickslip_monitor.monitor.severity import Severity
 
 LEVEL = {'level__topic': '/level', 'level__unit': 'mm/s', 'level__threshold': 2.0}
 # As docs/interfaces.md has them.
@@ -180,3 +183,32 @@ def test_topics_of_a_bearing() -> None:
     assert tuple(own[:4]) == numbers
     assert own[-2:] == ['regime', 'measured']
     assert [name for name in own if f'/{name}`' not in page] == []
+
+
+def test_a_healthy_node_says_so_in_every_value() -> None:
+    record = health_record('port/stickslip_monitor', NodeHealth(monitoring=True))
+    head = Severity.OK, 'port/stickslip_monitor: the node', 'port/stickslip_monitor', 'Monitoring.'
+    assert (record.level, record.name, record.hardware_id, record.message) == head
+    assert list(record.values.values()) == ['active', '0', 'none', '0', '0', '0', '0', 'none', 'fine', 'fine']
+
+
+def test_the_node_names_its_losses_and_changes() -> None:
+    health = NodeHealth(monitoring=True, lost=1, left_out=2, losing=True)
+    health.change('aft.mass', 50.0, 60.0)
+    health.change('aft.mass', 60.0, 70.0)
+    assert health.severity is Severity.WARN
+    assert health.message == (
+        '1 message lost on the way to the node, 2 messages left out while the node was too busy, some in the'
+        ' last minute. Changed over ROS and not acknowledged: aft.mass from 50.0 to 70.0.'
+    )
+    health.change('aft.mass', 70.0, 50.0)
+    assert health.changed == {}
+
+
+def test_a_failure_counts_for_a_minute() -> None:
+    health = NodeHealth(monitoring=True, failures=1, last_failure='x')
+    failing = []
+    for steady in (100.0, 159.0, 161.0):
+        health.age(steady)
+        failing.append((health.failing, health.severity))
+    assert failing == [(True, Severity.ERROR), (True, Severity.ERROR), (False, Severity.OK)]
