@@ -51,28 +51,27 @@ GROUPS = (
         'friction',
         'Friction',
         '`stribeck` takes static, kinetic, decay (and viscous, exponent); `coulomb` static, kinetic;'
-        ' `tabulated` speed and coefficient. Others have no effect, and are named at the start.',
+        ' `tabulated` speed and coefficient. Others have no effect; they are named at the start.',
     ),
     (
         'water_temperature',
         'Water temperature',
-        'With `friction.at_temperature` friction goes by the water of now:'
-        ' [physics.md](physics.md#another-load-or-temperature). It is a number (`constant`) or an input, as'
-        ' below. Before its first value the constant counts, or the water of the measurement; after the'
-        ' timeout its last value. Both are said, and no bearing is then better than WARN.',
+        'With `friction.at_temperature` friction goes by the present water:'
+        ' [physics.md](physics.md#another-load-or-temperature). Its temperature is a number (`constant`) or'
+        ' an input. Before the first value the constant counts, or the water of the measurement; after the'
+        ' timeout the last value. Both are reported, with WARN at least.',
     ),
     (
         'tolerance',
         'What is not known',
-        'Tolerances make probabilities of the verdict, see [calibration.md](calibration.md).'
+        'Tolerances give the verdict as probabilities, see [calibration.md](calibration.md).'
         ' Limits of ±10 % are 0.058.',
     ),
     (
         INPUT,
         'Inputs: speed, load, level and water temperature',
-        'The same for `speed`, `load` and, where they are measured, `level`'
-        ' ([of vibration](rule.md#measured-vibration)) and `water_temperature`; where they differ, in this'
-        ' order.',
+        '`speed`, `load` and, where measured, `level` ([of vibration](rule.md#measured-vibration)) and'
+        ' `water_temperature`; where they differ, in this order.',
     ),
     ('level', 'Level of measured vibration', ''),
     ('alarm', 'Alarm', ''),
@@ -82,8 +81,8 @@ INTRO = f"""\
 <!-- Made by `{COMMAND}` from stickslip_monitor/monitor/parameters.py: edit that, or the script. -->
 # Configuration
 
-One ROS 2 parameter file configures everything: of the node by `--params-file` (launch file:
-`config:=`), of every command by `--config`.
+One ROS 2 parameter file configures the node (`--params-file`; launch file: `config:=`) and every command
+(`--config`).
 
 ```yaml
 /**:
@@ -126,20 +125,19 @@ One ROS 2 parameter file configures everything: of the node by `--params-file` (
 ## How the file is read
 
 - Sections `/**`, `/*`, and those that end with the node's name (`/ns/stickslip_monitor`) are merged in
-  order. Others, and parameters of every ROS 2 node (`use_sim_time`, ...), are ignored.
+  order. Others, and what every ROS 2 node has (`use_sim_time`, ...), are ignored.
 - `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same.
 - An invalid file (unknown parameter, key given twice, alias `*name`) is refused, with exit code 2:
 
       ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number between 1e-06 and 1e+07 kg
 
-- An input is `scale * number + offset` in its `unit`. Shaft speed in rpm, rad/s or Hz becomes surface
-  speed by `journal_diameter`; m/s is the surface speed. Speeds astern are negative; a load of zero or
-  below means no contact.
-- A load that nothing measures: `load: {{constant: 30, unit: kN}}`, or from the alignment calculation
-  `load: {{over_speed: [[0, 32], [60, 28], [120, 19]], unit: kN}}` (rpm and load). In a file for the node it
-  is one list, `[0.0, 32.0, 60.0, 28.0, 120.0, 19.0]`.
+- An input is `scale * number + offset` in its `unit`. A speed in rpm, rad/s or Hz is the shaft's, one in
+  m/s the surface's. Speeds astern are negative; a load of zero or below means no contact.
+- A load that nothing measures is `load: {{constant: 30, unit: kN}}`, or from the alignment calculation
+  `load: {{over_speed: [[0, 32], [60, 28], [120, 19]], unit: kN}}` (rpm and load). In a file for the node the
+  pairs are one list, `[0.0, 32.0, 60.0, 28.0, 120.0, 19.0]`.
 - *Live* parameters can be set at any time (`ros2 param set`); alarms and delays go on. *Fixed* ones are
-  read when the node starts; for the others deactivate the node and activate it again.
+  read when the node starts. For the others deactivate and activate the node.
 """
 
 

@@ -126,8 +126,7 @@ class InputConfig:
     )
     hold_ns: int = duration(
         0.0,
-        'How long a value stands where its source sends or stores changes only, as home automation and'
-        ' historians do; 0 where it sends all the time.',
+        'How long a value stands where its source sends changes only; 0 where it sends all the time.',
         live=True,
     )
     maximum: float = parameter(
@@ -139,14 +138,11 @@ class InputConfig:
     )
     column: str = parameter(
         '',
-        'Heading of its column in a log, the name in a log of one value a line, or its number as'
-        " '#3'; found by unit and name where empty.",
+        'Heading of its column in a log, its name in a log of one value a line, or its number as'
+        " '#3'; empty: found by unit and name.",
     )
     where: tuple[str, ...] = parameter(
-        (),
-        'The lines of a log that count, where several shafts or ships share it, by text of other columns:'
-        ' {shaft: port}.',
-        kind='str[]',
+        (), 'The lines of a log that count, by text of other columns: {shaft: port}.', kind='str[]'
     )
     field: FieldPath = ('data',)
     factor: float = 1.0
@@ -170,7 +166,7 @@ class SpeedConfig(InputConfig):
 
     gear: float = parameter(
         1.0,
-        'Engine speed over shaft speed, where the speed is that of an engine; in place of a scale.',
+        'Engine speed over shaft speed, where an engine is measured; in place of a scale.',
         within=(0.0, 1e3),
         above_minimum=True,
     )
@@ -195,20 +191,18 @@ class LoadConfig(InputConfig):
 
     minimum: float = parameter(
         0.0,
-        'Smallest valid load; smaller ones are counted as below_minimum. For a sensor that may show'
-        ' less than nothing, give what it may show.',
+        'Smallest valid load; smaller ones are counted as below_minimum. Below 0 for a sensor that may show'
+        ' so little.',
         'N',
         within=(-1e9, 0.0),
         live=True,
     )
     constant: float = parameter(
-        math.nan,
-        'Load that is assumed where nothing measures it, in the unit, in place of a topic.',
-        within=(0.0, 1e9),
+        math.nan, 'Load that is assumed, in the unit, in place of a topic.', within=(0.0, 1e9)
     )
     over_speed: tuple[float, ...] = parameter(
         (),
-        'The same as pairs of a shaft speed in rpm and the load there, from the alignment calculation:'
+        'The same as pairs of a shaft speed in rpm and the load there:'
         f' 2 to {MAX_LOAD_POINTS} pairs, speeds rising; linear between them, the end value beyond.',
         kind='float[]',
         in_pairs=True,
@@ -236,8 +230,8 @@ class LevelConfig(InputConfig):
 
     threshold: float = parameter(
         math.nan,
-        'Level of a vibration, in the unit, if it is 10 dB above its background, too; without it that'
-        ' rise alone decides.',
+        'Level, in the unit, from which on a rise of 10 dB above its background is a vibration; without it'
+        ' the rise decides.',
         within=(-1e12, 1e12),
         live=True,
     )
@@ -256,7 +250,7 @@ class WaterConfig(InputConfig):
 
     constant: float = parameter(
         math.nan,
-        'Temperature of the water at the bearing where nothing measures it, and until a value has come.',
+        'Temperature of the water where nothing measures it, and until a value has come.',
         'C',
         within=(MIN_TEMPERATURE, MAX_TEMPERATURE),
         live=True,
@@ -276,8 +270,7 @@ class AlarmConfig:
 
     caution_margin: float = parameter(
         0.2,
-        'Caution while the fold margin is below this: the error of friction law and load, and time for'
-        ' the crew.',
+        'Caution while the fold margin is below this: errors of friction and load, and time for the crew.',
         within=(0.0, 10.0),
     )
     hysteresis: float = parameter(
@@ -295,19 +288,18 @@ class AlarmConfig:
     )
     on_delay_ns: int = duration(
         2.0,
-        'Net time for which a condition must hold to be raised. Stick-slip has its growth instead.',
+        'Net time for which a condition must hold to be raised; stick-slip goes by growth.',
         within=(0.0, 600.0),
     )
     off_delay_ns: int = duration(
-        10.0,
-        'Net time for which a condition must be gone to be cleared; longer for one that keeps returning.',
+        10.0, 'Net time for which a condition must be gone to be cleared; longer if it keeps returning.'
     )
     input_off_delay_ns: int = duration(60.0, 'How long both inputs must be fine before their alarms clear.')
     latch: bool = parameter(
         default=False, text='The stick-slip and amplitude alarms stay until they are reset.', live=True
     )
     startup_inhibit_ns: int = duration(
-        0.0, 'For how long after the shaft starts to turn the alarms on stick-slip are suppressed.'
+        0.0, 'For how long after the shaft starts to turn stick-slip alarms are suppressed.'
     )
     can_probability: float = _declare_probability(
         0.5, 'With tolerances: bistable above this probability that stick-slip can happen.'
@@ -315,27 +307,24 @@ class AlarmConfig:
     runs_probability: float = parameter(
         0.5,
         'With tolerances: stick-slip is predicted where it starts in this share of the possible'
-        ' bearings, and ends where fewer have a cycle.',
+        ' bearings, until fewer have a cycle.',
         within=(0.001, 0.999),
     )
     caution_probability: float = _declare_probability(0.05, 'The same for caution, in place of the margin.')
     onset_growth: float = parameter(
         3.0,
         'Growth of a disturbance at which stick-slip is predicted; it sticks at about 6. Less warns'
-        ' earlier and falsely more often; 0: at the first point below the Hopf speed.',
+        ' earlier, and falsely more often; 0: at the Hopf speed.',
         'e-folds',
         within=(0.0, 20.0),
     )
     look_ahead_ns: int = duration(
         20.0,
-        'Caution also where the present slope takes the speed below the fold within this time; 0 for none.',
+        'Caution also where the speed on its slope is below the fold within this time; 0 for none.',
         within=(0.0, 600.0),
     )
     minimum_speed: float = parameter(
-        0.003,
-        'Surface speeds below this count as a shaft at rest (sensor noise of a stopped shaft).',
-        'm/s',
-        within=(0.0, 10.0),
+        0.003, 'Surface speeds below this count as a shaft at rest.', 'm/s', within=(0.0, 10.0)
     )
 
 
@@ -379,7 +368,7 @@ class ClipConfig:
     """Folder of event clips (empty: none), and their length, number and size [bytes]."""
 
     directory: str = parameter(
-        '', 'Folder for event clips, a short recording around each alarm; empty for none.', fixed=True
+        '', 'Folder for event clips, short recordings around alarms; empty for none.', fixed=True
     )
     around_ns: int = duration(
         60.0, 'How much of the time before and after an alarm a clip has.', within=(1.0, 600.0)
@@ -408,8 +397,8 @@ class MonitorConfig:
     )
     publish_period: float = parameter(
         0.0,
-        'Least time between two publications of the values of a bearing, 0 for all; changes of'
-        ' condition are published at once.',
+        'Least time between two publications of a bearing, 0 for all; a change of condition is published'
+        ' at once.',
         's',
         within=(0.0, 3600.0),
         live=True,
@@ -423,11 +412,7 @@ class MonitorConfig:
         above_minimum=True,
         live=True,
     )
-    state_file: str = parameter(
-        '',
-        'File that keeps acknowledgements, shelves and latches over a restart; empty for none.',
-        fixed=True,
-    )
+    state_file: str = parameter('', 'File that keeps the alarms over a restart; empty for none.', fixed=True)
     clips: ClipConfig = ClipConfig()
     notes: tuple[str, ...] = field(default=(), compare=False)
     faults: tuple[str, ...] = field(default=(), compare=False)
@@ -492,7 +477,7 @@ LUBRICATION_PARAMETERS = (
         'friction.load_exponent',
         'float',
         0.0,
-        'Exponent g of the load: friction depends on speed over load^g, from 0, on speed alone, to 1.',
+        'Exponent g of the load: friction depends on speed over load^g.',
         '',
         0.0,
         1.0,
@@ -564,8 +549,7 @@ INPUT_PARAMETERS = {
         'level.',
         topic={
             'default': '',
-            'text': 'Topic that carries the level of measured vibration, an RMS value or a band'
-            ' level; empty for none.',
+            'text': 'Topic of the measured vibration, an RMS value or a band level; empty for none.',
         },
         unit={'choices': LEVEL_UNITS, 'default': 'm/s^2'},
         maximum={'default': 1e12, 'maximum': 1e12},
@@ -575,7 +559,7 @@ INPUT_PARAMETERS = {
         'water_temperature.',
         topic={
             'default': '',
-            'text': 'Topic that carries the temperature of the water at the bearing; empty for none.',
+            'text': 'Topic of the temperature of the water at the bearing; empty for none.',
         },
         unit={'choices': ('C', 'K'), 'default': 'C'},
         timeout={'default': 600.0},
