@@ -34,7 +34,14 @@ def draw_friction_fit(
 ) -> canvas.Figure:
     """Draw the points, the curve with its confidence band, the outliers, and boundaries.
 
-    Boundaries are ``hopf_speed`` and ``fold_speed`` with the ends of their intervals [m/s].
+    Args:
+        fit: The fit.
+        footnote: Text below the axes.
+        boundaries: Lower end, middle and upper end of ``hopf_speed`` and ``fold_speed`` [m/s]; one whose
+            middle is 0 is left out.
+
+    Raises:
+        DrawingError: matplotlib is not installed.
     """
     law = fit.law
     title = f'μ = {law.kinetic:.4g} + {law.static - law.kinetic:.4g} exp(−{law.decay:.4g} v)'
@@ -51,7 +58,7 @@ def draw_friction_fit(
 
 
 def _draw_law(axes: canvas.Axes, fit: StribeckFit) -> None:
-    """Draw the law with its band, on axes that hold it and the points."""
+    """Draw the law with its 95 % band, and set limits of the axes that hold both and the points."""
     top = _BEYOND * float(fit.curve.speed.max())
     speed = np.linspace(0.0, top, 400)
     law, half = fit.law.coefficient(speed), fit.band(speed)
@@ -65,6 +72,7 @@ def _draw_law(axes: canvas.Axes, fit: StribeckFit) -> None:
 
 
 def _draw_points(axes: canvas.Axes, fit: StribeckFit) -> None:
+    """Draw the points, with error bars where errors differ, and outliers as crosses with their lines."""
     curve, out = fit.curve, fit.outliers
     good = fit.weight >= 0.5
     if float(np.ptp(curve.std)) > 0.0:
@@ -85,7 +93,15 @@ def _draw_points(axes: canvas.Axes, fit: StribeckFit) -> None:
 
 
 def _draw_boundary(axes: canvas.Axes, name: str, low: float, middle: float, high: float) -> None:
-    """Draw a boundary speed as a line in its interval, named at the foot of the axes."""
+    """Draw a boundary speed as a line in its interval, named at the foot of the axes; none if it is 0.
+
+    Args:
+        axes: The axes, with their limits set.
+        name: ``'Hopf'`` or ``'fold'``.
+        low: Lower end of the interval [m/s].
+        middle: The boundary [m/s].
+        high: Upper end of the interval [m/s].
+    """
     if not middle > 0.0:
         return
     regime, colour, dashes = canvas.BOUNDARY_LINES[name]
@@ -105,7 +121,13 @@ _SIZE, _LEFT, _RIGHT = (11.0, 5.0), (0.065, 0.125, 0.42, 0.79), (0.56, 0.125, 0.
 
 
 def draw_calibration(config: BearingConfig, calibration: Calibration) -> canvas.Figure:
-    """Draw what was heard over the speed, with its edges, beside both boundaries' bands."""
+    """Draw the evidence of a calibration over the speed, beside both boundaries before and after it.
+
+    The evidence is the level where a recording has one, else the reported vibration of each passage.
+
+    Raises:
+        DrawingError: matplotlib is not installed.
+    """
     has_level = any(one.level is not None for one in calibration.evidence)
     with canvas.style():
         count = plural(len(calibration.edges.tracks), 'passage'), plural(calibration.episodes, 'episode')
@@ -128,12 +150,13 @@ def draw_calibration(config: BearingConfig, calibration: Calibration) -> canvas.
 
 
 def _is_vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
+    """Return whether each time [s] lies in a report of vibration of a passage, of their shape."""
     loud = [(one.start_ns / 1e9, one.end_ns / 1e9) for one in track.reports if one.squeal]
     return np.any([np.zeros(time.size, bool), *((time >= a) & (time <= b) for a, b in loud)], axis=0)
 
 
 def _draw_levels(axes: canvas.Axes, calibration: Calibration) -> None:
-    """Draw each value of the levels over the speed, coloured by what it was taken for."""
+    """Draw each value of the levels over the speed, coloured as quiet or vibration by the reports."""
     by_name = {one.name: one.level for one in calibration.evidence}
     rows = []
     for track in calibration.edges.tracks:
@@ -151,7 +174,7 @@ def _draw_levels(axes: canvas.Axes, calibration: Calibration) -> None:
 
 
 def _draw_reports(axes: canvas.Axes, calibration: Calibration) -> None:
-    """Draw each passage as a line, thick where it was reported to vibrate."""
+    """Draw each passage as a line over the speed, thick where vibration was reported; number them upwards."""
     names = 'passage', 'vibration reported'
     for k, track in enumerate(calibration.edges.tracks, 1):
         loud = np.where(_is_vibrating(track, track.time), track.over, np.nan)
@@ -164,7 +187,10 @@ def _draw_reports(axes: canvas.Axes, calibration: Calibration) -> None:
 
 
 def _draw_ends(axes: canvas.Axes, calibration: Calibration, has_level: bool) -> None:
-    """Draw the ends that count as at the fold, at their height; the doubtful ones crossed."""
+    """Draw the ends that count as at the fold, the bounds from below, and crosses at doubtful ends.
+
+    A mark stands at its passage's number, with levels at half the height of the axes.
+    """
     doubtful = {id(end) for end, _ in calibration.doubts}
     tracks = {track.name: (k, track) for k, track in enumerate(calibration.edges.tracks, 1)}
     low, high = axes.get_ylim()
@@ -183,6 +209,7 @@ def _draw_ends(axes: canvas.Axes, calibration: Calibration, has_level: bool) -> 
 
 
 def _draw_fold(axes: canvas.Axes, calibration: Calibration) -> None:
+    """Draw the calibrated fold at the geometric middle of the loads, with its band of 5 to 95 %."""
     load = float(np.sqrt(calibration.loads[0] * calibration.loads[1]))
     configured = float(np.exp(calibration.reference.fold(np.array([np.log(load)]))[0]))
     low, middle, high = (float(calibration.belief.fold_speed(load, p)) / configured for p in QUANTILES)
@@ -192,7 +219,7 @@ def _draw_fold(axes: canvas.Axes, calibration: Calibration) -> None:
 
 
 def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, calibration: Calibration) -> None:
-    """Both boundaries over the load, before and after, with their bands."""
+    """Draw fold and Hopf speed over the load before and after, with bands of 5 to 95 %, and the passages."""
     low, high = calibration.loads
     load, rpm = np.linspace(0.6 * low, 1.4 * high, _LOADS), config.bearing.speed.factor('rpm')
     top = 0.0
@@ -221,7 +248,11 @@ def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, calibration: Cali
 
 
 def draw_levels(config: BearingConfig, levels: Sequence[LevelBins]) -> canvas.Figure:
-    """Draw how often a level over the speed takes which value, where it has no two modes."""
+    """Draw a histogram of all values of the levels of a bearing, in which no two modes were found.
+
+    Raises:
+        DrawingError: matplotlib is not installed.
+    """
     with canvas.style():
         labels = 'level / surface speed [dB]', 'values'
         figure, axes = canvas.labelled(*labels, title=f'{config.name}: no two modes')
@@ -261,7 +292,15 @@ class MethodMark:
 
 
 def draw_pareto(panels: Mapping[str, Sequence[MethodMark]], footnote: str = '') -> canvas.Figure:
-    """Draw error against time in panels beside each other, each with its title."""
+    """Draw error against time of methods, on logarithmic axes in panels beside each other.
+
+    Args:
+        panels: Methods by the title of their panel.
+        footnote: Text at the foot.
+
+    Raises:
+        DrawingError: matplotlib is not installed.
+    """
     every = [mark for marks in panels.values() for mark in marks]
     families = list(dict.fromkeys(mark.family for mark in every))
     looks = {family: _LOOKS[i % len(_LOOKS)] for i, family in enumerate(families)}
@@ -291,10 +330,18 @@ def draw_pareto(panels: Mapping[str, Sequence[MethodMark]], footnote: str = '') 
 
 
 def _error_height(error: float) -> float:
+    """Return where an error is drawn: within the axes, and one that fails in a band of its own."""
     return _FAILED if math.isinf(error) else float(np.clip(error, _SMALLEST, 5.0))
 
 
 def _draw_methods(axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[str, tuple[str, str]]) -> None:
+    """Draw the methods of a panel, the front among them as a line, and name failures.
+
+    Args:
+        axes: The panel.
+        marks: Its methods.
+        looks: Colour and marker of each family.
+    """
     front = sorted((m for m in marks if m.front), key=lambda m: m.seconds)
     x, y = [m.seconds for m in front], [_error_height(m.error) for m in front]
     axes.step(x, y, where='post', color=_FRONT, lw=1.4, ls=canvas.DASHES, zorder=2)
@@ -316,10 +363,12 @@ def _draw_methods(axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[st
 
 
 def _marker_size(shape: str) -> float:
+    """Return the size of a marker [points]: a star looks smaller than it is."""
     return 13.0 if shape == '*' else 8.5
 
 
 def _name_families(figure: canvas.Figure, looks: dict[str, tuple[str, str]]) -> None:
+    """Draw the legend below the figure: families, many points at once, and the front."""
     from matplotlib.lines import Line2D
 
     rows: list[tuple[str, canvas.Look]] = [

@@ -88,7 +88,7 @@ def read_curve(
     unit: str | None = None,
     journal_diameter: float | None = None,
 ) -> FrictionCurve:
-    """Read a curve.
+    """Read a friction curve from a table.
 
     The table is read as a log is: by its delimiter, the headings below what stands above them, which may be
     a comment, and the units in these or in a line of their own. Between commas the decimal sign is a point.
@@ -129,7 +129,11 @@ def read_curve(
 
 
 def _read_rows(path: str | Path) -> tuple[list[TableRow], str]:
-    """Return the rows, the headings with their units first, and what separates their cells."""
+    """Return the rows, the headings with their units first, and the delimiter of their cells.
+
+    Raises:
+        FitError: The file cannot be read, has no points or too many.
+    """
 
     def is_heading(cells: list[str]) -> bool:
         quantities = {_find_quantity(_split_heading(cell)[0]) for cell in cells}
@@ -167,7 +171,10 @@ def _split_heading(heading: str) -> tuple[list[str], str]:
 
 
 def _find_quantity(words: Iterable[str]) -> str:
-    """Return the quantity of a heading, given its words in lower case; '' if they name none."""
+    """Return the quantity of :data:`NAMES` that a heading names; '' for none or another one.
+
+    ``words`` are those of the heading, in lower case.
+    """
     present = set(words)
     name = next((name for name, text in NAMES.items() if present & {*text.split()}), '')
     if name in ('std', 'weight'):
@@ -185,7 +192,12 @@ def _speed_unit(text: str) -> str | None:
 
 
 def _scale_of(quantity: str, unit: str) -> tuple[float, float] | None:
-    """Return factor and summand to N, C or a plain number; None for a unit of another quantity."""
+    """Return factor and summand to N, C or a plain number; ``None`` for a unit of another quantity.
+
+    Args:
+        quantity: ``load``, ``temperature``, or any other for a plain number.
+        unit: The unit as it is written; '' for N, C or 1.
+    """
     if quantity == 'temperature':
         return _TEMPERATURE_SCALES.get(unit.lower())
     if quantity != 'load':
@@ -221,7 +233,14 @@ def _require_scale(where: str, quantity: str, heading: str) -> tuple[float, floa
 
 
 def _choose_columns(where: str, cells: list[str], columns: Mapping[str, str | None]) -> dict[str, int]:
-    """Return the index of each quantity's column; only those of the quantities that there are.
+    """Return the index of each quantity's column; a quantity without a column is not in it.
+
+    Of a spread and a weight the named one is taken, else the spread.
+
+    Args:
+        where: File and line, for the error.
+        cells: The headings.
+        columns: Headings of quantities that are named; ``None`` for those to recognise.
 
     Raises:
         FitError: Speed or coefficient is missing, or a column is in doubt.
@@ -251,10 +270,16 @@ def _choose_columns(where: str, cells: list[str], columns: Mapping[str, str | No
 
 
 def _find_column(where: str, cells: list[str], quantity: str, named: str | None) -> int | None:
-    """Return the index of the column of a quantity, by its heading if that is named; None for no column.
+    """Return the index of the column of a quantity; ``None`` without one.
+
+    Args:
+        where: File and line, for the error.
+        cells: The headings.
+        quantity: The quantity.
+        named: Its heading; ``None`` to recognise it.
 
     Raises:
-        FitError: There are several, or none of that heading.
+        FitError: There are several, or none of the heading that is named.
     """
     split = [_split_heading(cell) for cell in cells]
     if named is None:
@@ -281,7 +306,16 @@ def _find_column(where: str, cells: list[str], quantity: str, named: str | None)
 
 
 def _find_speed_unit(where: str, heading: str, option: str | None) -> tuple[str, str]:
-    """Return the unit of the speeds and where it was found; the ``option`` must agree with the heading."""
+    """Return the unit of the speeds, and where it was found, in words.
+
+    Args:
+        where: File and line, for the error.
+        heading: Heading of the speeds.
+        option: Unit that the user gave; ``None`` for that of the heading, else m/s.
+
+    Raises:
+        FitError: The unit of the heading is no speed's, or differs from the option.
+    """
     written = _split_heading(heading)[1]
     unit = _speed_unit(written)
     if written and unit is None:
@@ -299,7 +333,14 @@ def _find_speed_unit(where: str, heading: str, option: str | None) -> tuple[str,
 def _require_one_decimal_sign(
     path: str | Path, rows: Sequence[TableRow], columns: Iterable[int], delimiter: str
 ) -> None:
-    """Raise FitError if both points and commas occur and one may separate thousands, as in 1.200 and 0,15."""
+    """Raise FitError if points and commas occur and one may part thousands, as in 1.200 and 0,15.
+
+    Args:
+        path: The file, for the error.
+        rows: The rows below the headings.
+        columns: Indices of the columns to look at.
+        delimiter: Delimiter of the cells; between commas nothing is in doubt.
+    """
     chosen = set(columns)
     cells = [(row.line, row.cells[k]) for row in rows for k in chosen if k < len(row.cells)]
     points, commas = ([cell for cell in cells if sign in cell[1]] for sign in '.,')
@@ -321,7 +362,16 @@ def _parse_number(
     scale: tuple[float, float],
     delimiter: str,
 ) -> float:
-    """Return the number in a cell, converted by factor and summand ``scale``.
+    """Return the number in a cell, in N, C, m/s or plain.
+
+    Args:
+        path: The file, for the error.
+        row: The row.
+        headings: The row of headings.
+        index: Index of the column.
+        quantity: Its quantity, whose rule the number must keep.
+        scale: Factor and summand of the conversion.
+        delimiter: Delimiter of the cells: between commas the decimal sign is a point.
 
     Raises:
         FitError: There is no cell or no number, or it breaks the rule of its quantity.

@@ -228,6 +228,7 @@ class StribeckFit:
 
 
 def _build_law(values: FloatArray, curve: FrictionCurve) -> FloatArray:
+    """Return the law at the speeds of a curve, shape (n,), of :attr:`StribeckFit.values`."""
     drop, kinetic, log_decay, viscous = values
     path = curve.speed - curve.speed.min()
     return np.asarray(kinetic + drop * np.exp(-np.exp(log_decay) * path) + viscous * curve.speed)
@@ -241,8 +242,10 @@ def _rounding_scale(curve: FrictionCurve) -> float:
 def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
     """Fit the Stribeck law to a measured curve.
 
-    It has a viscous slope with ``'yes'``, where one that is negative by chance is held at 0, and
-    with ``'auto'`` where the F-test wants it.
+    Args:
+        curve: The curve; its loads and temperatures are not used.
+        viscous: ``'yes'`` for a viscous slope, where one that is negative by chance is held at 0; ``'no'``
+            for none; ``'auto'`` for one where the F-test wants it.
 
     Raises:
         FitError: The curve cannot identify the law.
@@ -288,7 +291,11 @@ def _choose_fit(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
 def solve_law(curve: FrictionCurve, names: tuple[str, ...], scale: float = 0.0) -> StribeckFit:
     """Compute the robust fit with some coefficients free, whether or not it makes sense.
 
-    A ``scale`` > 0 is that of the residuals, in place of one by their median.
+    Args:
+        curve: The curve.
+        names: The free coefficients; the others are 0.
+        scale: Standard deviation of the residuals, in units of each point's ``std``; 0 for one by their
+            median.
     """
     fit, given = StribeckFit(curve, names, _start_values(curve, names), 1.0), scale
     # Nearly absolute residuals first, which outliers move little; their median makes the scale.
@@ -302,7 +309,7 @@ def _start_values(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
     """Return the values of least squares over a scan of the decay, ten to a decade.
 
     The scan goes from a straight line to a step at the lowest speed. The values are as
-    :attr:`StribeckFit.values`; those that are not in ``names`` are 0.
+    :attr:`StribeckFit.values`; those that are not in ``names`` are 0, but for the decay.
     """
     path = curve.speed - curve.speed.min()
     place = np.unique(path)
@@ -460,7 +467,7 @@ def _require_decay(fit: StribeckFit) -> None:
 
 
 def _unit_questions(curve: FrictionCurve) -> list[str]:
-    """Return a question to the user for each quantity whose numbers look like another unit."""
+    """Return a question for each quantity whose numbers look like another unit; an empty list for none."""
     questions = []
     top = int(np.argmax(np.abs(curve.coefficient))) if curve.coefficient.size else 0
     if curve.coefficient.size and abs(curve.coefficient[top]) > _UNUSUAL_COEFFICIENT:
@@ -477,7 +484,7 @@ def _unit_questions(curve: FrictionCurve) -> list[str]:
 
 
 def _fit_warnings(fit: StribeckFit) -> Iterator[str]:
-    """Yield a sentence on each doubt about a fit that was accepted."""
+    """Yield a sentence on each doubt about a fit that was accepted; none where there is no doubt."""
     curve = fit.curve
     yield from _unit_questions(curve)
     share = fit.outliers.size / fit.weight.size
@@ -536,30 +543,27 @@ def _lack_of_fit(fit: StribeckFit) -> Iterator[str]:
             f' chance (p = {alike:.1g}): friction changed during the measurement, as by running in'
             ' or between rising and falling speed; fit the branches apart'
         )
-    elif (spread := _spread_along_fall(fit)) < SHAPE_LEVEL:
-        yield (
-            'points scatter more where friction falls than where it is level (p ='
-            f' {spread:.1g}): several curves lie one beside the other'
-        )
-
-
-def _spread_along_fall(fit: StribeckFit) -> float:
-    """Probability of residuals that grow as much with ``v |mu'(v)|``, if the law is right.
-
-    Curves at other loads or temperatures are the same one at other speeds, so that they part where it falls.
-    By Spearman's rank correlation.
-    """
-    speed = fit.curve.speed
-    fall = speed * np.abs(fit.law.slope(speed))
-    size = np.abs(fit.residual / fit.curve.std)
-    return float(stats.spearmanr(fall, size, alternative='greater').pvalue)
+    else:
+        # Curves at other loads or temperatures are the same one at other speeds: they part where it falls.
+        fall = fit.curve.speed * np.abs(fit.law.slope(fit.curve.speed))
+        size = np.abs(fit.residual / fit.curve.std)
+        spread = float(stats.spearmanr(fall, size, alternative='greater').pvalue)
+        if spread < SHAPE_LEVEL:
+            yield (
+                'points scatter more where friction falls than where it is level (p ='
+                f' {spread:.1g}): several curves lie one beside the other'
+            )
 
 
 def _neighbour_probability(fit: StribeckFit, order: IndexArray) -> float:
-    """Probability of residuals whose neighbours are as much alike, if the law is right.
+    """Return the probability of residuals whose neighbours are as much alike, if the law is right.
 
     The serial correlation of Durbin and Watson (Biometrika 37, 1950), by simulation: scatter
     without correlation leaves residuals that the fit has correlated, and of few points strongly.
+
+    Args:
+        fit: The fit.
+        order: Indices of the points in the order in which neighbours stand, shape (n,).
     """
     hat = fit.decomposed[0]
     noise = np.random.default_rng(0).standard_normal((_SIMULATED, order.size))
@@ -570,11 +574,16 @@ def _neighbour_probability(fit: StribeckFit, order: IndexArray) -> float:
 
 
 def boundary_belief(fit: StribeckFit, bearing: Bearing, load: float) -> Belief:
-    """Propagate the fit's uncertainty to a bearing's boundaries, at a load > 0 [N].
+    """Return the belief of a bearing with the fitted law, by the fit's uncertainty alone.
 
     Boundaries go with ``r = 1/beta`` and, by the load, with
     ``kappa = (c/N + nu)/((mu_s - mu_k) beta)``; both to first order in the coefficients. The
     covariance is widened by Student's t over the normal quantile.
+
+    Args:
+        fit: The fit.
+        bearing: The bearing, whose friction and lubrication give way to those of the fit.
+        load: Load > 0 at which the effect of ``nu`` and of the exponent counts [N].
     """
     law, fitted = fit.law, replace(bearing, friction=fit.law, lubrication=fit.lubrication)
     fall, damping = law.static - law.kinetic, bearing.damping / float(reference_point(fitted, 0.0, load)[1])

@@ -46,7 +46,7 @@ class PooledFit(StribeckFit):
 
     @property
     def lubrication(self) -> Lubrication | None:
-        """The conditions as a bearing has them; ``None`` where only the temperature is known."""
+        """The conditions as a bearing has them; ``None`` where loads do not differ."""
         if not self.has_exponent:
             return None
         return Lubrication(self.load, min(max(self.exponent, 0.0), 1.0), self.temperature)
@@ -80,7 +80,7 @@ class PooledFit(StribeckFit):
         if not self.has_exponent:
             return covariance
         root = np.sqrt(self.weight) / self.curve.std
-        log_load = np.log(_finite_values(self.measured.load) / self.load)
+        log_load = np.log(np.asarray(self.measured.load, float) / self.load)
         by_exponent = -log_load * self.curve.speed * self.law.slope(self.curve.speed) * root
         along = orthogonal.T @ by_exponent
         variance = self.scale**2 / float(np.sum((by_exponent - orthogonal @ along) ** 2))
@@ -90,7 +90,7 @@ class PooledFit(StribeckFit):
 
     @property
     def sentence(self) -> str:
-        """Sentence on what the load does to the friction."""
+        """Sentence on what the load does to the friction; '' without a column of loads."""
         if not self.has_exponent:
             return 'the points are of one load' if self.load == self.load else ''
         low, high = self.exponent_interval
@@ -100,10 +100,6 @@ class PooledFit(StribeckFit):
         if high < 0.0:
             return f'friction falls with the load in another way ({number}): pool no loads'
         return f'no effect of the load stands out of the scatter ({number})'
-
-
-def _finite_values(column: FloatArray | None) -> FloatArray:
-    return np.ones(1) if column is None else column
 
 
 def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
@@ -147,6 +143,9 @@ def _fit_exponent(reduced: Callable[[float], FrictionCurve], names: tuple[str, .
     Args:
         reduced: Returns the curve at the reference load, for an exponent.
         names: The coefficients that are free.
+
+    Returns:
+        The exponent, between -0.5 and 1.5: scatter may take it out of 0 to 1.
     """
     tried = [solve_law(reduced(float(g)), names) for g in _EXPONENTS]
     # Nearly absolute residuals choose the start and the scale, which outliers move little.

@@ -43,17 +43,30 @@ _LOAD_STEP = 0.1
 
 
 def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
-    """Return the names of the parameters that may drift: the law's own, and a factor on the coefficient."""
+    """Return the names of the parameters that may drift: the law's own, and ``factor`` on its coefficients.
+
+    A table has the factor only.
+    """
     # The protocol does not say that a law is a dataclass; those a configuration can name are.
-    names = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(law))  # type: ignore[arg-type]
+    record: Any = law
+    names = () if isinstance(law, Tabulated) else tuple(f.name for f in fields(record))
     return (*names, FACTOR)
 
 
 def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
-    """Replace parameters of a law; ``values['factor']`` scales its coefficients."""
+    """Return a law with some parameters replaced and its coefficients scaled.
+
+    Args:
+        law: The law, which stays as it is.
+        values: New values by name; ``factor`` multiplies all coefficients.
+
+    Raises:
+        PhysicsError: A value breaks a rule of the law.
+        TypeError: The law has no such parameter.
+    """
     replaced = {name: value for name, value in values.items() if name != FACTOR}
-    # A dataclass, as above.
-    changed: Any = replace(law, **replaced) if replaced else law  # type: ignore[type-var]
+    changed: Any = law  # a dataclass, as above
+    changed = replace(changed, **replaced) if replaced else law
     factor = values.get(FACTOR, 1.0)
     if isinstance(changed, Tabulated):
         return Tabulated(changed.speed, [factor * value for value in changed.values])
@@ -80,7 +93,13 @@ class FrictionCourse:
         return bool(self.drifts) or self.water is not None
 
     def bearing_at(self, bearing: Bearing, time: float, *, scaled: bool = True) -> Bearing:
-        """Return a bearing with the law and the water of a time [s]; args as of :meth:`at`."""
+        """Return a bearing with the law and the water of a time.
+
+        Args:
+            bearing: The bearing; itself where nothing moves.
+            time: Time since the scene's start [s].
+            scaled: Whether the law has its common factor.
+        """
         law = self.at(time, scaled=scaled)
         bearing = bearing if law is bearing.friction else replace(bearing, friction=law)
         if self.water is None:
@@ -88,14 +107,19 @@ class FrictionCourse:
         return bearing.at_temperature(float(self.water.at(np.array([time // STEP * STEP]))[0]))
 
     def at(self, time: float, *, scaled: bool = True) -> FrictionLaw:
-        """Return the law at a time since the scene's start [s], with or without its common factor."""
+        """Return the law at a time; that of the configuration where nothing drifts.
+
+        Args:
+            time: Time since the scene's start [s]; the start of its second counts.
+            scaled: Whether the law has its common factor.
+        """
         step = np.array([time // STEP * STEP])
         moved = {name: course for name, course in self.drifts.items() if scaled or name != FACTOR}
         values = {name: float(drift.at(step)[0]) for name, drift in moved.items()}
         return with_parameters(self.law, values) if values else self.law
 
     def factor(self, time: FloatArray) -> FloatArray:
-        """Return the common factor at some times [s], of their shape: as much as one on the load."""
+        """Return the common factor of the coefficients at times [s], of their shape; 1 without a drift."""
         drift = self.drifts.get(FACTOR)
         return np.ones_like(time) if drift is None else drift.at(time // STEP * STEP)
 
@@ -141,7 +165,15 @@ class Episodes:
     def see(
         self, changes: Sequence[Change], end: float
     ) -> tuple[list[tuple[float, float]], list[EpisodeEvent]]:
-        """Return ends and durations [s] of the sticks that ended in a stretch, and its events."""
+        """Note the changes of a stretch in their order, and let time pass to its end.
+
+        Args:
+            changes: The changes.
+            end: End of the stretch [s].
+
+        Returns:
+            Ends and durations [s] of the sticks that ended, also at rest, and the events of episodes.
+        """
         ended: list[tuple[float, float]] = []
         events: list[EpisodeEvent] = []
         for time, is_stick, now in changes:
@@ -159,7 +191,12 @@ class Episodes:
         return ended, events + self.passed(end)
 
     def stick(self, time: float) -> list[EpisodeEvent]:
-        """Note that a stick begins while the shaft turns."""
+        """Note that a stick begins while the shaft turns.
+
+        Returns:
+            The end of an episode that was over before, and the start of one that this stick, its second,
+            makes; an empty list for neither.
+        """
         events = self.passed(time)
         if self._sticks == 0:
             self._first = time
@@ -170,13 +207,17 @@ class Episodes:
         return events
 
     def release(self, time: float) -> None:
-        """Note that the stick ends, or the shaft comes to rest while it lasts."""
+        """Note the end of the stick that counts, if any: the lining slips, or the shaft comes to rest."""
         if self._open is not None:
             self._sticking += time - self._open
             self._last, self._open = time, None
 
     def passed(self, time: float) -> list[EpisodeEvent]:
-        """Let time pass [s]; return the end of an episode that is over by now, else an empty list."""
+        """Let time pass [s]; forget sticks that are over.
+
+        Returns:
+            The end of their episode; an empty list while it goes on, or where they were too few for one.
+        """
         if not self._sticks or self._open is not None or time <= self._last + self.gap:
             return []
         more: dict[str, float] = {'sticks': self._sticks, 'sticking': round(self._sticking, INSTANTS)}
@@ -209,7 +250,10 @@ class Samples:
         self._kept = np.empty((4, 0))
 
     def until(self, end: float) -> FloatArray:
-        """Return the next times to sample the motion at, up to and with ``end`` [s]."""
+        """Return the next times to sample the motion at, up to and with ``end`` [s], shape (n,).
+
+        They count as handed out: the motion at them is due at :meth:`add`.
+        """
         size = self._before.size
         last = min(self._count, math.floor((end + self._before[0]) * self._rate) + 2)
         number, place = np.divmod(np.arange(self._asked, max(last * size, self._asked)), size)
@@ -219,7 +263,7 @@ class Samples:
         return time
 
     def add(self, motion: FloatArray) -> None:
-        """Add the motion at the times handed out last, as of :meth:`Lining.follow`."""
+        """Store the motion at the times handed out last, as of :meth:`Lining.follow`, shape (4, n)."""
         self._kept = np.concatenate([self._kept, motion], axis=1)
 
     def due(self, end: float = math.inf) -> tuple[FloatArray, FloatArray]:
@@ -239,9 +283,13 @@ class Samples:
 def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
     """Return half of the largest less the smallest displacement of m sampled motions, shape (m,) [m].
 
-    Between two samples, ``step`` [s] apart, a motion is interpolated by the cubic through their
-    displacements ``x`` and velocities ``v``, shape (m, n); with sixteen samples in a period of a
-    harmonic motion the error is 6e-5.
+    Between two samples a motion is interpolated by the cubic through their displacements and velocities; with
+    sixteen samples in a period of a harmonic motion the error is 6e-5.
+
+    Args:
+        x: Displacements, shape (m, n) [m].
+        v: Velocities, same shape [m/s].
+        step: Time between samples [s].
     """
     before, after = step * v[:, :-1], step * v[:, 1:]
     rise = np.diff(x, axis=1)
@@ -297,7 +345,10 @@ class Lining:
         self.rate = math.ceil(max(_LEAST_RATE, _PER_PERIOD * cycles))
         self._number = 0
         self._nodes = self._drive_at(np.zeros(1))
-        self._state = self._start_state()
+        _, speed, load = self._nodes[:, 0].tolist()
+        first = course.bearing_at(config.bearing, 0.0)
+        place = float(first.equilibrium(speed, load)) if speed else 0.0
+        self._state = MotionState(round(place, _PLACES), speed)
         self._sticking = self._resting = False
 
     @property
@@ -306,19 +357,22 @@ class Lining:
         return float(self._nodes[0, -1])
 
     def next_end(self, end: float) -> float:
-        """Return where a stretch ends that must reach ``end``: at the end of a piece [s]."""
+        """Return the end [s] of the first piece of the drive that reaches ``end`` [s], or the scene's end."""
         return min(math.ceil(end * self.rate) / self.rate, self._duration)
 
     def follow(self, end: float, times: FloatArray) -> tuple[FloatArray, list[Change]]:
-        """Follow the lining to a later time, and keep its state there.
+        """Follow the lining to a later time; its state there is the next start.
 
         Args:
             end: A time that :meth:`next_end` returned [s].
             times: Times to sample at, ascending, after the last end and up to this one, shape (n,) [s].
 
         Returns:
-            Displacement, velocity and acceleration in SI units and whether it sticks, shape
-            (4, n), and the changes in their order.
+            Displacement, velocity and acceleration in SI units and whether it sticks (1 or 0), shape
+            (4, n); and the changes of sticking and of rest, by time.
+
+        Raises:
+            SceneError: The integrator gave up.
         """
         nodes = self._extend_grid(end)
         sampled: list[FloatArray] = []
@@ -333,15 +387,11 @@ class Lining:
             taken = upto
         return np.concatenate(sampled, axis=1), list(heapq.merge(self._rest_changes(nodes), sticks))
 
-    def _start_state(self) -> MotionState:
-        """Return steady sliding at the first drive, or an unloaded lining where the shaft is at rest."""
-        _, speed, load = self._nodes[:, 0].tolist()
-        bearing = self._course.bearing_at(self.config.bearing, 0.0)
-        place = float(bearing.equilibrium(speed, load)) if speed else 0.0
-        return MotionState(round(place, _PLACES), speed)
-
     def _drive_at(self, time: FloatArray) -> FloatArray:
-        """Return time, speed and load in SI units, shape (3, n); draw the load's fluctuation at random."""
+        """Return times, speeds and loads >= 0 in SI units, shape (3, n).
+
+        The load's fluctuation is drawn at random: the random stream advances.
+        """
         name = self.config.name
         load = self._shaft.load(name, time)
         if self._deviation:
@@ -349,7 +399,7 @@ class Lining:
         return np.stack([time, self._shaft.speed(name, time), np.maximum(load, 0.0)])
 
     def _extend_grid(self, end: float) -> FloatArray:
-        """Extend the grid to ``end`` [s].
+        """Extend the grid of the drive to ``end`` [s]; its last node begins the next one.
 
         Returns:
             Time, speed and load from the last end to this one, with a node at each knock, shape (3, n).
@@ -369,7 +419,7 @@ class Lining:
         return nodes
 
     def _uniform_stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
-        """Return the first and last index of ``nodes`` of each stretch with one law and no knock inside."""
+        """Return the stretches with one law and no knock inside, as first and last index of ``nodes``."""
         time = nodes[0]
         inner = np.isin(time, list(self._knocks))
         if self._course.moves:
@@ -381,7 +431,11 @@ class Lining:
         return ((low, high) for low, high in pairwise(edges) if low < high)
 
     def _integrate_motion(self, nodes: FloatArray, times: FloatArray) -> Motion:
-        """Integrate through a stretch with one law, after a knock at its start, and keep the last state.
+        """Integrate through a stretch with one law, after a knock at its start; store the last state.
+
+        Args:
+            nodes: Time, speed and load in SI units, shape (3, m).
+            times: Times to sample at, shape (n,) [s].
 
         Raises:
             SceneError: The integrator gave up.
@@ -401,7 +455,7 @@ class Lining:
         return motion
 
     def _stick_changes(self, motion: Motion) -> list[Change]:
-        """Return the changes between stick and slip in a stretch, and keep its last phase.
+        """Return the changes between stick and slip in a stretch, by time; store its last phase.
 
         A knock or a new law at its start may begin or end a stick.
         """
@@ -419,7 +473,7 @@ class Lining:
         return changes
 
     def _rest_changes(self, nodes: FloatArray) -> list[Change]:
-        """Return the changes between rest and turning, and keep whether the shaft rests at the last node."""
+        """Return the changes between rest and turning at nodes, by time; store the last state."""
         resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)
         change = np.flatnonzero(resting != np.append(self._resting, resting[:-1]))
         self._resting = bool(resting[-1])

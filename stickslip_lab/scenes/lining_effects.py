@@ -59,7 +59,13 @@ _DIGITS, _PLACES = 9, 12
 
 @effect('lining', 'bearing', 'parameter', 'points', 'table')
 def friction_drift(settings: Settings, run: SceneRun) -> None:
-    """Let a parameter of the friction law of the lining drift; the monitor keeps its configuration."""
+    """Let a parameter of the lining's friction law drift; the monitor keeps its configuration.
+
+    The drift goes into ``run.courses``.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule, or a value of the drift breaks one of the law.
+    """
     drift = read_profile(settings, 'value', run.duration, run.folder)
     for config in run.bearings(settings, settings.text('parameter', 'what moves')):
         law = config.bearing.friction
@@ -72,7 +78,12 @@ def friction_drift(settings: Settings, run: SceneRun) -> None:
 def water_temperature(settings: Settings, run: SceneRun) -> None:
     """Let the water at a bearing warm up or cool down [C]: in the lining, and on the topic that measures it.
 
-    Without such a topic the monitor keeps the temperature that it is configured with.
+    It goes into ``run.courses`` and ``run.shaft``. Without such a topic the monitor keeps the temperature
+    that it is configured with.
+
+    Raises:
+        SceneError: A setting breaks its rule, friction does not depend on the water, or the topic serves a
+            bearing that the effect is not for.
     """
     water = read_profile(settings, 'C', run.duration, run.folder)
     for time, value in zip(water.times.tolist(), water.values.tolist(), strict=True):
@@ -103,7 +114,10 @@ def water_temperature(settings: Settings, run: SceneRun) -> None:
 
 
 def _check_drift(settings: Settings, config: BearingConfig, name: str, drift: Profile) -> None:
-    """Refuse a drift that breaks a rule at a point: each rule is a bound, so it holds between points too."""
+    """Raise SceneError for a drift that breaks a rule of the law at one of its points.
+
+    Each rule is a bound, so that it holds between points too.
+    """
     for time, value in zip(drift.times.tolist(), drift.values.tolist(), strict=True):
         if value < 0.0:
             subject = f'{settings.name}: {name} = {value:g} at {time:g} s'
@@ -119,7 +133,11 @@ _HIGHEST_POINT_RATE = 1000.0
 
 @effect('lining', 'bearing', 'rate')
 def operating_point(settings: Settings, run: SceneRun) -> None:
-    """Record the operating points, each with its friction over time."""
+    """Record speed, load and true margins of each bearing in the truth of every block, at ``rate``.
+
+    Raises:
+        SceneError: The rate is missing, or not above 0 and up to 1 kHz.
+    """
     rate = settings.number('rate', 'Hz', above=0.0, maximum=_HIGHEST_POINT_RATE)
     bearings = [(config, run.course(config)) for config in run.bearings(settings)]
 
@@ -137,7 +155,14 @@ def operating_point(settings: Settings, run: SceneRun) -> None:
 def _operating_point(
     config: BearingConfig, course: FrictionCourse, block: TimeBlock, time: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return speed, load, and the margins with the true friction by name, each of shape (n,)."""
+    """Return speed [m/s], load [N], and the margins with the true friction by topic name, each of shape (n,).
+
+    Args:
+        config: The bearing.
+        course: Its friction over time.
+        block: Block of the scene.
+        time: Times within it, ascending, shape (n,) [s].
+    """
     speed, load = block.shaft.speed(config.name, time), block.shaft.load(config.name, time)
     # Where friction does not depend on the load, a factor on it is one on the load: a law is one of its
     # own for each step only if its shape moves, as each one is solved.
@@ -174,7 +199,15 @@ LEVEL_FACTORS = {
 
 @effect('lining', 'bearing', 'disturbance', 'knocks', 'knock_unit', 'amplitude', 'motion')
 def lining_motion(settings: Settings, run: SceneRun) -> None:
-    """Follow the lining: record when it sticks and what the scene asks for, and make the level."""
+    """Follow the lining of each bearing through the scene.
+
+    Every block gets its sticks and events as truth; its amplitude and motion on request; and where the
+    scene sends a level, the lining's vibration in that.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule, or a level is sent in a unit or at a rate that
+            this effect cannot make.
+    """
     meaning = 'the fluctuation of the load that the lining feels, {standard_deviation, unit}'
     disturbance = settings.section('disturbance', ['standard_deviation', 'unit'], meaning)
     unit = disturbance.choice('unit', UNITS['load'])
@@ -200,7 +233,11 @@ def lining_motion(settings: Settings, run: SceneRun) -> None:
 
 
 def _read_knocks(settings: Settings, duration: float) -> list[tuple[float, float]]:
-    """Return time [s] and impulse of each blow, in the ``knock_unit``; an empty list for none."""
+    """Return time [s] and impulse [``knock_unit``] of each blow; an empty list without ``knocks``.
+
+    Raises:
+        SceneError: A blow breaks a rule, or stands at the scene's end.
+    """
     if 'knocks' not in settings:
         return []
     rows = settings.rows('knocks', 'blow', 'a list of blows [time in s, impulse in N s]')
@@ -212,14 +249,24 @@ def _read_knocks(settings: Settings, duration: float) -> list[tuple[float, float
 
 
 def _unit_blow(settings: Settings, config: BearingConfig) -> float:
-    """Return the impulse of one ``knock_unit`` [N s]; ``fold`` gives the lining the nominal fold speed."""
+    """Return the impulse of one ``knock_unit`` [N s].
+
+    By ``fold`` it gives the lining the velocity of the averaged fold at the nominal load.
+
+    Raises:
+        SceneError: The unit is neither ``N s`` nor ``fold``, or the bearing has no nominal load.
+    """
     if 'knock_unit' not in settings or settings.choice('knock_unit', ('N s', 'fold')) == 'N s':
         return 1.0
     return config.bearing.mass * float(fold_speed(config.bearing, nominal_load(config)))
 
 
 def _read_rate(settings: Settings, key: str, max_rate: float) -> float:
-    """Return the ``rate`` of an optional section [Hz]; 0 if the section is missing."""
+    """Return the ``rate`` of an optional section [Hz]; 0 if the section is missing.
+
+    Raises:
+        SceneError: The rate is not above 0 and up to ``max_rate`` [Hz].
+    """
     if key not in settings:
         return 0.0
     sampled = settings.section(key, ['rate'], 'its sampling, {rate: Hz}')
@@ -227,7 +274,11 @@ def _read_rate(settings: Settings, key: str, max_rate: float) -> float:
 
 
 def _level_channel(run: SceneRun, config: BearingConfig, max_rate: float) -> Channel | None:
-    """Return the channel of a bearing's level, if the scene sends it, at a rate up to the most [Hz]."""
+    """Return the channel of a bearing's level; ``None`` if the scene sends none.
+
+    Raises:
+        SceneError: A scene cannot make its unit, or its rate is above ``max_rate`` [Hz].
+    """
     try:
         channel = run.shaft.channel(config.name, 'level')
     except KeyError:
@@ -260,11 +311,17 @@ class FollowedLining:
         self._add_event(0.0, 'start', 0.0)
 
     def ask(self, rate: float, take: Take, period: float = 0.0) -> None:
-        """Sample the motion at a rate [Hz], with a period [s] in windows before each instant."""
+        """Request the motion at a rate in every block.
+
+        Args:
+            rate: Rate of the instants [Hz].
+            take: Gets what is due in each block.
+            period: Natural period for a window of samples before each instant [s]; 0 for one sample at it.
+        """
         self._asked.append((Samples(rate, self._run.duration, period), take))
 
     def record_amplitude(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-        """Record the amplitude."""
+        """Append the amplitude at times [s] to the truth of a block."""
         block.truth.append(self._make_column('amplitude', FLOAT64, time, self._vibration_amplitude(motion)))
 
     def record_motion(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
@@ -274,7 +331,14 @@ class FollowedLining:
         block.truth.append(self._make_column('sticking', BOOL, time, motion[3, :, 0].astype(np.bool_)))
 
     def send_level(self, channel: Channel, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-        """Add the RMS vibration of the lining to the level sent, as a root of the sum of squares."""
+        """Add the RMS vibration of the lining to the level sent, as a root of the sum of squares.
+
+        Args:
+            channel: The level's channel, whose signal changes in place.
+            block: The block.
+            time: Instants of the windows, shape (n,) [s].
+            motion: The motion in each window, shape (4, n, samples).
+        """
         power, factor = LEVEL_FACTORS[channel.input.unit]
         frequency = self.lining.config.bearing.natural_frequency
         signal = block.signals[channel.topic]
@@ -285,16 +349,23 @@ class FollowedLining:
         signal.value[:] = np.hypot(signal.value, values)
 
     def _vibration_amplitude(self, motion: FloatArray) -> FloatArray:
+        """Return the amplitude in each window [m], rounded as processors agree."""
         step = self.period / PER_PERIOD
         return np.round(half_peak_to_peak(motion[0], motion[1], step), _PLACES)
 
     def apply(self, block: TimeBlock) -> None:
-        """Follow the lining through a block."""
+        """Follow the lining through a block, and add to it all that is due.
+
+        Raises:
+            SceneError: The integrator gave up.
+        """
         last = block.end == block.duration
         if self.lining.reached < block.end:
             self._follow_until(self.lining.next_end(block.end))
         if last:
-            self._finish_truth(block.end)
+            if (since := self._episodes.since) is not None:  # a stick that goes on
+                self._sticks.append((block.end, round(block.end - since, INSTANTS)))
+            self._add_event(block.end, 'end', block.end)
         due = math.inf if last else block.end
         block.truth.append(self._make_column('stick', FLOAT64, *_take_due(self._sticks, due)))
         block.truth.append(self._make_column('events', STRING, *_take_due(self._events, due)))
@@ -302,7 +373,7 @@ class FollowedLining:
             take(block, *samples.due(due))
 
     def _follow_until(self, end: float) -> None:
-        """Follow the lining to ``end`` [s], and keep samples, sticks and events until they are due."""
+        """Follow the lining to ``end`` [s]; store samples, sticks and events until they are due."""
         requested = [samples.until(end) for samples, _ in self._asked]
         times = np.unique(np.concatenate([np.empty(0), *requested]))
         motion, changes = self.lining.follow(end, times)
@@ -313,25 +384,35 @@ class FollowedLining:
         for event in events:
             self._add_event(*event)
 
-    def _finish_truth(self, end: float) -> None:
-        """End a stick that goes on, and add the event of the scene's end."""
-        if (since := self._episodes.since) is not None:
-            self._sticks.append((end, round(end - since, INSTANTS)))
-        self._add_event(end, 'end', end)
-
     def _add_event(self, known_at: float, name: str, time: float, more: Mapping[str, float] = {}) -> None:
-        """Keep an event until the block in which it can be known [s], rounded as processors agree."""
+        """Store an event until the block in which it is due; times are rounded as processors agree.
+
+        Args:
+            known_at: When it can be known [s].
+            name: Its name.
+            time: When it happens [s].
+            more: More numbers of its record.
+        """
         known_at, time = round(known_at, INSTANTS), round(time, INSTANTS)
         stamp = self._run.start_ns + round(time * 1e9)
         text = event_text(self.lining.config.name, name, stamp, **more)
         self._events.append((known_at, text))
 
     def _make_column(self, name: str, kind: str, time: FloatArray, values: Any) -> Column:
+        """Return a column of a truth topic of this bearing."""
         return Column(topic(self.lining.config.name, name), kind, time, values)
 
 
 def _take_due(pending: list[tuple[float, Any]], end: float) -> tuple[FloatArray, NDArray[Any]]:
-    """Remove from ``pending``, and return, the times [s] and values before ``end`` [s]; times do not fall."""
+    """Remove from ``pending`` what is before ``end`` [s].
+
+    Args:
+        pending: Times [s], which do not fall, with values; it is changed in place.
+        end: The time [s].
+
+    Returns:
+        The removed times and values, shape (n,) each.
+    """
     count = bisect.bisect_left(pending, end, key=lambda item: item[0])
     taken, pending[:count] = pending[:count], []
     return np.array([time for time, _ in taken]), np.array([value for _, value in taken])

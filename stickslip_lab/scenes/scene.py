@@ -73,7 +73,11 @@ class Scene:
     parameter_error: Mapping[str, float] = field(default_factory=dict)
 
     def build(self) -> SceneRun:
-        """Build one run of the scene."""
+        """Build one run of the scene: a fresh shaft with every effect added, in the order in which they act.
+
+        Raises:
+            SceneError: A setting of an effect breaks a rule.
+        """
         shaft = Shaft(self.channels)
         run = SceneRun(self.duration, self.seed, self.channels, self.folder, self.start_ns, shaft)
         for settings in self.effects:
@@ -84,7 +88,10 @@ class Scene:
 def load_scene(path: str | Path, seed: int | None = None, sensors: str | Path | None = None) -> Scene:
     """Read and validate a scene file.
 
-    The seed is the file's and the sensors those that it names, unless others are given.
+    Args:
+        path: The file.
+        seed: Seed in place of the file's.
+        sensors: File of sensors in place of the one that the scene names.
 
     Raises:
         SceneError: It cannot be read or breaks a rule; the text names the file.
@@ -99,7 +106,7 @@ def load_scene(path: str | Path, seed: int | None = None, sensors: str | Path | 
 
 
 def _read_document(path: str | Path, kind: str, meaning: str, schema: str) -> Any:
-    """Return the mapping in a YAML file, with the key that names its kind.
+    """Return the mapping in a YAML file, which is of the kind and schema wanted.
 
     Args:
         path: The file.
@@ -122,7 +129,15 @@ def _read_document(path: str | Path, kind: str, meaning: str, schema: str) -> An
 
 
 def _build_scene(path: Path, document: Any, seed: int | None, sensors: str | Path | None) -> Scene:
-    seed = _read_seed(Settings('', document, document)) if seed is None else seed
+    """Return the scene of a parsed file, as :func:`load_scene`, after building it once as a check.
+
+    Raises:
+        SceneError: It breaks a rule; the text does not name the file.
+        ConfigurationError: The configuration it refers to cannot be read or breaks a rule.
+    """
+    if seed is None:
+        meaning = 'a whole number, from which all random numbers follow'
+        seed = Settings('', document, document).whole('seed', meaning, 0)
     settings = Settings('', drawn(document, seed), KEYS)
     given = _read_sensors(path.parent, settings, seed, sensors)
     description = settings.text('description', 'what the scene shows')
@@ -148,12 +163,12 @@ def _build_scene(path: Path, document: Any, seed: int | None, sensors: str | Pat
     return scene
 
 
-def _read_seed(settings: Settings) -> int:
-    return settings.whole('seed', 'a whole number, from which all random numbers follow', 0)
-
-
 def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
-    """Return the path of the configuration; in a folder of files the seed picks one."""
+    """Return the path of the configuration, which need not exist; of a folder of files the seed picks one.
+
+    Raises:
+        SceneError: The key is missing, or the folder has no ``.yaml`` file.
+    """
     path = folder / settings.text('config', 'the path of a configuration file')
     if not path.is_dir():
         return path
@@ -164,7 +179,17 @@ def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
 
 
 def _read_sensors(folder: Path, settings: Settings, seed: int, path: str | Path | None) -> Settings | None:
-    """Read the sensors file at ``path``, else the one that the scene names; None without one."""
+    """Return the content of a file of sensors; ``None`` without one.
+
+    Args:
+        folder: Folder of the scene file, from which its own path counts.
+        settings: The scene, which may name one.
+        seed: Seed for the numbers to draw.
+        path: File in place of that.
+
+    Raises:
+        SceneError: It cannot be read or breaks a rule; the text names it.
+    """
     if path is None:
         if 'sensors' not in settings:
             return None
@@ -203,6 +228,9 @@ def read_effects(listed: Any) -> tuple[Settings, ...]:
     """Return the settings of the listed effects, in the order in which they act.
 
     The list is of mappings ``{name: {settings}}`` or ``{effect: name, settings}``.
+
+    Raises:
+        SceneError: It is no such list, or an effect or one of its keys is unknown.
     """
     if not isinstance(listed, list):
         raise SceneError(f'effects = {listed!r} must be a list')
@@ -215,7 +243,11 @@ def in_order(effects: Iterable[Settings]) -> tuple[Settings, ...]:
 
 
 def _effect_settings(number: int, entry: Any) -> Settings:
-    """Return the settings of an effect, entry ``number`` of the list; SceneError for no known effect."""
+    """Return the settings of entry ``number`` of the list of effects.
+
+    Raises:
+        SceneError: It is no mapping as :func:`read_effects` wants, or the effect or a key is unknown.
+    """
     if not isinstance(entry, Mapping) or not ('effect' in entry or len(entry) == 1):
         raise SceneError(
             f'effects: entry {number} = {entry!r} must be {{name: {{settings}}}} or'
@@ -235,7 +267,8 @@ def _start_ns(settings: Settings, duration: float) -> int:
     """Return the ``start`` [ns since 1970] of nanoseconds or an ISO time, which is UTC without a zone.
 
     Raises:
-        SceneError: It is neither, or the scene does not lie between 1970 and 2262.
+        SceneError: It is missing or neither, looks like another unit, or the scene does not lie between
+            1970 and 2262; ``duration`` [s] is the scene's.
     """
     meaning = 'an ISO time such as 2026-05-04T06:00:00Z, or whole nanoseconds since 1970'
     value = settings.value('start', meaning)
@@ -266,7 +299,15 @@ def simulate(
     """Yield the blocks of a scene in order of time, to its end or where its recording is cut.
 
     Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
-    outcome does not depend on the length of the blocks, > 0 [s]. A run that is given is fresh.
+    outcome does not depend on the length of the blocks.
+
+    Args:
+        scene: The scene.
+        block_length: Length of a block > 0 [s].
+        run: A fresh run of it, which changes; by default one is built.
+
+    Raises:
+        SceneError: A speed or load leaves what the telemetry can carry, or the lining cannot be followed.
     """
     run = scene.build() if run is None else run
     finish = scene.duration if run.cut is None else run.cut
@@ -282,7 +323,9 @@ def simulate(
 
 
 def _measure_channel(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
-    """Return the measurements of a channel from ``start`` to before ``end`` [s]; a filter keeps its state.
+    """Return the measurements of a channel from ``start`` to before ``end`` [s].
+
+    The memory of its sensor advances.
 
     Raises:
         SceneError: A value is larger than the configuration allows.
@@ -299,7 +342,13 @@ def _measure_channel(scene: Scene, run: SceneRun, channel: Channel, start: float
 
 
 def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
-    """Raise SceneError for a value above the configured maximum of one of the channel's bearings."""
+    """Raise SceneError for a value above the configured maximum of one of the channel's bearings.
+
+    Args:
+        channel: The channel.
+        time: Times, for the error, shape (n,) [s].
+        value: Values in its units, shape (n,).
+    """
     for bearing in channel.bearings:
         size = np.abs(value) * channel.ratio(bearing.name)
         maximum = bearing.inputs[channel.quantity].maximum
@@ -323,14 +372,19 @@ _ENCODERS: Mapping[str, Callable[[Any], Iterable[bytes]]] = {
 def write_bag(
     scene: Scene, path: str | Path, progress: Callable[[float], None] | None = None
 ) -> dict[str, int]:
-    """Write a scene's telemetry; the bag appears under its name when it is complete.
+    """Write a scene's telemetry and truth; the bag appears under its name when it is complete.
 
-    The path is a rosbag2 folder, or one file if the name ends in ``.mcap``. Progress is given the
-    seconds simulated so far after each block. The messages written are returned by topic.
+    Args:
+        scene: The scene.
+        path: A rosbag2 folder, or one file if the name ends in ``.mcap``.
+        progress: Gets the seconds simulated so far after each block.
+
+    Returns:
+        Number of messages written, by topic.
 
     Raises:
         BagError: The bag exists already or cannot be written.
-        SceneError: A speed or load leaves what the telemetry can carry.
+        SceneError: A speed or load leaves what the telemetry can carry, or the lining cannot be followed.
     """
     run = scene.build()
     with BagWriter(path) as writer:
@@ -352,7 +406,7 @@ def write_bag(
 
 
 def _encode_signal(signal: Signal) -> tuple[IntArray, list[bytes]]:
-    """Return log times [ns] and encoded messages of a signal."""
+    """Return log times [ns] of the messages of a signal, and the messages encoded."""
     (log_time_ns, stamp_ns, raw), source = signal.messages(), signal.channel.input
     if stamp_ns is None:
         return log_time_ns, encode_float64s(raw)

@@ -41,13 +41,25 @@ _HOUR = 3600.0
 
 @channel_effect('sensing', MEMORY_CHANNELS, 'time_constant', section='the filter')
 def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Give a sensor a first-order lag."""
+    """Give the sensor of a channel a first-order lag, behind the memories that it has.
+
+    Raises:
+        SceneError: The time constant is not from 1 ms to 600 s.
+    """
     lag = settings.number('time_constant', 's', minimum=_SHORTEST, maximum=_LONGEST)
     run.sense(channel, Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag)))
 
 
 def low_pass(time_constant: float, step: float, value: float) -> Term:
-    """Return a filter that has settled on a value; samples are ``step`` [s] apart."""
+    """Return a first-order low-pass filter for successive pieces of a signal.
+
+    It keeps its state from call to call.
+
+    Args:
+        time_constant: Its lag [s].
+        step: Time between samples [s].
+        value: What the input was until now: the filter has settled on it.
+    """
     from scipy.signal import lfilter
 
     left = math.exp(-step / time_constant)
@@ -65,15 +77,24 @@ def low_pass(time_constant: float, step: float, value: float) -> Term:
 
 @channel_effect('sensing', MEMORY_CHANNELS, 'window', section='the averaging')
 def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Let a sensor average over the last seconds."""
+    """Let the sensor of a channel average over the last seconds, behind the memories that it has.
+
+    Raises:
+        SceneError: The window is not from 1 ms to 600 s.
+    """
     window = settings.number('window', 's', minimum=_SHORTEST, maximum=_LONGEST)
     run.sense(channel, Memory(window, window, partial(moving_mean, window)))
 
 
 def moving_mean(window: float, step: float, value: float) -> Term:
-    """Return a filter ``y(t) = (1/window) * integral of x from t - window to t``, by trapezia.
+    """Return a moving mean for successive pieces of a signal, by trapezia.
 
-    It has settled on a value, and keeps its state from call to call; samples are ``step`` [s] apart.
+    ``y(t) = (1/window) * integral of x from t - window to t``; it keeps its state from call to call.
+
+    Args:
+        window: Length of the mean [s].
+        step: Time between samples [s].
+        value: What the input was until now: the mean has settled on it.
     """
     steps = window / step
     whole, rest = int(steps), steps - int(steps)
@@ -96,10 +117,13 @@ def moving_mean(window: float, step: float, value: float) -> Term:
 
 @channel_effect('sensor', ['level'], 'unit', 'floor', 'engine', 'sea', 'period', 'scatter')
 def vibration_background(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Add background vibration to the level of the lining, as a root of the sum of squares.
+    """Return the change that adds background vibration to the lining's level, by root of the sum of squares.
 
     The floor of the sensor, and the engine, given at the fold speed and growing with the square
-    of the speed, rise and fall by a share with the sea; each value scatters.
+    of the speed, rise and fall by the share ``sea``; each value scatters, and none is negative.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
     """
     unit, _ = unit_of(settings, channel)
     bearing = channel.bearings[0].name
@@ -123,7 +147,11 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
 
 @channel_effect('sensor', CHANNELS, 'bias', 'drift', 'unit', section='the error')
 def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Add an error that is constant or drifts."""
+    """Return the change that adds a constant error to the values, one that drifts, or both.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     unit, factor = unit_of(settings, channel)
     drift = settings.number('drift', f'{unit} per hour') / _HOUR if 'drift' in settings else 0.0
     constant, rate = settings.number('bias', unit) * factor, drift * factor
@@ -136,7 +164,11 @@ def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'standard_deviation', 'unit', section='the noise')
 def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Add white normal noise."""
+    """Return the change that adds white normal noise to the values.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     unit, factor = unit_of(settings, channel)
     deviation = settings.number('standard_deviation', unit, minimum=0.0) * factor
     random = run.random(settings, channel)
@@ -149,7 +181,11 @@ def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'size', 'unit', 'windows', 'share', section='the spikes')
 def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Add outliers to single samples, of a fixed size up or down."""
+    """Return the change that adds a fixed size to some values, or takes it from them, by chance.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     unit, factor = unit_of(settings, channel)
     size = settings.number('size', unit) * factor
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
@@ -165,7 +201,11 @@ def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'step', 'unit', section='the step')
 def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Round to the nearest multiple of a step."""
+    """Return the change that rounds values to the nearest multiple of a step.
+
+    Raises:
+        SceneError: The step is missing or below 1e-9.
+    """
     unit, factor = unit_of(settings, channel)
     step = settings.number('step', unit, minimum=1e-9) * factor
 
@@ -177,7 +217,13 @@ def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'windows', section='when it is stuck')
 def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Repeat in a window the last value before it, or else the first within."""
+    """Return the change that repeats in each window the last value before it.
+
+    Where there is none, the first value within the window is repeated.
+
+    Raises:
+        SceneError: The windows break their rule.
+    """
     held = read_windows(settings, run.duration)
     last: float | None = None
 
@@ -197,7 +243,11 @@ def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'windows', 'share', section='when it sends NaN')
 def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Replace samples by NaN: those in ``windows``, or a random ``share`` of them."""
+    """Return the change that replaces values by NaN: those in ``windows``, a random ``share``, or both.
+
+    Raises:
+        SceneError: There is neither, or a setting breaks its rule.
+    """
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def spoil(signal: Signal) -> None:
@@ -212,7 +262,11 @@ _MOST_JITTER, _LONGEST_JUMP = 10.0, 3.2e8
 
 @channel_effect('recording', CHANNELS, 'standard_deviation', section='the jitter')
 def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Scatter the stamps; none comes to lie before 1970."""
+    """Return the change that scatters the stamps by a normal deviation; none comes to lie before 1970.
+
+    Raises:
+        SceneError: The deviation is missing, or not from 0 to 10 s.
+    """
     deviation = settings.number('standard_deviation', 's', minimum=0.0, maximum=_MOST_JITTER)
     random = run.random(settings, channel)
 
@@ -226,7 +280,11 @@ def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('recording', CHANNELS, 'jumps')
 def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Shift all stamps after each jump."""
+    """Return the change that shifts all stamps after each jump of the clock.
+
+    Raises:
+        SceneError: A jump breaks its rule, goes back without a header, or leaves the range of stamps.
+    """
     jumps = _clock_jumps(settings, run.duration)
     if any(by < 0.0 for _, by in jumps):
         require_header(channel, 'its clock can only jump forward')
@@ -248,7 +306,11 @@ def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 
 def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
-    """Return when the clock jumps [s], and by how much [s]."""
+    """Return the time of each jump [s], and by how much the clock jumps, with its sign [s].
+
+    Raises:
+        SceneError: A jump is 0 or too large, or times do not rise within the scene.
+    """
     rows = settings.rows('jumps', 'jump', 'a list of jumps [time in s, value in s]')
     jumps = check_points(rows, duration)
     for (name, _), (_, by) in zip(rows, jumps, strict=True):
@@ -260,7 +322,13 @@ def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float
 
 @channel_effect('recording', CHANNELS, 'delay', 'windows', 'share', section='which messages are late')
 def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Delay the arrival of some messages, so that they are recorded out of order."""
+    """Return the change that delays the arrival of some messages: they are recorded out of order.
+
+    Stamps stay. It hits those in ``windows``, a random ``share``, or both.
+
+    Raises:
+        SceneError: The messages have no header, or a setting breaks its rule.
+    """
     require_header(channel, 'none of its messages can be out of order')
     # A shorter delay overtakes nothing.
     delay = settings.number('delay', 's', above=1.0 / channel.rate, maximum=60.0)
@@ -276,7 +344,13 @@ def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('recording', CHANNELS, 'windows', 'share', section='which messages come twice')
 def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Record some messages twice, with equal stamps."""
+    """Return the change that records some messages twice, with equal stamps.
+
+    It hits those in ``windows``, a random ``share``, or both.
+
+    Raises:
+        SceneError: There is neither, or a setting breaks its rule.
+    """
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def repeat(signal: Signal) -> None:
@@ -287,7 +361,11 @@ def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Chan
 
 @channel_effect('recording', CHANNELS, 'windows', 'share', section='which messages are lost')
 def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Lose some messages."""
+    """Return the change that loses some messages: those in ``windows``, a random ``share``, or both.
+
+    Raises:
+        SceneError: There is neither, or a setting breaks its rule.
+    """
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
 
     def lose(signal: Signal) -> None:
@@ -298,7 +376,11 @@ def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('recording', CHANNELS, 'value', 'unit', 'rate', section='what it sends')
 def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Send a constant value on the same topic, between the regular instants of its rate."""
+    """Add to the run a second sender of a topic: a constant value, half-way between instants of its rate.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     unit, factor = unit_of(settings, channel)
     value = settings.number('value', unit) * factor
     rate = settings.number('rate', 'Hz', above=0.0, maximum=1000.0)
@@ -320,6 +402,10 @@ def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> Non
 
 @effect('file', 'time')
 def cut_off(settings: Settings, run: SceneRun) -> None:
-    """End the recorder in mid-write."""
+    """Let the recorder end in mid-write: set ``run.cut`` to the ``time`` [s].
+
+    Raises:
+        SceneError: The effect is listed twice, or the time lies outside the scene.
+    """
     run.claim(settings.name)
     run.cut = settings.number('time', 's', above=0.0, maximum=run.duration)

@@ -54,20 +54,32 @@ class Settings:
         return f'{self.name}.{key}' if self.name else key
 
     def value(self, key: str, meaning: str) -> Any:
-        """Return the value as it stands in the file; ``meaning`` says what is missing where it is."""
+        """Return the value as it stands in the file; ``meaning`` says in the error what is missing.
+
+        Raises:
+            SceneError: The key is missing.
+        """
         if key not in self._content:
             raise SceneError(f"key '{self.label(key)}' is missing: {meaning}")
         return self._content[key]
 
     def text(self, key: str, meaning: str) -> str:
-        """Return a text that is not empty; ``meaning`` says what it is, for the error."""
+        """Return a text that is not empty; ``meaning`` says in the error what it is.
+
+        Raises:
+            SceneError: The key is missing, or its value is not such a text.
+        """
         value = self.value(key, meaning)
         if not isinstance(value, str) or not value.strip():
             raise self.broken(key, f'must be a text: {meaning}')
         return value
 
     def choice(self, key: str, options: Sequence[str]) -> str:
-        """Return a text that must be one of the options."""
+        """Return a text that must be one of the options.
+
+        Raises:
+            SceneError: The key is missing, or its value is not one of them.
+        """
         value = self.value(key, f'one of {", ".join(options)}')
         self._check_value(key, Parameter(key, 'str', REQUIRED, '', choices=tuple(options)))
         return str(value)
@@ -88,6 +100,9 @@ class Settings:
             above: Lower bound that is not allowed itself.
             minimum: Lower bound that is allowed.
             maximum: Upper bound that is allowed.
+
+        Raises:
+            SceneError: The key is missing, or its value is not such a number.
         """
         low, is_open = max(above, minimum), above > minimum
         row = Parameter(key, 'float', REQUIRED, '', unit.strip('-'), low, maximum, above_minimum=is_open)
@@ -97,14 +112,22 @@ class Settings:
         return float(self._check_value(key, row))
 
     def whole(self, key: str, meaning: str, minimum: int, maximum: float = math.inf) -> int:
-        """Return a whole number within inclusive bounds; ``meaning`` says what it is, for the error."""
+        """Return a whole number within inclusive bounds; ``meaning`` says in the error what it is.
+
+        Raises:
+            SceneError: The key is missing, or its value is not such a number.
+        """
         self.value(key, meaning)
         return int(
             self._check_value(key, Parameter(key, 'int', REQUIRED, '', minimum=minimum, maximum=maximum))
         )
 
     def _check_value(self, key: str, row: Parameter) -> Any:
-        """Return the value of a key that keeps a rule."""
+        """Return the value of a key that is there, converted as the rule ``row`` has it.
+
+        Raises:
+            SceneError: It breaks the rule.
+        """
         try:
             return row.checked(self.label(key), {self.label(key): self._content[key]})
         except ConfigurationError as error:
@@ -115,8 +138,11 @@ class Settings:
 
         Args:
             key: The key.
-            name: What an entry is, before its number in the name.
-            meaning: What the list must be, for the error.
+            name: Word for an entry, before its number in the name.
+            meaning: Description of the list, for the error.
+
+        Raises:
+            SceneError: The key is missing, or its value is not such a list.
         """
         listed = self.value(key, meaning)
         if not isinstance(listed, list) or not listed:
@@ -124,31 +150,41 @@ class Settings:
         return [(f'{self.label(key)}: {name} {k}', row) for k, row in enumerate(listed, 1)]
 
     def section(self, key: str, keys: Iterable[str], meaning: str) -> Settings:
-        """Return the mapping under a key."""
+        """Return the mapping under a key; ``meaning`` says in the error what is missing.
+
+        Args:
+            key: The key.
+            keys: The keys that the mapping may have.
+            meaning: Description of the mapping.
+
+        Raises:
+            SceneError: The key is missing, or its value is no mapping or has another key.
+        """
         return Settings(self.label(key), self.value(key, meaning), keys)
 
     def broken(self, key: str, rule: str) -> SceneError:
-        """Return the error that says that a key's value breaks a rule."""
+        """Return, not raise, the error that the value of a key breaks a rule."""
         return SceneError(f'{self.label(key)} = {shown(self._content[key])} {rule}')
 
 
 def suggestion(key: Any, candidates: Sequence[str]) -> str:
-    """Return what to say about a name that is not among the known ones."""
+    """Return a hint on an unknown name: the candidate that it may mean, else all of them."""
     return did_you_mean(key, candidates).removeprefix('; ') or f'there are: {", ".join(candidates)}'
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a value of a YAML file is a number of usable size."""
+    """Return whether a value of a YAML file is a number, not a bool, of a size up to :data:`LARGEST`."""
     return _is_numeric(value) and -LARGEST <= value <= LARGEST
 
 
 def too_large(*values: Any) -> str:
-    """Return what to add to the rule that a value breaks where the rule is :data:`LARGEST`."""
+    """Return the clause on :data:`LARGEST` where one of the values is a larger number, else ''."""
     beyond = any(_is_numeric(value) and abs(value) > LARGEST for value in values)
     return f', of a size up to {LARGEST:g}' if beyond else ''
 
 
 def _is_numeric(value: Any) -> bool:
+    """Return whether a value is an int or a float and not a bool."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
@@ -162,7 +198,7 @@ class Profile:
 
     @classmethod
     def of(cls, points: Sequence[tuple[float, float]]) -> Profile:
-        """Return the profile through some points (time, value)."""
+        """Make the profile through points (time [s], value), one or more, with rising times."""
         times, values = np.array(points, float).T.copy()
         pieces = 0.5 * (values[1:] + values[:-1]) * np.diff(times)
         return cls(times, values, np.cumsum([times[0] * values[0], *pieces]))
@@ -181,9 +217,16 @@ class Profile:
 
 
 def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -> Profile:
-    """Return the ``points`` or, in its place, the ``table`` of an effect, with numbers in a unit.
+    """Return the profile of an effect: its ``points`` or, in their place, its ``table``.
 
-    The table's path counts from the folder of the scene file.
+    Args:
+        settings: Settings of the effect.
+        unit: Unit of the numbers, for errors; they are not converted.
+        duration: Duration of the scene [s].
+        folder: Folder of the scene file, from which the table's path counts.
+
+    Raises:
+        SceneError: Both or neither is given, or a point breaks a rule.
     """
     if 'table' in settings and 'points' in settings:
         raise SceneError(f'{settings.name} has points and a table: give one of them')
@@ -195,10 +238,18 @@ def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -
 
 
 def read_steps(settings: Settings, unit: str, duration: float) -> Profile:
-    """Return the ``steps`` and ``rise`` of an effect, with levels in a unit.
+    """Return the ``steps`` and the ``rise`` of an effect as a profile.
 
     Each step [time in s, level] begins at its time and takes ``rise`` [s]: neither a shaft nor
     the load on a bearing jumps. The first level holds from the scene's start.
+
+    Args:
+        settings: Settings of the effect.
+        unit: Unit of the levels, for errors; they are not converted.
+        duration: Duration of the scene [s].
+
+    Raises:
+        SceneError: A step breaks a rule, or begins before the one before it has ended.
     """
     rise = settings.number('rise', 's', above=0.0)
     rows = settings.rows('steps', 'step', f'a list of steps [time in s, value in {unit}]')
@@ -214,9 +265,11 @@ def read_steps(settings: Settings, unit: str, duration: float) -> Profile:
 
 
 def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple[float, float]]:
-    """Return points (time [s], value) that rise in time and lie within the scene.
+    """Return the points (time [s], value) of a file, whose times rise within the scene.
 
-    Each row is the name of a point for sentences, and the point as the file has it.
+    Args:
+        rows: For each point its name, for errors, and the point as the file has it.
+        duration: Duration of the scene [s].
 
     Raises:
         SceneError: A point is no pair of numbers, or breaks the order.
@@ -228,17 +281,24 @@ def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple
 
 
 def _is_pair(value: Any) -> bool:
+    """Return whether a value is a list of two numbers."""
     return isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
 
 
 def _check_pair(name: str, pair: Any, meaning: str) -> None:
+    """Raise SceneError unless a value is a list of two numbers, which ``meaning`` describes."""
     if not _is_pair(pair):
         size = too_large(*pair) if isinstance(pair, list) else ''
         raise SceneError(f'{name} = {pair!r} must be a pair of numbers, {meaning}{size}')
 
 
 def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
-    """Raise SceneError for times [s], each with its name, that do not rise or lie outside the scene."""
+    """Raise SceneError for times [s] that are no numbers, do not rise, or lie outside the scene.
+
+    Args:
+        rows: For each time its name, for errors, and its value.
+        duration: Duration of the scene [s].
+    """
     for name, time in rows:
         if not is_number(time):
             raise SceneError(f'{name} is at {time!r}, which is no time in s')
@@ -252,7 +312,11 @@ def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
 
 
 def _table_rows(path: Path) -> list[tuple[str, Any]]:
-    """Return the rows of a table headed ``time,value``, each with its name for sentences."""
+    """Return a name for errors and [time, value] of each row of a table headed ``time,value``.
+
+    Raises:
+        SceneError: The file cannot be read, has other headings, no rows, or a row that is not two numbers.
+    """
     rows, _ = read_table(path, MAX_TABLE_BYTES, SceneError, ['time', 'value'].__eq__)
     if not rows or rows[0].cells != ['time', 'value']:
         raise SceneError(f"table '{path}' must begin with a line 'time,value'")
@@ -274,7 +338,11 @@ Hit = Callable[[FloatArray], BoolArray]
 
 
 def read_windows(settings: Settings, duration: float) -> Hit:
-    """Return the ``windows``: pairs [start, end) in s, in order of time."""
+    """Return a function of times [s], whether each lies in one of the ``windows`` [start, end).
+
+    Raises:
+        SceneError: There are none, one does not lie within the scene, or they overlap or are out of order.
+    """
     rows = settings.rows('windows', 'window', 'a list of windows [start in s, end in s]')
     for name, window in rows:
         _check_pair(name, window, '[start in s, end in s]')
@@ -300,9 +368,12 @@ def read_windows(settings: Settings, duration: float) -> Hit:
 
 
 def read_sample_mask(settings: Settings, duration: float, random: np.random.Generator) -> Hit:
-    """Return a function of times [s] that says which samples are hit, by ``windows``, ``share`` or both.
+    """Return a function of times [s], whether each sample is hit by ``windows``, ``share`` or both.
 
-    Random numbers are drawn only for a share, one for each sample.
+    Random numbers are drawn only for a share, one for each sample at each call.
+
+    Raises:
+        SceneError: Neither is given, or one breaks its rule.
     """
     if 'windows' not in settings and 'share' not in settings:
         raise SceneError(f'{settings.name} must have windows, a share of the samples, or both')
@@ -329,19 +400,24 @@ PARAMETERS = (
 
 
 def random_stream(seed: int, *names: str) -> np.random.Generator:
-    """Return the random stream of a name: of the effect, and within it the topic.
-
-    It depends on the scene's seed and the names alone, on every machine.
-    """
+    """Return a new random stream that depends on the seed and the names alone, on every machine."""
     digest = hashlib.sha256('\0'.join(names).encode()).digest()
     key = tuple(int.from_bytes(digest[k : k + 4], 'little') for k in range(0, 16, 4))
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
 def drawn(document: Any, seed: int, place: str = '') -> Any:
-    """Return a parsed scene with a number in place of each ``{between: [low, high]}``.
+    """Return a copy of a parsed scene with a number in place of each ``{between: [low, high]}``.
 
     Each is drawn evenly from a random stream of its own, named after its place in the file.
+
+    Args:
+        document: Mappings, lists and values, as YAML gives them.
+        seed: Seed of the scene.
+        place: Where the document stands in the file, for the name of the streams.
+
+    Raises:
+        SceneError: Limits are not two numbers, the lower first.
     """
     if isinstance(document, Mapping):
         if list(document) == [BETWEEN]:
@@ -354,7 +430,11 @@ def drawn(document: Any, seed: int, place: str = '') -> Any:
 
 
 def _draw_between(limits: Any, seed: int, place: str) -> float:
-    """Draw a number evenly between two limits, by the seed and the place in the file."""
+    """Draw a number evenly between two limits from the random stream of a place in the file.
+
+    Raises:
+        SceneError: They are not two numbers, the lower first.
+    """
     if not _is_pair(limits) or limits[0] > limits[1]:
         raise SceneError(
             f'{place.lstrip(".")} = {{{BETWEEN}: {limits!r}}} must be two numbers, the lower first'
@@ -365,7 +445,7 @@ def _draw_between(limits: Any, seed: int, place: str) -> float:
 
 
 def _number_repeated(entries: list[Any]) -> list[str]:
-    """Return a unique name for each entry of a list: an effect's name and count, else the position.
+    """Return a name for each entry of a list: an effect's name and count, else the position.
 
     An effect keeps its name, and so its random stream, when others are added to the list.
     """
@@ -380,7 +460,11 @@ def _number_repeated(entries: list[Any]) -> list[str]:
 
 
 def read_parameter_error(settings: Settings) -> dict[str, float]:
-    """Return the ``parameter_error``: by parameter the largest relative error."""
+    """Return the ``parameter_error``: by parameter the largest relative error; empty without the section.
+
+    Raises:
+        SceneError: A parameter is not one of :data:`PARAMETERS`, or an error is not from 0 to 0.9.
+    """
     if 'parameter_error' not in settings:
         return {}
     error_settings = settings.section('parameter_error', PARAMETERS, 'the largest relative errors')

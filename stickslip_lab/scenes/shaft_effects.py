@@ -77,7 +77,11 @@ class SceneRun:
         self._claimed.add((owner, place))
 
     def pick(self, settings: Settings, quantity: str) -> Iterator[Channel]:
-        """Claim and yield an effect's channels of a quantity: those of its ``bearing``, else of all."""
+        """Yield the channels of a quantity that serve an effect's ``bearing``, else all; claim each.
+
+        Raises:
+            SceneError: A channel is claimed twice by one effect, or the scene has no such bearing.
+        """
         names = [b.name for b in self._named_bearings(settings)]
         for channel in self.channels:
             if channel.quantity == quantity and any(map(channel.serves, names)):
@@ -85,9 +89,12 @@ class SceneRun:
                 yield channel
 
     def bearings(self, settings: Settings, part: str = '') -> list[BearingConfig]:
-        """Claim and return the bearings that an effect on the lining is for: its ``bearing``, else all.
+        """Return the ``bearing`` that an effect on the lining is for, else all bearings; claim each.
 
-        Where it may be listed once for each part of a bearing, ``part`` names it.
+        Where an effect may be listed once for each part of a bearing, ``part`` names it.
+
+        Raises:
+            SceneError: A bearing is claimed twice by one effect and part, or the scene has no such bearing.
         """
         named = self._named_bearings(settings)
         for config in named:
@@ -102,7 +109,7 @@ class SceneRun:
         return [bearings[settings.choice('bearing', list(bearings))]]
 
     def course(self, config: BearingConfig) -> FrictionCourse:
-        """Return the friction of a bearing over time."""
+        """Return the friction of a bearing over time; without drift or water a new one that never moves."""
         return self.courses.get(config.name, FrictionCourse(config.bearing.friction))
 
     def sense(self, channel: Channel, memory: Memory) -> None:
@@ -115,7 +122,12 @@ class SceneRun:
     ) -> np.random.Generator:
         """Return the random stream of an effect, its own whatever else the scene lists.
 
-        It is for a channel or for the whole ship; ``purpose`` separates several of one effect.
+        It depends on the seed and these names alone.
+
+        Args:
+            settings: Settings of the effect; of a section's name what stands before its first point counts.
+            channel: The channel that it is for; ``None`` for the whole ship.
+            purpose: Names that tell several streams of one effect apart.
         """
         topic = () if channel is None else (channel.topic,)
         effect, _, _ = settings.name.partition('.')
@@ -142,7 +154,14 @@ DECLARED: dict[str, Effect] = {}
 
 
 def effect(stage: str, *keys: str) -> Callable[[Builder], Builder]:
-    """Declare an effect that sees to its channels or bearings itself."""
+    """Return a decorator that declares an effect, which finds its channels or bearings itself.
+
+    It adds the function to :data:`DECLARED` under the function's name and returns it unchanged.
+
+    Args:
+        stage: Stage at which it acts.
+        keys: Settings that it takes.
+    """
 
     def declare(function: Builder) -> Builder:
         DECLARED[function.__name__] = Effect(stage, keys, function)
@@ -154,10 +173,11 @@ def effect(stage: str, *keys: str) -> Callable[[Builder], Builder]:
 def channel_effect(
     stage: str, quantities: Sequence[str], *keys: str, section: str = ''
 ) -> Callable[[ChannelEffect], ChannelEffect]:
-    """Declare an effect on each channel of some quantities, of its ``bearing`` or of all bearings.
+    """Return a decorator that declares an effect on each channel of some quantities.
 
-    The decorated function is called once for each channel. It returns a function that changes the
-    signal of each block in place, or None if the effect has added itself to the run.
+    The channels are those of its ``bearing``, or of all bearings. The decorated function is called once for
+    each. It returns a function that changes the signal of each block in place, or ``None`` if the effect
+    has added itself to the run.
 
     Args:
         stage: Stage at which it acts.
@@ -188,11 +208,16 @@ def channel_effect(
 
 
 def _on_signal(topic: str, change: Change) -> Callable[[TimeBlock], None]:
+    """Return a function that applies a change to a topic's signal in a block."""
     return lambda block: change(block.signals[topic])
 
 
 def unit_of(settings: Settings, channel: Channel) -> tuple[str, float]:
-    """Return the ``unit`` of an effect's settings, and the SI value of one on a channel."""
+    """Return the ``unit`` of an effect's settings, and what one of it is on a channel in SI units.
+
+    Raises:
+        SceneError: The unit is missing, is not one of the quantity, or has no meaning on this channel.
+    """
     unit = settings.choice('unit', UNITS[channel.quantity])
     return unit, channel.factor(unit)
 
@@ -221,7 +246,10 @@ _LN2_HIGH, _LN2_LOW = float.fromhex('0x1.62e42feep-1'), float.fromhex('0x1.a39ef
 
 
 def exp(x: FloatArray) -> FloatArray:
-    """``e^x`` of numbers from -700 to 700, of any shape; below that range it is that of -700."""
+    """Compute ``e^x`` of numbers up to 700, of any shape, with the same bits on every machine.
+
+    Below -700 it is that of -700.
+    """
     x = np.maximum(x, -700.0)
     twos = np.rint(x * (1.0 / math.log(2.0)))
     rest = (x - twos * _LN2_HIGH) - twos * _LN2_LOW
@@ -229,7 +257,7 @@ def exp(x: FloatArray) -> FloatArray:
 
 
 def cos_turns(turns: FloatArray) -> FloatArray:
-    """``cos(2 pi x)`` of numbers of turns, of any shape."""
+    """Compute ``cos(2 pi x)`` of numbers of turns, of any shape, with the same bits on every machine."""
     away = np.abs(turns - np.rint(turns))
     folded = np.minimum(away, 0.5 - away)
     angle = (2.0 * math.pi) * np.abs(folded)
@@ -237,6 +265,7 @@ def cos_turns(turns: FloatArray) -> FloatArray:
 
 
 def _evaluate_polynomial(coefficients: list[float], x: FloatArray) -> FloatArray:
+    """Evaluate a polynomial at places of any shape by Horner's rule; the lowest power comes first."""
     total = np.full_like(x, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         np.multiply(total, x, out=total)
@@ -245,7 +274,14 @@ def _evaluate_polynomial(coefficients: list[float], x: FloatArray) -> FloatArray
 
 
 def _add_course(channel: Channel, run: SceneRun, course: Profile | Response, factor: float) -> None:
-    """Add a course, times ``factor`` to SI units, to a channel; to a speed its integral, the way, too."""
+    """Add a course to the shaft on a channel, and of a speed its integral, which turns the shaft.
+
+    Args:
+        channel: The channel.
+        run: The run of the scene, whose shaft changes.
+        course: Values over the time.
+        factor: SI value of one of them.
+    """
 
     def way(time: FloatArray) -> FloatArray:
         return course.integral(time) * factor
@@ -255,24 +291,26 @@ def _add_course(channel: Channel, run: SceneRun, course: Profile | Response, fac
 
 
 def _add_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Add the ``points`` or the ``table`` of an effect to the shaft on a channel."""
     unit, factor = unit_of(settings, channel)
     _add_course(channel, run, read_profile(settings, unit, run.duration, run.folder), factor)
 
 
 def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
+    """Add the ``steps`` of an effect to the shaft on a channel."""
     unit, factor = unit_of(settings, channel)
     _add_course(channel, run, read_steps(settings, unit, run.duration), factor)
 
 
 @channel_effect('shaft', ['speed'], 'unit', 'points', 'table')
 def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add a profile to the speed."""
+    """Add a profile over time to the shaft's speed."""
     _add_profile(settings, channel, run)
 
 
 @channel_effect('shaft', ['speed'], 'unit', 'steps', 'rise')
 def speed_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add steps to the speed."""
+    """Add steps over time to the shaft's speed."""
     _add_steps(settings, channel, run)
 
 
@@ -281,7 +319,11 @@ STEPS = ('dead slow', 'slow', 'half', 'full')
 
 @channel_effect('shaft', ['speed'], 'unit', 'ahead', 'astern', 'orders', 'time_constant')
 def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Let the speed follow telegraph orders."""
+    """Add the response to telegraph orders to the shaft's speed.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule, or an order has no speed.
+    """
     unit, factor = unit_of(settings, channel)
     time_constant = settings.number('time_constant', 's', above=0.0)
     times, targets = _read_orders(settings, _telegraph_speeds(settings, unit), run.duration)
@@ -289,7 +331,15 @@ def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 
 def _telegraph_speeds(settings: Settings, unit: str) -> dict[str, float]:
-    """Return the speed of each order of the telegraph, by name: in ``unit``, negative astern, 0 for stop."""
+    """Return the speed of each order by name, as 'slow ahead': negative astern, 0 for 'stop'.
+
+    Args:
+        settings: Settings with the sections ``ahead`` and ``astern``, each of which may be missing.
+        unit: Unit of the numbers, also of the result.
+
+    Raises:
+        SceneError: A speed does not exceed that of the step below it.
+    """
     speeds = {'stop': 0.0}
     for way, sign in (('ahead', 1.0), ('astern', -1.0)):
         if way in settings:
@@ -338,7 +388,13 @@ class Response:
 
     @classmethod
     def to(cls, times: FloatArray, targets: FloatArray, time_constant: float) -> Response:
-        """Compute the response to targets, from rest at the first of them."""
+        """Compute the response to targets, which begins settled on the first of them.
+
+        Args:
+            times: When each target is set, rising, shape (n,) [s].
+            targets: Shape (n,).
+            time_constant: The lag, > 0 [s].
+        """
         values, ways = targets.copy(), times * targets
         response = cls(times, targets, values, ways, time_constant)
         for k in range(1, times.size):
@@ -355,10 +411,16 @@ class Response:
         return self._evaluate_piece(time, self._last_change(time))[1]
 
     def _last_change(self, time: FloatArray) -> Any:
+        """Return the index of the last target set by times [s], of their shape; 0 before the first."""
         return np.maximum(np.searchsorted(self.times, time, side='right') - 1, 0)
 
     def _evaluate_piece(self, time: FloatArray, k: Any) -> tuple[FloatArray, FloatArray]:
-        """Return value and integral at times [s] where target ``k`` is the last that was set."""
+        """Return value and integral from 0 at times [s], each of their shape.
+
+        Args:
+            time: Times [s].
+            k: Index of the last target that was set, a number or one for each time.
+        """
         since, off = time - self.times[k], self.values[k] - self.targets[k]
         # Before the first target there is nothing off.
         left = exp(-np.maximum(since, 0.0) / self.time_constant)
@@ -368,13 +430,13 @@ class Response:
 
 @channel_effect('shaft', ['load'], 'unit', 'points', 'table')
 def load_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add a profile to the load."""
+    """Add a profile over time to the bearing's load."""
     _add_profile(settings, channel, run)
 
 
 @channel_effect('shaft', ['load'], 'unit', 'steps', 'rise')
 def load_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add steps to the load."""
+    """Add steps over time to the bearing's load."""
     _add_steps(settings, channel, run)
 
 
@@ -387,7 +449,11 @@ _RANGE = np.linspace(0.25, 5.0, 20_000)
 
 @channel_effect('shaft', ['load'], 'unit', 'significant_height', 'peak_period', 'gamma', 'load_per_metre')
 def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add the load of a sea, the same for all bearings."""
+    """Add the load of a sea, the same waves for all bearings.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     unit, factor = unit_of(settings, channel)
     per_metre = settings.number('load_per_metre', f'{unit}/m') * factor
     sea = Sea.of(
@@ -409,7 +475,14 @@ class Sea:
 
     @classmethod
     def of(cls, height: float, period: float, gamma: float, random: np.random.Generator) -> Sea:
-        """Return a sea of a significant height [m], peak period [s] and peakedness [-]."""
+        """Draw a sea by the JONSWAP spectrum from a random stream, which advances.
+
+        Args:
+            height: Significant height [m].
+            period: Period of the peak [s].
+            gamma: Peakedness, from 1 [-].
+            random: The stream.
+        """
         part = (np.arange(COMPONENTS) + random.random(COMPONENTS)) / COMPONENTS
         frequency = np.interp(part, _energy_below(gamma), _RANGE) / period
         phase = random.random(COMPONENTS)
@@ -424,7 +497,10 @@ class Sea:
 
 
 def _energy_below(gamma: float) -> FloatArray:
-    """Return the share of the variance below each frequency of the range."""
+    """Return the share of the variance below each frequency of ``_RANGE``, from 0 to 1, of its shape.
+
+    ``gamma`` is the peakedness, from 1 [-].
+    """
     x = _RANGE
     width = np.where(x <= 1.0, 0.07, 0.09)
     peak = exp(math.log(gamma) * exp(-(((x - 1.0) / width) ** 2) / 2.0))
@@ -436,7 +512,13 @@ def _energy_below(gamma: float) -> FloatArray:
 
 @channel_effect('turning', ['speed'], 'blades', 'amplitude')
 def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add ripple at the rate of the blades, a share of the speed."""
+    """Add ripple to the speed at the rate of the blades, with an amplitude that is a share of the speed.
+
+    It follows from the turning of the shaft, and does not turn it.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     blades = settings.whole('blades', 'the number of blades', 1, 20)
     amplitude = settings.number('amplitude', '-', minimum=0.0, maximum=1.0)
     shaft, bearing = run.shaft, channel.bearings[0].name
@@ -450,7 +532,11 @@ def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @channel_effect('turning', ['load'], 'amplitude', 'unit')
 def misalignment(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add ripple once a turn to the load."""
+    """Add ripple to the load once in each turn of the shaft.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     unit, factor = unit_of(settings, channel)
     amplitude = settings.number('amplitude', unit, minimum=0.0) * factor
     shaft, bearing = run.shaft, channel.bearings[0].name

@@ -37,14 +37,14 @@ from stickslip_monitor.physics.lubrication import as_measured
 
 
 def count(rate: float, duration: float) -> int:
-    """Instants from 0 to ``duration`` [s], both inclusive, at ``rate`` [Hz]."""
+    """Return the number of instants ``k / rate`` from 0 to ``duration`` [s], with both ends; rate in Hz."""
     return math.floor(duration * rate * (1.0 + 1e-12)) + 1
 
 
 def numbers(rate: float, start: float, end: float, duration: float) -> range:
     """Return the ``k`` of the instants ``k / rate`` from ``start`` to before ``end`` [s].
 
-    Stretches that join cover every instant of the scene once, and the last one, which ends at
+    Stretches that join cover every instant of the scene once; the last one, which ends at
     ``duration``, has the instant at its end too.
     """
     whole = count(rate, duration)
@@ -57,7 +57,11 @@ _NOMINAL = 5.0
 
 
 def nominal_load(config: BearingConfig) -> float:
-    """Return the largest load that is assumed, or five times the least that any speed is unstable at [N]."""
+    """Return the largest load that is assumed, or five times the least that any speed is unstable at [N].
+
+    Raises:
+        SceneError: Sliding is unstable at no load.
+    """
     if config.load.assumed is not None:
         return config.load.assumed[1]
     law = config.bearing.friction
@@ -118,12 +122,12 @@ class Channel:
         return STAMP_END if self.is_stamped else 1 << 63
 
     def factor(self, unit: str) -> float:
-        """Return what one of a unit is as the shaft has it: m/s, N, C, of a level its own unit.
+        """Return the SI value of one of a unit on this channel: m/s, N, C; of a level in its own unit.
 
-        ``nominal`` is a load, :func:`nominal_load`, and ``fold`` the fold speed at that load.
+        ``nominal`` is a load, :func:`nominal_load`, and ``fold`` the averaged fold speed at that load.
 
         Raises:
-            SceneError: The unit says nothing of this channel.
+            SceneError: The unit has no meaning on this channel.
         """
         if self.quantity == INPUTS[WATER]:
             return 1.0
@@ -149,7 +153,7 @@ class Channel:
         return self.bearings[0].bearing.speed.factor(unit)
 
     def ratio(self, bearing: str) -> float:
-        """Return a bearing's own SI value of one of the channel's: journals may differ in diameter."""
+        """Return a bearing's speed for one of the channel's: journals may differ; 1 of other quantities."""
         if self.quantity != 'speed':
             return 1.0
         diameter = {b.name: b.bearing.journal_diameter for b in self.bearings}
@@ -170,7 +174,7 @@ class Signal:
     arrival_ns: IntArray | None = None
 
     def messages(self) -> Messages:
-        """Return what the recorder writes: of SI values the numbers that the monitor will take for them."""
+        """Return the messages to record: raw numbers that the monitor scales to these values, with copies."""
         source = self.channel.input
         raw = np.repeat((self.value / source.factor - source.offset) / source.scale, self.copies)
         stamp = np.repeat(self.stamp_ns, self.copies)
@@ -197,8 +201,14 @@ _LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0
 def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
     """Return the channels of a scene, one for each topic, in the configuration's order.
 
-    The scene's section ``telemetry`` is ``{speed: {rate: Hz}, load: {rate: Hz}}``, or one such
-    mapping for each bearing.
+    Args:
+        config: The configuration of the bearings.
+        telemetry: The section ``telemetry``: ``{speed: {rate: Hz}, load: {rate: Hz}}``, or one such
+            mapping for each bearing.
+
+    Raises:
+        SceneError: A rate is missing or breaks its rule, an input is not configured or of a type that a
+            scene cannot write, or bearings share a topic in different ways.
     """
     channels: dict[str, Channel] = {}
     for bearing in config.bearings:
@@ -218,7 +228,11 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
 
 
 def _telemetry_section(telemetry: Any, bearing: str, bearings: Sequence[str]) -> Settings:
-    """Return the telemetry of one bearing: its own section, or the common one."""
+    """Return the telemetry of one bearing: its own section, or the common one.
+
+    Raises:
+        SceneError: There is none for it, or a key is unknown.
+    """
     names = set(telemetry) if isinstance(telemetry, dict) else set()
     if names.isdisjoint(bearings) or not names.isdisjoint(CHANNELS):
         return Settings('telemetry', telemetry, CHANNELS)
@@ -227,6 +241,7 @@ def _telemetry_section(telemetry: Any, bearing: str, bearings: Sequence[str]) ->
 
 
 def _check_input(name: str, settings: InputConfig) -> None:
+    """Raise SceneError for an input, called ``name``, of a type or field that a scene cannot write."""
     fields = NUMBER_FIELDS.get(settings.type)
     if fields is None:
         raise SceneError(
@@ -241,7 +256,11 @@ def _check_input(name: str, settings: InputConfig) -> None:
 
 
 def _share_channel(existing: Channel, added: Channel) -> Channel:
-    """Return one channel for two bearings, which must take its numbers to mean the same."""
+    """Return one channel for the bearings of two on one topic.
+
+    Raises:
+        SceneError: They differ in quantity, type, field, rate, unit, scale or offset.
+    """
     first, second = existing.bearings[0], added.bearings[0]
     where = f'topic {existing.topic} serves {first.name} and {second.name}'
     if existing.quantity != added.quantity:
@@ -256,7 +275,7 @@ def _share_channel(existing: Channel, added: Channel) -> Channel:
 
 
 def _channel_meaning(channel: Channel, bearing: BearingConfig) -> tuple[float, float, float]:
-    """Scale, offset and unit of a channel's numbers, speeds by the turning of the shaft."""
+    """Return scale, offset and unit of a channel's numbers, of speeds by the turning of the shaft."""
     turning = bearing.bearing.speed.factor('Hz') if channel.quantity == 'speed' else 1.0
     return channel.input.scale, channel.input.offset, channel.input.factor / turning
 
@@ -288,21 +307,21 @@ class Shaft:
         self._means[topic] = [course]
 
     def add(self, topic: str, term: Term, way: Term | None = None) -> None:
-        """Add to the speed or load of a channel; ``way`` [m], a speed's integral, turns it."""
+        """Add a term to the speed or load of a channel; ``way``, a speed's integral [m], turns the shaft."""
         self._means[topic].append(term)
         if way is not None:
             self._ways[topic].append(way)
 
     def add_ripple(self, topic: str, term: Term) -> None:
-        """Add what follows from the turning of the shaft and does not turn it."""
+        """Add a term that follows from the turning of the shaft and does not turn it."""
         self._ripples[topic].append(term)
 
     def mean(self, topic: str, time: FloatArray) -> FloatArray:
-        """Speed [m/s] or load [N] of a channel without ripple, shape (n,)."""
+        """Return speed [m/s] or load [N] of a channel without ripple, of the shape of ``time`` (n,) [s]."""
         return _sum_terms(self._means[topic], time)
 
     def value(self, topic: str, time: FloatArray) -> FloatArray:
-        """Return speed [m/s], load [N] or water [C] of a channel at some times [s], both of shape (n,).
+        """Return the values of a channel at times [s], of their shape (n,): m/s, N or C.
 
         A load is never negative: a journal that lifts off has no load. A level is 0 before its effects.
         """
@@ -310,18 +329,30 @@ class Shaft:
         return np.maximum(total, 0.0) if self._channels[topic].quantity == 'load' else total
 
     def turns(self, bearing: str, time: FloatArray) -> FloatArray:
-        """Return the turns of a bearing's journal since the start, shape (n,)."""
+        """Return the turns of a bearing's journal since the start at times [s], of their shape (n,).
+
+        Raises:
+            KeyError: The scene has no speed of it.
+        """
         channel = self.channel(bearing, 'speed')
         way = _sum_terms(self._ways[channel.topic], time)
         return way / (math.pi * channel.bearings[0].bearing.journal_diameter)
 
     def speed(self, bearing: str, time: FloatArray) -> FloatArray:
-        """Surface speed of a bearing's journal, shape (n,) [m/s]."""
+        """Return the surface speed of a bearing's journal at times [s], of their shape (n,) [m/s].
+
+        Raises:
+            KeyError: The scene has no speed of it.
+        """
         channel = self.channel(bearing, 'speed')
         return self.value(channel.topic, time) * channel.ratio(bearing)
 
     def load(self, bearing: str, time: FloatArray) -> FloatArray:
-        """Load of a bearing, shape (n,) [N]."""
+        """Return the load of a bearing at times [s], of their shape (n,) [N].
+
+        Raises:
+            KeyError: The scene has no load of it.
+        """
         return self.value(self.channel(bearing, 'load').topic, time)
 
     def channel(self, bearing: str, quantity: str) -> Channel:
@@ -337,6 +368,7 @@ class Shaft:
 
 
 def _sum_terms(terms: Iterable[Term], time: FloatArray) -> FloatArray:
+    """Return the sum of terms at times [s], of their shape; 0 without terms."""
     total = np.zeros_like(time)
     for term in terms:
         total += term(time)
@@ -392,7 +424,10 @@ class Sensor:
         self._next = 0
 
     def read(self, numbers: range) -> FloatArray:
-        """Return its readings at instants ``k / rate`` of the channel, which follow on the last ones."""
+        """Return the readings at instants ``k / rate`` of the channel, shape (n,); the memories advance.
+
+        The numbers ``k`` follow on those of the last call; an empty range gives an empty array.
+        """
         if not numbers:
             return np.empty(0)
         shortest = min(memory.scale for memory in self.memories)
@@ -407,7 +442,12 @@ class Sensor:
         return value[numbers.start * finer - start :: finer]
 
     def _settle_filter(self, first: int, rate: float) -> None:
-        """Start so long before the first sample that the initial state is negligible."""
+        """Start every memory so early that the initial state is negligible at the first sample.
+
+        Args:
+            first: Number of that sample on the finer grid.
+            rate: Rate of that grid [Hz].
+        """
         begin = first - math.ceil(sum(memory.length for memory in self.memories) * rate)
         value = float(self._shaft.value(self._channel.topic, np.array([begin / rate]))[0])
         self._chain = [memory.start(1.0 / rate, value) for memory in self.memories]

@@ -59,7 +59,7 @@ def read_truth(bag: Recording, bearing: str) -> TruthRecord:
     """Read the truth about a bearing whose lining was followed.
 
     Raises:
-        BagError: The recording holds none, or it is not of the kind this version knows.
+        BagError: The recording holds none, or an event is not of the schema that this version knows.
     """
     name = topic(bearing, 'events')
     if not has_truth(bag, bearing):
@@ -77,10 +77,12 @@ def read_truth(bag: Recording, bearing: str) -> TruthRecord:
 
 
 def known_truth(bag: Recording, bearing: str) -> TruthRecord:
-    """Return what a recording holds of the truth about a bearing: no episodes if no lining was followed.
+    """Read what a recording holds of the truth about a bearing, as far as there is any.
+
+    Without a lining that was followed it has no episodes; numbers that were not recorded are empty.
 
     Raises:
-        BagError: It is not of the kind this version knows.
+        BagError: An event is not of the schema that this version knows.
     """
     name = topic(bearing, 'events')
     messages = bag.messages([name]) if has_truth(bag, bearing) else ()
@@ -96,12 +98,17 @@ def known_truth(bag: Recording, bearing: str) -> TruthRecord:
 
 
 def _bearing_names(bag: Recording) -> list[str]:
+    """Return the names of the bearings that a recording has truth about, sorted."""
     parts = [topic.split('/') for topic in bag.topics]
     return sorted({part[2] for part in parts if part[:2] == ['', 'truth'] and len(part) == 4})
 
 
 def _decode_event(bag: Recording, data: bytes, topic: str) -> tuple[str, int]:
-    """Return name and time [ns] of an encoded event; BagError for one of another schema."""
+    """Return name and time [ns] of an encoded event.
+
+    Raises:
+        BagError: It is not of the schema that this version knows.
+    """
     try:
         (size,) = struct.unpack_from('<I', data, 4)
         record: Any = json.loads(data[8 : 8 + size].rstrip(b'\0'))
@@ -129,6 +136,7 @@ def _find_episodes(events: Iterable[tuple[str, int]], end: int) -> Iterable[tupl
 
 
 def _to_numbers(series: Series | None) -> TruthNumbers:
+    """Return a series as log times and values; empty ones for ``None``."""
     if series is None:
         return TruthNumbers(np.empty(0, np.int64), np.empty(0))
     return TruthNumbers(series.log_time_ns, series.value)
@@ -149,11 +157,18 @@ class Column:
 
 
 def topic(bearing: str, name: str) -> str:
-    """Return the truth topic of a bearing."""
+    """Return the truth topic ``name`` of a bearing."""
     return f'{ROOT}/{bearing}/{name}'
 
 
 def event_text(bearing: str, event: str, time_ns: int, **more: float) -> str:
-    """Return an event of the lining as JSON; docs/interfaces.md has the schema."""
+    """Return an event of the lining as JSON; docs/interfaces.md has the schema.
+
+    Args:
+        bearing: Name of the bearing.
+        event: Name of the event.
+        time_ns: When it was [ns since 1970].
+        more: More numbers of it, by key.
+    """
     record = {'schema': EVENT_SCHEMA, 'bearing': bearing, 'event': event, 'time': time_ns}
     return json.dumps(record | more)
