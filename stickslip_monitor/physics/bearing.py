@@ -43,7 +43,7 @@ class BearingSpeed:
         require_positive('journal_diameter', self.journal_diameter, 'm')
 
     def factor(self, unit: str) -> float:
-        """Surface speed [m/s] of one unit of shaft speed.
+        """Return the surface speed [m/s] of one unit of shaft speed.
 
         Args:
             unit: ``'rpm'``, ``'rad/s'``, ``'Hz'`` (revolutions a second) or ``'m/s'``.
@@ -56,11 +56,19 @@ class BearingSpeed:
         return turning_factor(unit, self.journal_diameter) if unit in TURNING_UNITS else 1.0
 
     def to_surface(self, value: ArrayLike, unit: str) -> FloatArray:
-        """Surface speed [m/s] of a shaft speed in the given unit; any shape."""
+        """Return the surface speeds [m/s] of shaft speeds in a unit, of their shape.
+
+        Raises:
+            PhysicsError: The unit is unknown.
+        """
         return np.multiply(value, self.factor(unit))
 
     def from_surface(self, speed: ArrayLike, unit: str) -> FloatArray:
-        """Shaft speed in the given unit of a surface speed [m/s]; any shape."""
+        """Return the shaft speeds in a unit of surface speeds [m/s], of their shape.
+
+        Raises:
+            PhysicsError: The unit is unknown.
+        """
         return np.divide(speed, self.factor(unit))
 
 
@@ -166,7 +174,7 @@ class Bearing:
         return BearingSpeed(self.journal_diameter)
 
     def equilibrium(self, speed: ArrayLike, load: ArrayLike) -> FloatArray:
-        """Deflection of steady sliding ``x_e = N mu(V) / k`` [m]; inputs broadcast.
+        """Return the deflection of steady sliding ``x_e = N mu(V) / k`` [m], of the broadcast shape.
 
         Args:
             speed: Journal surface speed ``V`` [m/s].
@@ -182,11 +190,22 @@ class Bearing:
 
 
 def damping_per_load(damping: float, load: FloatArray) -> FloatArray:
-    """``q = c/N`` [s/m]; ``inf`` where there is no load. What it warns of means nothing."""
+    """Return ``q = c/N`` [s/m], shape of ``load`` [N]; ``inf`` where it is not positive.
+
+    A load of 0 makes numpy warn, which means nothing.
+    """
     return np.where(load > 0.0, damping / load, np.inf)
 
 
 def load_for(slope: FloatArray, damping: float) -> FloatArray:
-    """Return the load at which a slope of friction [s/m] outweighs the damping [N]; ``nan``: none."""
+    """Return the load at which a fall of friction outweighs the damping [N], of the shape of ``slope``.
+
+    Args:
+        slope: Fall of friction with the speed, ``-mu'`` or a mean of it [s/m].
+        damping: ``c`` [N s/m].
+
+    Returns:
+        ``c/slope``; ``nan`` where friction does not fall.
+    """
     falling = slope > 0.0
     return np.where(falling, damping / np.where(falling, slope, 1.0), np.nan)

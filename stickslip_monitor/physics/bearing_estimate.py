@@ -82,7 +82,7 @@ class FoldShift:
 
 
 def shear_modulus(hardness: float) -> float:
-    """Shear modulus [Pa] of rubber of a hardness [Shore A, 30 to 90].
+    """Return the shear modulus [Pa] of rubber of a hardness [Shore A, 30 to 90].
 
     ``E = 0.0981 (56 + 7.623 S) / (0.1375 (254 - 2.54 S)) MPa`` and ``G = E/3``: Gent, Rubber
     Chemistry and Technology 31 (1958) 896.
@@ -107,7 +107,11 @@ def estimate(given: Mapping[str, Given], material: str = '') -> tuple[Estimate, 
         material: One of :data:`DENSITY`, where there is no density.
 
     Returns:
-        journal_diameter, mass, damping, stiffness, static, kinetic, decay and load.
+        journal_diameter, mass, damping, stiffness, static, kinetic, decay and load, in this order.
+
+    Raises:
+        KeyError: Something is missing, or the material is unknown.
+        ConfigurationError: A hardness lies outside the formula.
     """
     values = {name: _stated_estimate(name, item) for name, item in given.items()}
     for derived in _derive_values(values, material):
@@ -134,15 +138,23 @@ def estimate(given: Mapping[str, Given], material: str = '') -> tuple[Estimate, 
 
 
 def _stated_estimate(name: str, item: Given) -> Estimate:
+    """Return a stated value as an estimate; without a spread it has that of :data:`UNSTATED`, else 0."""
     spread = UNSTATED.get(name, 0.0) if math.isnan(item.spread) else item.spread
     return Estimate(name, item.value, '', spread, 'ring-down' if name == 'damping_ratio' else 'given')
 
 
 def _derive_values(values: Mapping[str, Estimate], material: str) -> Iterator[Estimate]:
-    """Compute a value from others where it is not given itself.
+    """Yield estimates that follow from others: area, shear modulus, density and damping ratio.
 
     Of a loss factor ``eta``, ``zeta = eta/2`` at resonance: Nashif, Jones and Henderson, Vibration
     Damping, 1985.
+
+    Args:
+        values: The stated estimates, by name.
+        material: One of :data:`DENSITY`; '' for none.
+
+    Raises:
+        ConfigurationError: A hardness lies outside the formula.
     """
     if length := values.get('length'):
         area = values['journal_diameter'].value * length.value
@@ -161,9 +173,12 @@ def _derive_values(values: Mapping[str, Estimate], material: str) -> Iterator[Es
 def _multiply_estimates(
     texts: tuple[str, str, str], *parts: tuple[Estimate, float], times: float = 1.0
 ) -> Estimate:
-    """Multiply powers, of which the deviations add as those of independent values.
+    """Return the product of powers of estimates; their deviations add as those of independent values.
 
-    ``texts`` is its name, unit and origin.
+    Args:
+        texts: Name, unit and origin of the product.
+        parts: Estimates with their powers.
+        times: Exact factor.
     """
     name, unit, origin = texts
     value = times * math.prod(factor.value**power for factor, power in parts)
@@ -193,9 +208,13 @@ def bearing_of(values: Sequence[Estimate]) -> Bearing:
 
 
 def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
-    """Return what each value's standard deviation does to the fold speed, the worst first.
+    """Return what one standard deviation of each value does to the fold speed, the largest first.
 
-    The fold is the one that decides, at the mean load; an end without a fold counts as -1.
+    The fold is the one that decides, at the mean load; an end without a fold counts as -1. Values that move
+    it by less than 0.5 % are left out; :data:`LOAD_EXPONENT` is always among them.
+
+    Args:
+        values: As :func:`estimate` returns them.
     """
     shifts = []
     nominal = _fold_of_values(values)
@@ -213,7 +232,12 @@ def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
 
 
 def _load_exponent_shift(values: Sequence[Estimate], nominal: float) -> FoldShift:
-    """Return the shift of the fold if friction was measured at another load: ``g`` 1 in place of 0."""
+    """Return the shifts of the fold for friction measured at 1.5 times the load or its inverse, with ``g`` 1.
+
+    Args:
+        values: The estimates.
+        nominal: Fold speed with ``g`` 0 [m/s]; 0 for none.
+    """
     bearing, load = bearing_of(values), next(item.value for item in values if item.name == 'load')
     ends = []
     for factor in (ELSEWHERE, 1.0 / ELSEWHERE):
@@ -224,13 +248,17 @@ def _load_exponent_shift(values: Sequence[Estimate], nominal: float) -> FoldShif
 
 
 def _relative_shift(fold: float, nominal: float) -> float:
+    """Return the relative change from ``nominal`` to ``fold`` [both m/s; 0 for none].
+
+    ``inf`` where only the new one is a fold; 0 where there is neither, or for a change up to 0.5 %.
+    """
     change = fold / nominal - 1.0 if nominal > 0.0 else math.inf if fold > 0.0 else 0.0
     # Mass and stiffness move the fold only by what averaging leaves out.
     return change if abs(change) > _LEAST_SHIFT else 0.0
 
 
 def _fold_of_values(values: Sequence[Estimate]) -> float:
-    """Fold speed [m/s]; 0 where there is none."""
+    """Return the fold speed of estimates at their load [m/s]; 0 where there is none, or it has no end."""
     load = next(item.value for item in values if item.name == 'load')
     speed = float(end_of_vibration(bearing_of(values), load))
     return speed if math.isfinite(speed) else 0.0

@@ -64,10 +64,10 @@ _SCALES, _STEADY, _BEGINS = np.geomspace(1e-6, 1e4, 51), 1e-12, 1e-2
 
 @lru_cache(maxsize=64)
 def speed_scales(law: FrictionLaw) -> tuple[float, ...]:
-    """Speeds ``> 0`` between which a law is looked at, ascending [m/s]; none for a constant one.
+    """Return the speeds > 0 between which a law is scanned, ascending [m/s]; none for a constant one.
 
     They are its breakpoints. For a law that names none they are sought where its slope changes, at
-    every other power of 2.5: without them a law would have no speed at which it falls.
+    every other power of 2.5: without them a law would have no speed at which it falls. Results are cached.
 
     >>> speed_scales(Stribeck(0.3, 0.1, 10.0)), speed_scales(Coulomb(0.3, 0.2))
     ((0.1, 0.4, 1.2, 4.0), ())
@@ -88,10 +88,10 @@ _Law = TypeVar('_Law')
 
 
 def computes_as(law: object, kind: type[_Law]) -> TypeGuard[_Law]:
-    """Return whether a law is of a kind and computes as that does.
+    """Return whether a law is of a kind and has its ``static``, ``coefficient`` and ``slope`` unchanged.
 
-    A subclass that overrides what a law gives is a law of the user's own: the closed forms, tables
-    and kernels of its parent are not its own.
+    A subclass that overrides one of these is a law of the user's own: closed forms, tables
+    and kernels of its parent do not hold for it.
     """
     names = ('static', 'coefficient', 'slope')
     same = all(getattr(type(law), name, None) is getattr(kind, name, None) for name in names)
@@ -99,6 +99,7 @@ def computes_as(law: object, kind: type[_Law]) -> TypeGuard[_Law]:
 
 
 def _sign_of_speed(speed: FloatArray) -> FloatArray:
+    """Return -1 for negative speeds, else 1, of their shape."""
     return np.where(speed < 0.0, -1.0, 1.0)
 
 
@@ -149,13 +150,13 @@ class Stribeck:
         return tuple(multiple / self.decay for multiple in (1.0, 4.0, 12.0, 40.0))
 
     def coefficient(self, speed: ArrayLike) -> FloatArray:
-        """See :class:`FrictionLaw`."""
+        """Return ``mu(v)`` at relative speeds [m/s], an array of their shape [-]; ``mu_s`` at 0."""
         v = np.asarray(speed, dtype=float)
         falling = (self.static - self.kinetic) * np.exp(-self.decay * np.abs(v))
         return _sign_of_speed(v) * (self.kinetic + falling) + self.viscous * v
 
     def slope(self, speed: ArrayLike) -> FloatArray:
-        """See :class:`FrictionLaw`."""
+        """Return ``d mu / d|v|`` at relative speeds [m/s], of their shape [s/m]; from the right at 0."""
         v = np.abs(np.asarray(speed, dtype=float))
         return self.viscous - (self.static - self.kinetic) * self.decay * np.exp(-self.decay * v)
 
@@ -195,14 +196,14 @@ class Stretched:
         return tuple(place ** (1.0 / self.exponent) / self.decay for place in places)
 
     def coefficient(self, speed: ArrayLike) -> FloatArray:
-        """See :class:`FrictionLaw`."""
+        """Return ``mu(v)`` at relative speeds [m/s], an array of their shape [-]; ``mu_s`` at 0."""
         v = np.asarray(speed, dtype=float)
         fading = np.exp(-((self.decay * np.abs(v)) ** self.exponent))
         falling = (self.static - self.kinetic) * fading
         return _sign_of_speed(v) * (self.kinetic + falling) + self.viscous * v
 
     def slope(self, speed: ArrayLike) -> FloatArray:
-        """See :class:`FrictionLaw`."""
+        """Return ``d mu / d|v|`` at relative speeds [m/s], of their shape [s/m]; from the right at 0."""
         u = self.decay * np.abs(np.asarray(speed, dtype=float))
         rate = self.decay * self.exponent * u ** (self.exponent - 1.0)
         fading = np.exp(-(u**self.exponent))
@@ -212,7 +213,18 @@ class Stretched:
 def stribeck(
     static: float, kinetic: float, decay: float, viscous: float = 0.0, exponent: float = 1.0
 ) -> Stribeck | Stretched:
-    """Stribeck's law, :class:`Stretched` where it has an exponent other than 1."""
+    """Return Stribeck's law, :class:`Stretched` where it has an exponent other than 1.
+
+    Args:
+        static: ``mu_s`` >= 0 [-].
+        kinetic: ``mu_k`` >= 0 [-].
+        decay: ``beta`` > 0 [s/m].
+        viscous: ``nu`` >= 0 [s/m].
+        exponent: ``delta``, 1 to 4 [-].
+
+    Raises:
+        PhysicsError: A parameter breaks its rule.
+    """
     if exponent == 1.0:
         return Stribeck(static, kinetic, decay, viscous)
     return Stretched(static, kinetic, decay, viscous, exponent)
@@ -251,12 +263,12 @@ class Coulomb:
         return ()
 
     def coefficient(self, speed: ArrayLike) -> FloatArray:
-        """See :class:`FrictionLaw`."""
+        """Return ``mu(v)`` at relative speeds [m/s], an array of their shape [-]; ``mu_s`` at 0."""
         v = np.asarray(speed, dtype=float)
         return np.where(v == 0.0, self.static, _sign_of_speed(v) * self.kinetic)
 
     def slope(self, speed: ArrayLike) -> FloatArray:
-        """See :class:`FrictionLaw`."""
+        """Return 0 for each relative speed, an array of their shape [s/m]."""
         return np.zeros_like(np.asarray(speed, dtype=float))
 
 

@@ -45,7 +45,7 @@ _FAR = 700.0
 
 
 def viscosity(temperature: Any, salinity: float = SEA) -> Any:
-    """Dynamic viscosity of water [Pa s], to 1.5 %.
+    """Return the dynamic viscosity of water [Pa s], of the shape of ``temperature``, to 1.5 %.
 
     M. H. Sharqawy, J. H. Lienhard and S. M. Zubair, Desalination and Water Treatment 16, 2010, equations 22
     and 23. Plain arithmetic, for numbers and arrays and for compiled loops.
@@ -101,13 +101,20 @@ class Lubrication:
         require_positive('viscosity_ratio', self.viscosity_ratio)
 
     def ratio_at(self, temperature: Any) -> Any:
-        """Return ``eta(T)/eta(T0)`` of a temperature [C]; of ``None`` that of the temperature in use."""
+        """Return ``eta(T)/eta(T0)`` at temperatures [C], of their shape; for ``None`` the ratio in use.
+
+        ``nan`` where the temperature of the measurement is not known.
+        """
         if temperature is None:
             return self.viscosity_ratio
         return viscosity(temperature, self.water_salinity) / viscosity(self.temperature, self.salinity)
 
     def at(self, temperature: float) -> Lubrication:
-        """Return the measurement in water of another temperature [C]."""
+        """Return a copy for water of another temperature [C], with the viscosity ratio there.
+
+        Raises:
+            PhysicsError: The temperature of the measurement is not known.
+        """
         ratio = float(self.ratio_at(temperature))
         return replace(self, viscosity_ratio=ratio, water_temperature=float(temperature))
 
@@ -115,8 +122,11 @@ class Lubrication:
         """Return ``s = (N/N0)^g eta(T0)/eta(T)`` [-], the factor of speeds and amplitudes.
 
         Args:
-            load: Loads [N]: a number or an array.
-            temperature: Of the water [C]; ``None`` for the temperature in use.
+            load: Loads [N]: a number or an array; one that is not positive counts as ``N0``.
+            temperature: Of the water [C], broadcasts with ``load``; ``None`` for the temperature in use.
+
+        Returns:
+            A float for a float, else an array of the broadcast shape.
         """
         if isinstance(load, float) and not isinstance(temperature, np.ndarray):
             return scale_at(self.load, self.load_exponent, float(self.ratio_at(temperature)), load)
@@ -185,7 +195,7 @@ class AtPoints(Protocol[_AnyBearing, _More, _CoResult]):
 
 
 def as_measured(bearing: _Bearing) -> _Bearing:
-    """Return the bearing without lubrication: its friction is as measured at any load and temperature."""
+    """Return the bearing without lubrication: friction as measured at any load and temperature; cached."""
     if bearing.lubrication is None:
         return bearing
     any_bearing: Any = bearing
@@ -199,7 +209,7 @@ def _without_lubrication(bearing: Any) -> Any:
 
 
 def gives_speed(function: SpeedAtLoad[_Bearing]) -> SpeedAtLoad[_Bearing]:
-    """Decorate ``function(bearing, load)``, a boundary [m/s], so that it follows the lubrication."""
+    """Return ``function``, a boundary [m/s] over the load, so that it follows the lubrication."""
 
     @wraps(function)
     def scaled(bearing: _Bearing, load: ArrayLike) -> Any:
@@ -209,11 +219,11 @@ def gives_speed(function: SpeedAtLoad[_Bearing]) -> SpeedAtLoad[_Bearing]:
 
 
 def speed_over_load(bearing: Lubricated, boundary: Callable[[Any], Any], load: Any) -> Any:
-    """Return a boundary [m/s] at loads [N] with lubrication: ``s V_b(N/s)``.
+    """Return a boundary [m/s] at loads [N], of their shape, with lubrication: ``s V_b(N/s)``.
 
     Args:
-        bearing: The bearing.
-        boundary: ``V_b`` [m/s] of a load [N], for friction as measured.
+        bearing: The bearing; without lubrication ``boundary`` applies unchanged.
+        boundary: Function of loads [N] to ``V_b`` [m/s], for friction as measured.
         load: Loads [N].
     """
     if bearing.lubrication is None:
@@ -232,7 +242,7 @@ def at_points(
     measured and rescales its result; without :class:`Lubrication` it calls ``function`` unchanged.
 
     Args:
-        rescale: ``(result, s)`` to the result at the point itself.
+        rescale: Function of a result at the reference point and ``s``, to the result at the point itself.
     """
 
     def decorate(function: AtPoints[_Bearing, _More, _Result]) -> AtPoints[_Bearing, _More, _Result]:
@@ -254,7 +264,9 @@ def at_points(
 def reference_point(
     bearing: Lubricated, speed: Any, load: Any, temperature: Any = None
 ) -> tuple[Any, Any, Any]:
-    """Return ``V/s``, ``N/s`` and ``s`` of points; without lubrication the point itself and 1.
+    """Return ``V/s``, ``N/s`` and ``s`` of points, each of its broadcast shape.
+
+    Without lubrication it is the point itself, as given, and 1.
 
     Args:
         bearing: The bearing.
@@ -270,7 +282,7 @@ def reference_point(
 
 
 def gives_load(function: LoadAtSpeed[_Bearing]) -> LoadAtSpeed[_Bearing]:
-    """Decorate ``function(bearing, speed)``, a boundary's load [N], so that it follows the lubrication."""
+    """Return ``function``, a boundary's load [N] over the speed, so that it follows the lubrication."""
 
     @wraps(function)
     def scaled(bearing: _Bearing, speed: ArrayLike) -> Any:

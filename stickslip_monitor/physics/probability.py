@@ -105,7 +105,7 @@ class Tolerance:
 
     @property
     def of_speed(self) -> float:
-        """Variance of a boundary's speed on every passage."""
+        """Relative standard deviation of a boundary's speed on every passage, by speed, model and scatter."""
         return math.hypot(self.speed, self.model_error, self.scatter)
 
     def of_fall(self, law: FrictionLaw) -> float:
@@ -119,7 +119,7 @@ class Tolerance:
         return deviation / fall if fall > 0.0 else UNKNOWN_FALL * (deviation > 0.0)
 
     def covariance(self, law: FrictionLaw) -> FloatArray:
-        """Covariance of ``(ln r, ln q)``, shape (2, 2), without what is measured at each point."""
+        """Return the covariance of ``(ln r, ln q)``, shape (2, 2), without what is measured at each point."""
         decay, load_variance = self.decay**2, self.damping**2 + self.of_fall(law) ** 2
         return np.array([[decay, -decay], [-decay, decay + load_variance]])
 
@@ -145,7 +145,7 @@ def move_boundaries(bearing: Bearing, speeds: float, loads: float) -> Bearing:
         loads: Factor > 0 of the load.
 
     Raises:
-        PhysicsError: The law is not one that a configuration can name.
+        PhysicsError: The law is not one that a configuration can name, or cannot be moved so far.
     """
     law, by = bearing.friction, speeds * loads
     kinetic = _least_coefficient(law)
@@ -233,15 +233,23 @@ class Belief:
         return restore(out[:, 0], shape), restore(out[:, 1], shape)
 
     def fold_speed(self, load: ArrayLike, p: float) -> Any:
-        """Return the ``p`` quantile of the fold speed at a load [m/s]; 0 where there is none."""
+        """Return the ``p`` quantile of the averaged fold speed at a load [m/s]; 0 where there is none.
+
+        Raises:
+            PhysicsError: ``p`` is not between 0 and 1.
+        """
         return self._boundary_quantile(FOLD, load, p)
 
     def hopf_speed(self, load: ArrayLike, p: float) -> Any:
-        """Return the ``p`` quantile of the Hopf speed at a load [m/s]; 0 where there is none."""
+        """Return the ``p`` quantile of the Hopf speed at a load [m/s]; 0 where there is none.
+
+        Raises:
+            PhysicsError: ``p`` is not between 0 and 1.
+        """
         return self._boundary_quantile(HOPF, load, p)
 
     def _boundary_quantile(self, which: int, load: ArrayLike, p: float) -> Any:
-        """Return the ``p`` quantile of a boundary's speed at loads [m/s]; 0 where there is none.
+        """Return the ``p`` quantile of a boundary's speed [m/s], of the shape of ``load``; 0 without one.
 
         Args:
             which: :data:`FOLD` or :data:`HOPF`.
@@ -286,7 +294,7 @@ class Belief:
 
     @property
     def _total(self) -> FloatArray:
-        """The covariance with what is uncertain of the measured speed and load."""
+        """Covariance of ``(ln r, ln q)`` with the errors of measured speed and load, shape (2, 2)."""
         return np.asarray(self.covariance) + np.diag([self.speed**2, 0.0]) + self._load_covariance
 
     @property
@@ -300,7 +308,12 @@ class Belief:
         return self.load**2 * np.outer([g, 1.0 - g], [g, 1.0 - g])
 
     def _make_table(self) -> FloatArray:
-        """Tabulate both boundaries at ``_COUNT`` speeds: a flat array after a head of ``_TABLE`` numbers."""
+        """Tabulate both boundaries for the look-ups.
+
+        Returns:
+            A flat array: a head of ``_TABLE`` numbers, then for the fold and the Hopf boundary each a row of
+            ``_PER_BOUNDARY`` numbers for each of ``_COUNT`` speeds.
+        """
         ln_v = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), _COUNT)
         (low, high), step = self.loads, float(ln_v[1] - ln_v[0])
         log_loads = [math.log(low) if low > 0.0 else -_NOWHERE, min(math.log(high), _NOWHERE)]
@@ -382,7 +395,7 @@ def _nodes_along_speeds(total: FloatArray) -> _Nodes:
 
 
 def _boundary_rows(total: FloatArray, nodes: _Nodes, ln_v: FloatArray, load: FloatArray) -> FloatArray:
-    """Tabulate one boundary: load, width and corrections of the probit at each speed.
+    """Tabulate one boundary: ``ln N``, its width and corrections of the probit at each speed.
 
     Args:
         total: Covariance of ``(ln r, ln q)``, shape (2, 2).
@@ -413,7 +426,12 @@ def _boundary_rows(total: FloatArray, nodes: _Nodes, ln_v: FloatArray, load: Flo
 
 
 def _point_loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
-    """Return the loop itself, or for many points and with numba its compiled form."""
+    """Return a loop of this module: compiled for many points where numba is installed, else as it is.
+
+    Args:
+        plain: The loop.
+        size: Number of points.
+    """
     if size < _MANY_POINTS or not jit.has_compiler():
         return plain
     from stickslip_monitor.physics import probability  # this module
@@ -504,6 +522,7 @@ def stick_slip_probabilities(
 
 
 def _normal_cdf(z: float) -> float:
+    """Return the probability of a standard normal number below ``z``."""
     return 0.5 * math.erfc(-z * math.sqrt(0.5))
 
 
@@ -513,7 +532,7 @@ def update_running_probability(before: float, can: float, will: float) -> float:
     ``min(max(before, will), can)``, if all possible bearings pass their boundaries in one order.
 
     Args:
-        before: That of the last point.
+        before: The same probability at the last point, 0 at the start.
         can: Probability that stick-slip can go on here; ``nan`` changes nothing.
         will: Probability that it starts by itself here; ``nan`` changes nothing.
     """
@@ -522,12 +541,26 @@ def update_running_probability(before: float, can: float, will: float) -> float:
 
 
 def fill_chances(table: Any, points: Any, out: Any) -> None:
-    """:func:`stick_slip_probabilities` of rows of speed, load and share, shape (n, 3); ``out`` is (n, 2)."""
+    """Fill ``out``, shape (n, 2), with :func:`stick_slip_probabilities` of points.
+
+    Args:
+        table: :attr:`Belief.table`.
+        points: Rows of speed magnitude [m/s], load [N] and share, shape (n, 3).
+        out: Changed in place.
+    """
     for k in range(points.shape[0]):
         out[k, 0], out[k, 1] = stick_slip_probabilities(table, points[k, 0], points[k, 1], points[k, 2])
 
 
 def fill_speeds(table: Any, which: int, load: Any, z: float, out: Any) -> None:
-    """:func:`boundary_speed` of loads, shape (n,)."""
+    """Fill ``out``, shape (n,), with :func:`boundary_speed` of loads.
+
+    Args:
+        table: :attr:`Belief.table`.
+        which: :data:`FOLD` or :data:`HOPF`.
+        load: Loads, shape (n,) [N].
+        z: Probit of the wanted quantile.
+        out: Changed in place [m/s].
+    """
     for k in range(load.shape[0]):
         out[k] = boundary_speed(table, which, load[k], z)
