@@ -318,13 +318,17 @@ class TimeOrder:
             self._sources[source] = _Source(is_in_blocks=self._is_in_blocks)
         return self._sources[source].add(time_ns, place, offset)
 
-    def course(self, wanted: Collection[int] | None = None) -> TimeCourse:
-        """Return the course of some sources, by their numbers, or of all."""
+    def course(self, wanted: Collection[int] | None = None, *, is_sorted: bool = False) -> TimeCourse:
+        """Return the course of some sources, by their numbers, or of all.
+
+        With ``is_sorted`` no clock was set: all rows are to be sorted by the times as written.
+        """
         sources = {k: segments for k, segments in self._sources.items() if wanted is None or k in wanted}
         if not sources:
             return TimeCourse()
         course = TimeCourse()
-        if any(segments.steps_often for segments in sources.values()) or not _explain_steps(course, sources):
+        is_sorted = is_sorted or any(segments.steps_often for segments in sources.values())
+        if is_sorted or not _explain_steps(course, sources):
             course = TimeCourse(wait_ns=None, is_unordered=True)
             course.start_ns = min(segments.least_ns for segments in sources.values())
             course.end_ns = max(segments.most_ns for segments in sources.values())

@@ -69,3 +69,32 @@ def test_a_full_disk_is_told_with_what_to_do(
     monkeypatch.setattr(table_reading, '_MAX_KEPT_BYTES', 0)
     with pytest.raises(BagError, match=r"a\.csv' cannot be read: .* '.*none': free some there, or .*TMPDIR"):
         TableRecording(log).reading([SPEED])
+
+
+def test_exports_that_overlap_in_one_file_are_sorted(tmp_path: Path) -> None:
+    """The second begins 20 s before the end of the first; with other numbers the clock was set back."""
+    rng = np.random.default_rng(3)
+    speeds, others = rng.normal(60.0, 1.0, 100).round(3), rng.normal(60.0, 1.0, 100).round(3)
+
+    def span(behind: np.ndarray, count: int = 60) -> tuple[float, str]:
+        """Return how long the log lasts [s], and its warnings."""
+        lines = [f'{1_780_000_000 + k},{speeds[k]},1000' for k in range(count)]
+        lines += [f'{1_780_000_000 + k},{behind[k]},1000' for k in range(count - 20, 100)]
+        path = tmp_path / 'a.csv'
+        path.write_text('\n'.join(['time [s],shaft speed [rpm],bearing load [N]', *lines, '']))
+        recording = TableRecording(path)
+        series = recording.read([Request('shaft speed [rpm]', 'data')])
+        times = series[Request('shaft speed [rpm]', 'data')].log_time_ns
+        assert recording.end_ns is not None
+        assert (np.diff(times) >= 0).all()
+        return (recording.end_ns - times[0]) / 1e9, ' '.join(recording.warnings)
+
+    seconds, text = span(speeds)
+    assert seconds == 99.0
+    assert text.endswith('the lines are in no order of time: sorted by time')
+    seconds, text = span(others)
+    assert seconds == 119.0
+    assert 'set back once, by 20 s' in text
+    # A shaft at rest has the same numbers again, whatever its clock.
+    speeds[:], others[:] = 0.0, 0.0
+    assert span(others)[0] == 119.0
