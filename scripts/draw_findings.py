@@ -293,7 +293,8 @@ def _bands(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, scale: float) ->
             zorder=3,
             label=names.get(regime),
         )
-    canvas.regime_bands([axes, below], spans)
+    for panel in (axes, below):
+        canvas.regime_bands(panel, spans)
 
 
 def _branches(axes: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:

@@ -56,7 +56,7 @@ def main() -> None:
         axes.set_xlim(0.45, 2.0)
         axes.set_ylim(0.0, 2.2)
         spans = (0.45, hopf, Regime.UNSTABLE), (hopf, fold, Regime.BISTABLE)
-        canvas.regime_bands([axes], (*spans, (fold, 2.0, Regime.STABLE)))
+        canvas.regime_bands(axes, (*spans, (fold, 2.0, Regime.STABLE)))
         canvas.legend_above(axes, 3)
         canvas.save_figure(figure, PICTURE, force=True)
 

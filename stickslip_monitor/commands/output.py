@@ -55,8 +55,9 @@ def check_files(args: argparse.Namespace) -> None:
         OutputError: An output has a wrong ending, is an input by any name or another output, would
             lie in a folder that is read, or exists and is not ours (allowed by ``--force``).
     """
-    inputs, written = _input_paths(args), list[str]()
-    for option in getattr(args, 'files', ()):
+    files, written = getattr(args, 'files', ()), list[str]()
+    inputs = [path for option in files if option.is_read for path in option.paths(args)]
+    for option in files:
         for path in () if option.is_read else option.paths(args):
             if option.marks is None:
                 _check_recording(path, option, inputs)
@@ -66,12 +67,6 @@ def check_files(args: argparse.Namespace) -> None:
                 if is_same(path, earlier):
                     raise OutputError(f"outputs '{earlier}' and '{path}' are one file: choose two")
             written.append(path)
-
-
-def _input_paths(args: argparse.Namespace) -> list[str]:
-    """Return all paths that are read."""
-    files = getattr(args, 'files', ())
-    return [path for option in files if option.is_read for path in option.paths(args)]
 
 
 def _check_recording(path: str, option: FileOption, inputs: Sequence[str]) -> None:

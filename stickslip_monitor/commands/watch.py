@@ -246,7 +246,7 @@ async def _watch_ship(
         tasks = [
             asyncio.create_task(work)
             for work in (
-                _serve_clients(args, board, feed),
+                _serve_until_signal(args, board, feed),
                 run_monitor(),
                 _tick_clients(clients, feed),
                 *(client.run() for client in clients),
@@ -278,7 +278,7 @@ def _open_page(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dash
         yield DashboardState([monitor], log=log)
 
 
-async def _serve_clients(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
+async def _serve_until_signal(args: argparse.Namespace, board: DashboardState | None, feed: Feed) -> None:
     """Serve the page until a signal ends it; without a page (board None) wait for the signal.
 
     Actions on the page go to ``feed``.

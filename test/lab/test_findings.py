@@ -16,6 +16,7 @@ from draw_findings import (
     REFERENCE_RPM,
     History,
     Sweep,
+    draw_amplitudes,
     over_kinetic,
     over_load,
     over_speed,
@@ -65,6 +66,17 @@ def test_the_stable_branches_pass_through_the_known_amplitudes(speeds: Sweep) ->
     assert speeds.exact_fold / RPM == pytest.approx(40.7179, abs=5e-5)
     assert speeds.averaged_fold / RPM == pytest.approx(40.7231, abs=5e-5)
     assert speeds.fold_amplitude == pytest.approx(speeds.exact_fold / OMEGA, rel=2e-3)
+
+
+def test_the_picture_has_the_regimes_behind_both_panels(speeds: Sweep) -> None:
+    upper, below = draw_amplitudes(speeds, 'statement', 'footnote', 'speed [rpm]', ' rpm', RPM).axes
+    # From the left to the Hopf speed, from there to the fold, and beyond.
+    ends = [upper.get_xlim()[0], speeds.hopf / RPM, speeds.exact_fold / RPM, upper.get_xlim()[1]]
+    for axes in (upper, below):
+        bands = sorted((patch.get_x(), patch.get_x() + patch.get_width()) for patch in axes.patches)
+        assert [end for band in bands for end in band] == pytest.approx(
+            [ends[0], ends[1], ends[1], ends[2], ends[2], ends[3]]
+        )
 
 
 def test_averaging_is_better_at_the_unstable_branch(speeds: Sweep) -> None:
