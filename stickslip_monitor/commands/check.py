@@ -116,7 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _report_path(path: str) -> str:
-    """Return the path of a report, and name the successors of the formats that are gone."""
+    """Return the path of a report; refuse one of a format that is gone, naming its successor."""
     if successor := _REPORT_SUCCESSORS.get(Path(path).suffix.lower()):
         raise argparse.ArgumentTypeError(f"'{path}' is not written any more: {successor}")
     return path
