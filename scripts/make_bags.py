@@ -29,7 +29,7 @@ from stickslip_monitor.errors import BagError, StickslipError
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / 'launch_configs' / 'scenes'
-SCHEMA = 'stickslip_logs/recordings/1'
+SCHEMA = 'stickslip_monitor/bags/1'
 # Effects with which the alarms that are due follow from closed forms.
 PLAIN = {
     'speed_profile',

@@ -170,7 +170,7 @@ def _operating_point(
     scaled = lubrication is not None and lubrication.load_exponent > 0.0
     changes = course.water is not None or course.drifts.keys() - (set() if scaled else {FACTOR})
     step = time // STEP if changes else np.zeros(time.size)
-    margins = {name: np.empty(time.size) for name in ('hopf_margin', 'fold_margin', 'fold_margin_kbm')}
+    margins = {name: np.empty(time.size) for name in ('hopf_margin', 'fold_margin')}
     carried = load if scaled else load * course.factor(time)
     for rows in np.split(np.arange(time.size), np.flatnonzero(np.diff(step)) + 1):
         if rows.size:
