@@ -32,7 +32,10 @@ NO_SENTENCE: tuple[()] = ()
 
 
 def bus_log_of(lines: Sequence[str]) -> str:
-    """Return the key in :data:`BUS_LOGS` of a log by its first lines; empty for another file."""
+    """Return the key in :data:`BUS_LOGS` of a log by its first lines; empty for another file.
+
+    More than 40 % of the first 200 lines that are not blank have to be of its kind.
+    """
     first = [line for line in lines[:200] if line.strip()]
     if sum(bool(_SENTENCE.search(line)) for line in first) > 0.4 * len(first) > 0:
         return 'nmea'
@@ -44,8 +47,10 @@ def bus_log_of(lines: Sequence[str]) -> str:
 def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """Yield the numbers of the sentences of a log as rows.
 
-    None for a damaged sentence and for a number without a time, an empty row for a line without a sentence,
-    nothing for a blank line. A row with only a time stands for the first and for the last time of the log,
+    None for a damaged sentence, for a line that only begins as one, and for a number without a time; an empty
+    row for a line of something else, nothing for a blank line.
+
+    A row with only a time stands for the first and for the last time of the log,
     if no number has it: other instruments may go on where a sender falls silent. Numbers of a second talker
     are named 'NAME from TALKER'.
     """
@@ -121,7 +126,13 @@ def _own_time(kind: str, fields: Sequence[str]) -> str:
 def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
     """Yield name, value and unit of each number of a sentence RPM or XDR, as texts; nothing for other kinds.
 
-    The value may be a word: 'not valid', or a damaged field in quotation marks.
+    The value may be a word: 'not valid' for an RPM without the status A, or a damaged field in quotation
+    marks. Nothing is yielded for an RPM of less than three fields, nor for what is left of an XDR behind its
+    last four.
+
+    Args:
+        kind: The three letters of the kind, as 'RPM'.
+        fields: The fields behind these, without the checksum.
     """
     if kind == 'RPM' and len(fields) > 2:
         # As the live link reads it: some ships leave the pitch out, none the status.
@@ -237,10 +248,9 @@ def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> lis
 def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
     """Yield path and unit of each item of the meta data of a delta; damaged items, or data, are skipped."""
     for item in meta if isinstance(meta, list) else ():
-        value = item.get('value') if isinstance(item, dict) else None
-        unit = value.get('units') if isinstance(value, dict) else None
-        if isinstance(unit, str):
-            yield str(item.get('path')), unit
+        match item:
+            case {'path': str(path), 'value': {'units': str(unit)}}:
+                yield path, unit
 
 
 def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:

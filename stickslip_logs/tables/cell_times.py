@@ -147,7 +147,11 @@ class StampLayout:
     def read(self, columns: Sequence[Cells]) -> Times:
         """Return the times of a column, or of one of dates and one of times of the day.
 
-        A cell that is not in this layout, or no date, has the time 0 and is marked as none.
+        Args:
+            columns: The cells of the one column, or of the two.
+
+        Returns:
+            The times [ns] since 1970, and which cells are in this layout and a date; others have the time 0.
         """
         texts = columns[0]
         if len(columns) > 1:

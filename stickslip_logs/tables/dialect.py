@@ -116,9 +116,12 @@ def parse_heading(text: str) -> Heading:
 def _bare_unit(name: str, words: Sequence[str]) -> str | None:
     """Return the unit of a heading without brackets, as written; None where nothing in it is surely a unit.
 
+    The first that applies: '%' anywhere; a known unit behind the last comma, or with '/' behind the last
+    blank; below a word of force a last 'N', and any unit of force; rpm, kn or hz as a word of its own.
+
     Args:
         name: The heading without brackets.
-        words: Its words.
+        words: Its words, in upper and lower case as written.
     """
     if '%' in name:
         return '%'

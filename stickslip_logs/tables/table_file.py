@@ -166,6 +166,8 @@ def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
 def open_table(path: Path) -> NumberTable:
     """Open a file as a table: Parquet by its first bytes, any other as text, packed or not.
 
+    A text is read to its end, to count its lines and to have its tail; of Parquet a head and a tail are read.
+
     Raises:
         BagError: It is no table, may be read in two ways, or is damaged from its first bytes on.
         OSError: It cannot be opened, or is no regular file.

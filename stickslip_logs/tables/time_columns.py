@@ -170,7 +170,9 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
 
 def _find_whole_times(path: Path, table: TableColumns) -> Clock:
     """Find the columns of the time as :func:`find_clock` does, without a column of fractions."""
-    rows = _complete_rows(table)
+    # A missing last cell is empty, and surplus ones are left out.
+    width = len(table.names)
+    rows = [[*row, ''][:width] for row in table.rows[:_MAX_ROWS] if len(row) >= max(width - 1, 1)]
     named = [k for k, (words, _) in enumerate(table.headings) if TIME_WORDS.search(words)]
     stamps = rank_stamps(table, _columns_of(is_stamp, rows))
     changing = [k for k in stamps if k in named or len(rows) == 1 or len({row[k] for row in rows}) > 1]
@@ -228,16 +230,6 @@ def _read_with_fraction(read: ReadTimes, read_fraction: ReadTimes, columns: Sequ
     """Return times with the fractions in the last column added; those of a damaged fraction without it."""
     time_ns, is_timed = read(columns[:-1])
     return time_ns + read_fraction(columns[-1:])[0], is_timed
-
-
-def _complete_rows(table: TableColumns) -> list[Cells]:
-    """Return up to 500 rows of the head with a cell for each column.
-
-    A missing last cell is empty, surplus cells are dropped, and rows that lack more cells are left out.
-    """
-    width = len(table.names)
-    rows = [row for row in table.rows[:_MAX_ROWS] if len(row) >= max(width - 1, 1)]
-    return [[*row, ''][:width] for row in rows]
 
 
 def _columns_of(is_kind: Callable[[str], bool], rows: Sequence[Cells]) -> list[int]:

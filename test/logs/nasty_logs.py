@@ -171,10 +171,10 @@ LOGS = {
     ),
     'seconds in a column of their own': Log(
         'date,time,s,speed,load\n' + ''.join(f'2026-04-13,10:0{k // 5},{k % 5},30,900\n' for k in range(10)),
-        times=times_after_start(*[0] * 5, *[60] * 5),
+        times=times_after_start(*range(5), *range(60, 65)),
         speed=[30] * 10,
         load=[900] * 10,
-        lost='10 lines have 2 times between them',
+        says="'s' has the s of the times",
     ),
     'the newest first, with minutes alone': Log(
         'time,speed,load\n' + '2026-04-13 10:01,31,901\n' * 3 + '2026-04-13 10:00,30,900\n' * 3,
