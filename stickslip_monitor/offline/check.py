@@ -142,10 +142,12 @@ def check_recording(
     if bag.files and not any(file.stat().st_size for file in bag.files):
         raise BagError(f"bag '{path}' is empty: 0 bytes")
     bound = bind_at_least_one(bag, config)
-    config, times, span = bound.config, LogTimes(), SampleSpan(bag)
+    config, times = bound.config, LogTimes()
     long = is_long(bag, config) if long is None else long
     checks = {bearing.name: _BearingCheck(bearing, bound, outlined, long) for bearing in config.bearings}
     reading = bag.reading({r for item in checks.values() for r in item.requests if r}, progress)
+    # When it begins and ends is known when the order of what is read has been judged.
+    span = SampleSpan(bag)
     is_begun = False
     for stretch in _judge_stretches(times.corrected(reading), times, span, bag, checks):
         for sink in sinks:

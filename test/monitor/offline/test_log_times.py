@@ -114,6 +114,16 @@ def test_a_step_back_to_before_the_beginning_is_a_clock_that_was_set(tmp_path: P
     assert (recording.start_ns, recording.end_ns) == (START, START + 399 * SECOND)
 
 
+def test_one_message_a_year_ahead_makes_no_check_a_year_long(tmp_path: Path) -> None:
+    """The chunk says that it ends a year later; the order of what is read says when it ends."""
+    times = (START + np.arange(600) * SECOND).tolist()
+    rows = [row for t in times for row in (('/shaft/speed', t, 60.0), ('/bearing/aft_stern/load', t, 1000.0))]
+    rows[600] = '/shaft/speed', times[300] + 365 * 86_400 * SECOND, 60.0
+    write_chunks(tmp_path / 'a.mcap', in_chunks(rows, 400))
+    report = check_recording(tmp_path / 'a.mcap', load_config(CONFIG))
+    assert (report.start_ns, report.end_ns) == (times[0], times[-1])
+
+
 def test_nothing_is_lost_where_chunks_are_in_no_order_behind_a_step_back(tmp_path: Path) -> None:
     """More messages than are handed on at a time, whatever reason is found of the steps."""
     times = START + np.arange(30_000) * (SECOND // 100)
