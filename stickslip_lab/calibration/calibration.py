@@ -436,7 +436,7 @@ def fragment(config: BearingConfig, calibration: Calibration) -> str:
 class EvidenceSource:
     """The source of when a bearing vibrated.
 
-    Where nobody is named it is the level that is configured for the bearing, or else the truth in
+    Without ``reports`` it is the level that is configured for the bearing, or else the truth in
     a simulated recording.
     """
 

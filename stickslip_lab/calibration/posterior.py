@@ -165,8 +165,12 @@ def _fold_grid(
     distance = inverse[0, 0] * log_r**2 + 2.0 * inverse[0, 1] * log_r * log_q + inverse[1, 1] * log_q**2
     nodes = [len(SHARES) * len(LAGS) // 2] if quick else range(len(SHARES) * len(LAGS))
     scatter = np.array([_SCATTER[-2]]) if quick else _SCATTER
-    common = np.zeros(1) if quick else _common_prior()
-    total = np.zeros((len(nodes), scatter.size, *log_r.shape)) + common.reshape(len(nodes), -1, 1, 1)
+    total = np.zeros((len(nodes), scatter.size, *log_r.shape))
+    if not quick:
+        # The prior of lag, share and scatter, which all ends have in common.
+        node_prior = np.tile(_LAG_PRIOR - logsumexp(_LAG_PRIOR), len(SHARES)) - math.log(len(SHARES))
+        common = node_prior[:, None] + (_SCATTER_PRIOR - logsumexp(_SCATTER_PRIOR))
+        total += common[..., None, None]
     step = float(u[1] - u[0])
     for k, (_, group) in enumerate(groupby(edges.ends, lambda end: end.recording)):
         if k and spreads.forget:
@@ -181,12 +185,6 @@ def _fold_grid(
     log_p = -0.5 * distance + logsumexp(total, axis=(0, 1))
     weight = np.exp(log_p - log_p.max())
     return Grid(u, log_q, log_r, weight / weight.sum(), load)
-
-
-def _common_prior() -> FloatArray:
-    """Return the log prior of lag, share and scatter, which all ends share, shape (nodes, scatters)."""
-    nodes = np.tile(_LAG_PRIOR - logsumexp(_LAG_PRIOR), len(SHARES)) - math.log(len(SHARES))
-    return nodes[:, None] + (_SCATTER_PRIOR - logsumexp(_SCATTER_PRIOR))
 
 
 def log_end(

@@ -418,7 +418,7 @@ class _Section:
                 )
             if settings['speed.unit'] == 'm/s':
                 raise ConfigurationError(
-                    f"{gear} is given and {self.name}.speed.unit = 'm/s' is the journal's settings speed: an"
+                    f"{gear} is given and {self.name}.speed.unit = 'm/s' is the journal's own speed: an"
                     f" engine's is in {', '.join(TURNING_UNITS)}"
                 )
         return self._build_input(SpeedConfig, 'speed', factor / settings['speed.gear'], rest)
@@ -443,7 +443,11 @@ class _Section:
                 f'{shown} and {self._text_of(key)} are both given: the load is measured, constant, or from a'
                 ' table'
             )
-        table = self._load_table(factor, per_rpm) if settings['load.over_speed'] else ((), ())
+        # Surface speeds [m/s] and the loads there [N].
+        table: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+        if settings['load.over_speed']:
+            speeds, loads = load_points(f'{self.name}.load.over_speed', settings['load.over_speed'])
+            table = tuple(rpm * per_rpm for rpm in speeds), tuple(load * factor for load in loads)
         for load in table[1] or (settings['load.constant'] * factor,):
             if not 0.0 < load <= settings['load.maximum']:
                 limit = self._text_of('load.maximum', 'N')
@@ -461,19 +465,6 @@ class _Section:
         }
         more = {'field': speed.field, 'factor': factor, 'is_assumed': True, 'table': table}
         return build_section(LoadConfig, 'load.', settings | beside, **more)
-
-    def _load_table(self, factor: float, per_rpm: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return surface speeds [m/s] and the loads there [N] of a load over the shaft speed.
-
-        Args:
-            factor: Newtons in a unit of the load.
-            per_rpm: Surface speed of one revolution a minute [m/s].
-
-        Raises:
-            ConfigurationError: As :func:`load_points`.
-        """
-        speeds, loads = load_points(f'{self.name}.load.over_speed', self._own['load.over_speed'])
-        return tuple(rpm * per_rpm for rpm in speeds), tuple(load * factor for load in loads)
 
     def _build_input(self, kind: type[_Input], quantity: str, factor: float, deadband: float = 0.0) -> _Input:
         """Return the configuration of one input.

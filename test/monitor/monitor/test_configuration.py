@@ -135,6 +135,8 @@ def test_a_calibrated_bearing_alarms_as_if_it_were_configured(result: str) -> No
             r'is damaged: loads = \[0.0, 1.0\] must be a list of finite numbers above 0',
         ),
         ({'loads': [2.0, 1.0]}, {}, 'is damaged: its covariance must be finite, and its loads rise'),
+        ({'covariance': [[0.01]]}, {}, 'is damaged: its covariance'),
+        ({'covariance': [[200.0, 0.0], [0.0, 0.01]]}, {}, 'is damaged: its covariance'),
         ({'floor': 1.5}, {}, 'is damaged: floor = 1.5 must be a finite number between 0 and 1'),
         (
             {'schema': 'stickslip_monitor/calibration/1'},

@@ -88,6 +88,13 @@ def test_a_second_publisher_is_found(every: int, rate: float, raised: float) -> 
     assert fault.raised_ns == pytest.approx(raised * SECOND, abs=1)
 
 
+def test_a_speed_ahead_and_astern_is_steady_and_a_load_of_both_signs_is_not() -> None:
+    """Of a speed, which has a least gap between levels, the magnitude is watched."""
+    values = np.array([5.0, -5.0, 5.0])
+    assert SourceWatch(0.01).see_steady(values)
+    assert not SourceWatch().see_steady(values)
+
+
 def test_a_counter_of_few_pulses_is_named_as_what_it_is() -> None:
     """One mark a turn at 25 rpm, counted each second: 0 or 60 rpm."""
     pulses = np.diff(np.floor(np.arange(200) * 25.0 / 60.0))

@@ -176,6 +176,13 @@ def test_blades_are_asked_about_where_they_meet_the_lining() -> None:
     assert not any('blades' in text for text in questions(configured().bearings[0], 1000.0)['load'])
 
 
+def test_propellers_of_three_to_seven_blades_are_asked_about() -> None:
+    """At 2.757 Hz the blades meet the lining at 165.4 rpm over their number."""
+    config = configured(stiffness=1.5e4).bearings[0]
+    (clause,) = [text for text in questions(config, 1000.0)['load'] if 'blades' in text]
+    assert '(55.1 rpm of 3, 41.3 rpm of 4, 33.1 rpm of 5, 27.6 rpm of 6, 23.6 rpm of 7)' in clause
+
+
 WATERED: dict[str, Any] = {**MEASURED, 'water_temperature__topic': '/water'}
 
 
