@@ -290,7 +290,7 @@ def _kept_entries(document: Any) -> list[Any]:
 
 
 def _in_order(entries: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Merge the entries of nodes by time; those of one node keep their order, also over a clock step."""
+    """Merge entries of nodes by time into a list; those of one node keep their order, at any times."""
     nodes: dict[str, list[dict[str, Any]]] = {}
     for entry in entries:
         nodes.setdefault(entry['node'], []).append(entry)

@@ -205,7 +205,7 @@ class Server:
         return listening
 
     async def close(self) -> None:
-        """Stop listening, and end all streams."""
+        """Stop listening, end all streams, and wait up to two seconds for answers that are on their way."""
         if self._listening is not None:
             self._listening.close()
         await self._runner.cleanup()

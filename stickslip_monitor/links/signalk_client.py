@@ -311,7 +311,7 @@ class SignalKClient(Sink):
             task.add_done_callback(self._silence_tasks.discard)
 
     async def _log_silence(self, path: str) -> None:
-        """Ask the server for its present value of a path, and log why the path is silent."""
+        """Ask the server for its present value of a path; log why the path is silent, as a warning."""
         assert self._session is not None
         url = f'{self._link.url}/signalk/v1/api/vessels/self/{path.replace(".", "/")}'
         try:

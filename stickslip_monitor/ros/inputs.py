@@ -384,7 +384,11 @@ def message_type(name: str) -> Any:
 
 
 def _fields_of_type(name: str) -> dict[str, str]:
-    """Return the fields of a type such as ``std_msgs/Header``, with their types as rclpy names them."""
+    """Return the fields of a type such as ``std_msgs/Header``, with their types as rclpy names them.
+
+    Raises:
+        RosError: It is not installed.
+    """
     package, message = name.split('/')[0], name.split('/')[-1]
     return dict(message_type(f'{package}/msg/{message}').get_fields_and_field_types())
 
@@ -460,7 +464,11 @@ def _follow_step(label: str, current: str, step: str | int | ByName) -> str:
 
 
 def stamp_reader(type_name: str) -> Callable[[Any], int]:
-    """Make a function that reads ``header.stamp`` [ns]; 0 where there is none, or one before 1970."""
+    """Make a function that reads ``header.stamp`` [ns] of a type; 0 where it has none, or one before 1970.
+
+    Raises:
+        RosError: The type is not installed.
+    """
     stamped = next(iter(_fields_of_type(type_name).items()), None) == ('header', 'std_msgs/Header')
 
     def read(message: Any) -> int:

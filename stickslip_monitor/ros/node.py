@@ -80,7 +80,10 @@ def declare(node: Node) -> None:
 
 
 def _as_written(name: str, value: Any) -> Any:
-    """Return the value of a parameter as its file has it; ``None`` for null, a list for an array."""
+    """Return the value of a parameter as its file has it; ``None`` for null, a list for an array.
+
+    Of a unit of a load ``False`` is ``'N'``: what ROS makes of the bare word.
+    """
     # rcl takes a null, as 'ros2 param dump' writes it, for a word.
     if value is None or value in ('null', 'None', 'Null', 'NULL', '~'):
         return None
@@ -247,7 +250,7 @@ class MonitorNode(LifecycleNode):
         """Configure and activate the node.
 
         Raises:
-            RosError: A transition failed.
+            RosError: A transition failed; the text says why.
         """
         for name in ('configure', 'activate'):
             if getattr(self, f'trigger_{name}')() != TransitionCallbackReturn.SUCCESS:

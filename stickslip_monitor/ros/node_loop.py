@@ -157,7 +157,11 @@ class NodeLoop:
         self._turned_ns, self._set_ns = now.steady_ns, now.set_ns
 
     def _take_number(self, number: Number) -> None:
-        """Give a number to the session, and note it for the watchdog if it is a valid speed or load."""
+        """Give a number to the session, and note it for the watchdog if it is a valid speed or load.
+
+        Its age counts from its arrival, after a stall from now on. Since a clock that was set, its arrival
+        tells no time.
+        """
         name, place, time_ns, arrival_ns, value = number
         now = self._now()
         # Of what came before the clock was set it tells no time; and of what waited while we were

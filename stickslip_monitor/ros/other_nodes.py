@@ -88,7 +88,10 @@ class RosGraph(Graph):
         return tuple(sorted(self.lanes[topic].names)) if topic in self.lanes else ()
 
     def _asked_quality(self, name: str) -> QoSProfile:
-        """Return the quality of service that the subscription asks for, after overrides."""
+        """Return the quality of service that the subscription asks for, after overrides.
+
+        Without a subscription it is that of :func:`.inputs.telemetry`.
+        """
         node_key = self._node.get_name(), self._node.get_namespace()
         for info in self._node.get_subscriptions_info_by_topic(name):
             if (info.node_name, info.node_namespace) == node_key:
