@@ -134,6 +134,24 @@ def with_bursts(case: Sent, random: np.random.Generator) -> Sent:
     return _levelled(case, spoilt)
 
 
+def with_pump(case: Sent, random: np.random.Generator) -> Sent:
+    """Add a pump, three times the threshold, that runs for 20 to 60 s after 2 to 10 minutes of rest."""
+    assert case.config.level is not None
+    loud = 3.0 * case.config.level.threshold
+    begin, end = _times(case, random, (120.0, 600.0), (20.0, 60.0))
+
+    def spoilt(t: FloatArray, level: FloatArray) -> FloatArray:
+        which = np.searchsorted(begin, t, 'right') - 1
+        return np.hypot(level, loud * ((which >= 0) & (t < end[which])))
+
+    return _levelled(case, spoilt)
+
+
+def with_other_bearing(case: Sent, _: np.random.Generator) -> Sent:
+    """Add, at half its level, another bearing: the same one half a voyage later."""
+    return _levelled(case, lambda _, level: np.hypot(level, 0.5 * np.roll(level, level.size // 2)))
+
+
 def half_lost(case: Sent, _: np.random.Generator) -> Sent:
     """Drop the level in half of each minute."""
     own = case.stream
@@ -151,6 +169,8 @@ LEVELS: Mapping[str, Spoil] = {
     'gain × 3': partial(amplified, gain=3.0),
     'strong engine order': with_engine_order,
     'bursts of 2 to 4 s each minute': with_bursts,
+    'a pump that runs for 20 to 60 s': with_pump,
+    'another bearing at half its level': with_other_bearing,
 }
 STAMPS: Mapping[str, Spoil] = {
     'in bursts, once a second': lambda case, r: in_bursts(without_level(case, r), r),
