@@ -16,7 +16,6 @@ MOST = {
     'stickslip_monitor/dashboard': 2,
     'stickslip_monitor/drawing': 1,
     'stickslip_monitor/monitor': 5,
-    'stickslip_monitor/offline': 2,
 }
 
 

@@ -220,7 +220,10 @@ class FillerSearch:
         self._count, self._low, self._high = 0, math.inf, -math.inf
 
     def take(self, value: FloatArray) -> None:
-        """Count extremes of nines among more values, shape (n,); extend the span of the others."""
+        """Take more values, shape (n,): count the least and the greatest if they are of nines, as -99.
+
+        The span of all the others is extended by them.
+        """
         for end in {float(value.min()), float(value.max())} if value.size else ():
             if _NINES.fullmatch(f'{end:.10g}'):
                 is_end = value == end
@@ -231,11 +234,11 @@ class FillerSearch:
 
     @property
     def filler(self) -> float | None:
-        """A number of nines that comes twice and is farther from all others than these from each other."""
+        """A number of nines that comes twice, farther from all others than these are apart; or None."""
         for number, count in self._nines.items():
-            others = [self._low, self._high, *(self._nines.keys() - {number})]
-            span = max(others) - min(others)
-            if 1 < count < self._count and min(abs(number - other) for other in others) > span:
+            usual = [self._low, self._high, *(self._nines.keys() - {number})]
+            span = max(usual) - min(usual)
+            if 1 < count < self._count and min(abs(number - end) for end in usual) > span:
                 return number
         return None
 
