@@ -154,7 +154,7 @@ class BearingState:
         return {name: state.fault for name, state in self.inputs.items() if state.fault}
 
     @property
-    def waiting(self) -> bool:
+    def is_waiting(self) -> bool:
         """Whether there is no operating point yet, and no input is known to be lost."""
         bearing = self.bearing
         return bearing.verdict is None and bearing.condition is not Condition.INPUT_STALE
@@ -164,7 +164,7 @@ class BearingState:
         """Word for the present condition, or for why there is none."""
         if not self.monitoring:
             return 'not_monitoring'
-        if self.waiting:
+        if self.is_waiting:
             return 'waiting'
         condition = self.bearing.condition
         return 'unreliable' if self.mixed and condition is Condition.NORMAL else condition.value
@@ -172,7 +172,7 @@ class BearingState:
     @property
     def severity(self) -> Severity:
         """Severity of the condition, at least WARN where inputs are faulty or the bearing is not watched."""
-        if not self.monitoring or self.waiting:
+        if not self.monitoring or self.is_waiting:
             return Severity.WARN
         doubtful = self.faults or self.mixed
         return max(self.bearing.condition.severity, Severity.WARN if doubtful else Severity.OK)
@@ -183,7 +183,7 @@ class BearingState:
         name = self.bearing.config.name
         if not self.monitoring:
             return f'{name}: {NOT_MONITORING}'
-        text = f'{name}: {WAITING}' if self.waiting else self.bearing.text()
+        text = f'{name}: {WAITING}' if self.is_waiting else self.bearing.text()
         if self.mixed:
             text = f'{name}: {self.mixed} {UNRELIABLE} By the latest values: {text.removeprefix(f"{name}: ")}'
         more = [fault for fault in dict.fromkeys(self.faults.values()) if fault not in text]

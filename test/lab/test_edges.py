@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from slow_passages import BEARING, FOLD, RPM, alternating_reports, slow_passage
 
-from stickslip_lab.calibration.edges import Reference, edges_of, outlives, track_of
+from stickslip_lab.calibration.edges import LAGS, SHARES, Reference, edges_of, outlives, track_of
 from stickslip_lab.calibration.evidence import TelemetryBins
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
@@ -40,6 +40,23 @@ def test_an_end_with_rising_speed_is_at_the_fold() -> None:
     (begun, quiet) = found.passages
     assert begun.began
     assert not quiet.began
+
+
+def test_a_list_knows_no_cycle_that_outlives_its_fold_so_all_shares_are_alike() -> None:
+    one = slow_passage(level=False)
+    (end,) = edges_of([(one.courses[0], one.reports)], REFERENCE).seen
+    by_share = end.points.reshape(len(SHARES), len(LAGS), 2)
+    assert np.array_equal(by_share, np.broadcast_to(by_share[0], by_share.shape))
+    # The posterior weighs the shares alike: they lie evenly from none to all of the time.
+    assert np.allclose(np.diff(SHARES), 1.0 / (len(SHARES) - 1))
+
+
+def test_a_report_shorter_than_its_two_uncertain_ends_is_left_out() -> None:
+    one = slow_passage(level=False)
+    (course,), loud = one.courses, one.reports[1]
+    for tolerance, is_used in ((loud.seconds / 2.0, True), (loud.seconds / 1.9, False)):
+        track = track_of(course, [replace(loud, tolerance=tolerance)], REFERENCE)
+        assert (track is not None) == is_used
 
 
 def test_an_onset_on_a_ramp_of_half_a_minute_tells_nothing() -> None:
