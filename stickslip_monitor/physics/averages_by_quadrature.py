@@ -31,8 +31,9 @@ from stickslip_monitor.physics.numerics import gauss_rule, root_on_bracket
 
 # Stretches of half cycles that are summed at a time, which the processor's cache holds.
 _STRETCHES = 16384
-# Nodes in a stretch; and in one of a table, a cubic, that is narrower than this [rad]: both to 1e-13.
-_RULE, _NARROW, _NARROW_RULE = gauss_rule(16), 0.1, gauss_rule(4)
+# Rules for stretches up to a width [rad]: of a table, cubic between its points, the narrowest that will do,
+# of other laws the last. All leave 1e-13.
+_RULES = ((0.02, gauss_rule(3)), (0.3, gauss_rule(6)), (np.inf, gauss_rule(16)))
 # Amplitude coordinates of a scan up to the sliding limit, whose last is the limit, and beyond it.
 _BELOW = np.linspace(0.0, 1.0, 49)
 _ABOVE = 1.0 + np.concatenate([np.geomspace(1e-9, 1e-2, 15), np.linspace(0.02, 0.98, 25)])
@@ -43,6 +44,8 @@ CUSP = _BELOW.size - 1
 _HALVINGS = 5
 # Speeds of a curve up to the last breakpoint, at least, and beyond it up to a million times as far.
 _SPEEDS, _FAR = 200, np.geomspace(1.0, 1e6, 97)[1:]
+# Share by which two speeds of a curve differ at least: a spline through closer ones would only have rounding.
+_SAME = 1e-6
 # Of a table with more points so many, and so many of the others besides that may have the highest fold:
 # a table of 300 that scatters by 0.001 has its fold at 1.235 m/s; by 40 speeds alone it was at 0.62.
 _POINTS, _OUTSTANDING = 100, 160
@@ -119,9 +122,11 @@ def _varying_harmonic(
         level: ``mu(V)``, shape (n,) [-].
     """
     begin, extent, element = _smooth_stretches(law, speed, amplitude)
-    narrow = (extent < _NARROW) & (len(getattr(law, 'kinks', ())) > 0)
+    rules = _RULES if len(getattr(law, 'kinks', ())) else _RULES[-1:]
+    which = np.searchsorted([widest for widest, _ in rules], extent)
     total = np.zeros(element.size)
-    for rows, (nodes, weights) in ((~narrow, _RULE), (narrow, _NARROW_RULE)):
+    for number, (_, (nodes, weights)) in enumerate(rules):
+        rows = np.flatnonzero(which == number)
         index = element[rows, None]
         sine = np.sin(0.5 * (begin[rows, None] + nodes * extent[rows, None]))
         drop = 2.0 * sine * sine
@@ -177,12 +182,13 @@ def slope_surface(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> FloatAr
     return rho
 
 
-def _find_vertex(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return where the parabola through three points turns, between the first and the last of them.
+def _find_vertex(x: FloatArray, y: FloatArray, beyond: float = 0.0) -> FloatArray:
+    """Return where the parabola through three points turns.
 
     Args:
         x: Places, rising along the first axis, shape (3, n).
         y: Values there, shape (3, n).
+        beyond: How far before the first and behind the last of them it may be; it is clipped there.
 
     Returns:
         Shape (n,); the middle place where the points lie on a line.
@@ -190,7 +196,7 @@ def _find_vertex(x: FloatArray, y: FloatArray) -> FloatArray:
     left, right = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
     with np.errstate(all='ignore'):
         place = 0.5 * (x[0] + x[1]) + 0.5 * (x[2] - x[0]) * left / (left - right)
-    return np.where(np.isfinite(place), np.clip(place, x[0], x[2]), x[1])
+    return np.where(np.isfinite(place), np.clip(place, x[0] - beyond, x[2] + beyond), x[1])
 
 
 def _find_turns(
@@ -226,10 +232,15 @@ def _find_peaks(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatA
     Beyond the sliding limit ``rho`` falls, so the highest stands at an amplitude ``a <= V``.
     """
     rows = slope_surface(law, _BELOW, speed[:, None])
-    best = np.argmax(rows, axis=1)
-    place, peak = _find_turns(law, speed, _BELOW[np.maximum(best - 1, 0)], _BELOW[np.minimum(best + 1, CUSP)])
-    on_grid = np.max(rows, axis=1)
-    place, peak = np.where(peak > on_grid, place, _BELOW[best]), np.maximum(peak, on_grid)
+    best, peak = np.argmax(rows, axis=1), np.max(rows, axis=1)
+    place = _BELOW[best]
+    # A parabola through the last three places tells whether rho clearly rises up to the limit.
+    turns = (best < CUSP) | (_find_vertex(_BELOW[-3:, None], rows[:, -3:].T, 1.0) < 1.0 + _BELOW[1])
+    turns = np.flatnonzero(turns)
+    low, high = _BELOW[np.maximum(best[turns] - 1, 0)], _BELOW[np.minimum(best[turns] + 1, CUSP)]
+    x, height = _find_turns(law, speed[turns], low, high)
+    higher = height > peak[turns]
+    place[turns[higher]], peak[turns[higher]] = x[higher], height[higher]
     # A fall in the last digit of the coefficient is rounding, not friction.
     rounding = np.abs(peak) * place * speed < _ROUNDING * law.coefficient(speed)
     peak[rounding & (place > 0.0)] = 0.0
@@ -250,7 +261,12 @@ class AverageCurve(NamedTuple):
     cusp: FloatArray
 
     def at(self, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return peak and cusp at speeds, by lines between those of the curve, shape of ``speed`` [s/m]."""
+        """Return peak and cusp at speeds, by lines between those of the curve, shape of ``speed`` [s/m].
+
+        Of a law without a scale both are 0.
+        """
+        if not self.speed.size:
+            return np.zeros(speed.shape), np.zeros(speed.shape)
         return np.interp(speed, self.speed, self.peak), np.interp(speed, self.speed, self.cusp)
 
 
@@ -261,10 +277,12 @@ def average_curve(law: FrictionLaw) -> AverageCurve:
     if not scales.size:
         return AverageCurve(*np.zeros((3, 0)))
     edges = np.append(0.0, scales[:: -(-scales.size // _POINTS)])
-    share = np.arange(1, _SPEEDS // (edges.size - 1) + 2) / (_SPEEDS // (edges.size - 1) + 1)
+    per_panel = -(-_SPEEDS // (edges.size - 1))
+    share = np.arange(1, per_panel + 1) / per_panel
     panels = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
     near = np.geomspace(1e-9, 0.9, 40) * panels[0]
     speed = np.unique(np.concatenate([near, panels, _outstanding_speeds(law), scales[-1] * _FAR]))
+    speed = speed[np.append(True, np.diff(speed) > _SAME * speed[1:])]
     return AverageCurve(speed, *_find_peaks(law, speed))
 
 
