@@ -209,7 +209,8 @@ class TableReading:
         """Return whether lines from a row on are a copy of earlier ones, as of exports joined to one file.
 
         They are where the first 100 have the numbers of all earlier lines of their times, at least ten of
-        them different: a clock that was set back does not see the same numbers again.
+        them different: a clock that was set back does not see the same numbers again. From the first line of
+        the log on they are a loop, which goes on behind.
 
         Args:
             begin: The index of the row, among all with a time.
@@ -228,7 +229,8 @@ class TableReading:
         earlier = set(lines(0, begin, {time for time, _ in copies}))
         times = {time for time, _ in earlier}
         common = {line for line in copies if line[0] in times}
-        return len({numbers for _, numbers in common}) >= _MIN_DIFFERENT and common <= earlier
+        is_loop = next(lines(0, begin)) in common
+        return len({n for _, n in common}) >= _MIN_DIFFERENT and common <= earlier and not is_loop
 
     def _search_keys(self, rows: Rows, time_ns: IntArray, at: IntArray) -> None:
         """Add times of rows with numbers, and their texts in candidate columns, to the search for keys.
