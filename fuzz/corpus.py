@@ -361,7 +361,7 @@ ODD: dict[str, Odd] = {
         lambda: _definition(b'float64 data\nfloat64[4294967295] y\n'),
         'cannot be decoded as std_msgs/msg/Float64',
     ),
-    'a thousand beginnings': Odd(lambda: MAGIC * 2000, 'it has no topics'),
+    'a thousand beginnings': Odd(lambda: MAGIC * 2000, 'can be read: file'),
     'escapes in a name': Odd(
         lambda: file(
             [Piece([*DEFINITIONS, channel(9, '/\x1b[31m\nred\x07', 0), *messages(0, 60)])],
