@@ -35,7 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return its exit code."""
+    """Print the assessment of each chosen bearing; return 1 if the monitor would warn of one, else 0.
+
+    Raises:
+        ConfigurationError: The configuration, the speed or the load is refused.
+    """
     load = options.parse_load(args.load)
     points, warned = [], False
     for item in options.chosen(args).bearings:
@@ -57,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
-    """Return the assessment of scalars as the documented JSON object."""
+    """Return an assessment of scalars as the documented JSON object; ``None`` for a number not finite."""
     return {
         'schema': SCHEMA,
         'bearing': bearing,

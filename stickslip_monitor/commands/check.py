@@ -76,7 +76,11 @@ class CheckResult:
 
     @property
     def code(self) -> int:
-        """Exit code of this recording alone."""
+        """Exit code of this recording alone.
+
+        0 if all was read and nothing warned, 1 if something did or a part could not be read, 2 if it
+        could not be checked or has a bearing without an operating point, 3 for a fault of the program.
+        """
         if 'error' in self.document:
             return 3 if self.faulty else 2
         if self.unjudged:
@@ -116,14 +120,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _report_path(path: str) -> str:
-    """Return the path of a report; refuse one of a format that is gone, naming its successor."""
+    """Return the path of a report as it is.
+
+    Raises:
+        argparse.ArgumentTypeError: It has the ending of a format that is gone; the text has the successor.
+    """
     if successor := _REPORT_SUCCESSORS.get(Path(path).suffix.lower()):
         raise argparse.ArgumentTypeError(f"'{path}' is not written any more: {successor}")
     return path
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return its exit code."""
+    """Check the recordings, or the one on standard input; print the results and write the outputs.
+
+    Returns:
+        The exit code, the highest of all recordings.
+
+    Raises:
+        ConfigurationError: Options do not go together, or the configuration is refused.
+        BagError: There is no recording, or ``--mcap`` is refused.
+        FleetError: The cluster of ``--scheduler`` cannot be used.
+    """
     if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler):
         raise ConfigurationError(
             "'-', a recording on standard input, goes alone: neither with other bags nor with --scheduler"
@@ -309,7 +326,7 @@ def _failed_result(task: Task, bag: Path, text: str, *, faulty: bool = False) ->
 def _report_part(
     task: Task, document: dict[str, Any], checked: CheckReport | None = None
 ) -> RecordingPart | None:
-    """Return the recording's part of the report, where one is wanted."""
+    """Return the recording's part of the report; ``None`` where no report is wanted."""
     if not task.is_reported:
         return None
     # Drawing is not needed for a check as such, and costs time to import.
@@ -334,6 +351,7 @@ def _as_result(task: Task, bag: Path, outcome: Any) -> CheckResult:
 
 
 def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) -> bytes:
+    """Return the report (HTML) of all parts in ``archive``, which must not be ``None``."""
     from stickslip_monitor.report.page import html_page
 
     assert archive is not None
@@ -459,7 +477,10 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | 
 
 
 def _event_lines(event: Mapping[str, Any], text: str, start: int, width: int | None) -> Iterator[str]:
-    """Yield the lines of an event: a table row, or two lines if the width is narrow."""
+    """Yield the lines of an event: a table row, or two lines if the width is narrow.
+
+    ``text`` says what happened; ``start`` is that of the recording [ns], which times are counted from.
+    """
     seconds = (event['time'] - start) * 1e-9
     if width is not None and width < _NARROW:
         yield _wrap_line(f'  {seconds:.2f} s: {event["from"]} to {event["to"]}', width, 4)

@@ -78,7 +78,14 @@ def add_page(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return its exit code."""
+    """Serve the page of running monitors or of a replay until a signal ends it; return 0.
+
+    Raises:
+        ConfigurationError: Options do not go together, or a configuration is refused.
+        DashboardError: A needed package is missing, or the page cannot be served as asked.
+        RosError: Running monitors are to be shown, and ROS 2 is not there; or ``--log`` cannot be used.
+        BagError: The recording to replay cannot be read.
+    """
     need_extra()
     from stickslip_monitor.dashboard.seen_monitors import DashboardState
 
@@ -132,7 +139,14 @@ def _namespace_of(node: str) -> str:
 
 
 def watched(config: MonitorConfig, source: str, node: str = '', *, replay: bool = False) -> WatchedMonitor:
-    """Return a monitor to be shown under a title (``source``), and by the full name of its node if any."""
+    """Return a monitor for the page, without data yet.
+
+    Args:
+        config: The configuration of the monitor.
+        source: Its title on the page.
+        node: The full name of its node, whose namespace goes before its bearings; '' for none.
+        replay: Whether its data come from a recording.
+    """
     from stickslip_monitor.dashboard.seen_monitors import WatchedMonitor
 
     views = [bearing_view(bearing) for bearing in config.bearings]
@@ -143,6 +157,8 @@ def watched(config: MonitorConfig, source: str, node: str = '', *, replay: bool 
 @contextmanager
 def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
     """Yield the record of what happened, kept in the file of ``--log`` if there is one.
+
+    A damaged file is warned of in the log of the program.
 
     Raises:
         RosError: The file is somebody else's, or another dashboard uses it.
@@ -230,14 +246,14 @@ def say_address(url: str) -> None:
 
 @contextmanager
 def listen_to_nodes(listeners: Mapping[str, Sink], diagnostics: str) -> Iterator[Watcher]:
-    """Listen to nodes from a thread of its own, and take what they say on the running loop.
+    """Yield a watcher that hears nodes in a thread of its own, and hands what they say to the running loop.
 
     Args:
         listeners: Who takes it, by the node's full name.
         diagnostics: The topic of their diagnostics.
 
     Raises:
-        RosError: ROS 2 is not there.
+        RosError: ROS 2 is not there or cannot be started, or a name is not valid.
     """
     try:
         from stickslip_monitor.ros.other_nodes import open_watcher
@@ -283,4 +299,5 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
 
 
 def _sample_column(values: Any) -> list[float | None]:
+    """Return the numbers rounded to six digits; ``None`` for one that is not finite."""
     return [float(f'{value:.6g}') if np.isfinite(value) else None for value in values]

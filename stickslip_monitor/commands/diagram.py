@@ -25,7 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return its exit code."""
+    """Write the diagram of the bearing to the output file, as a picture or a table (.csv); return 0.
+
+    Raises:
+        ConfigurationError: The configuration, the load or the speeds are refused.
+        DrawingError, OutputError: The file cannot be written.
+    """
     config = options.require_single_bearing(options.chosen(args))
     bearing = config.bearing
     load = options.parse_loaded(args.load)

@@ -42,9 +42,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return its exit code."""
+    """Print the health of a monitor; return 0 if it monitors, 1 if it reports an error or is idle.
+
+    Raises:
+        RosError: Without ``--page``: ROS 2 is not there, no message came, or several monitors run.
+        ConfigurationError, DashboardError: With it: the page cannot be asked; see :func:`_ask_page`.
+    """
     if args.page is not None:
-        return _of_page(args)
+        return _ask_page(args)
     try:
         from stickslip_monitor.ros.other_nodes import receive_health
     except ImportError as error:
@@ -70,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     return int(level >= Severity.ERROR or NOT_MONITORING in text)
 
 
-def _of_page(args: argparse.Namespace) -> int:
+def _ask_page(args: argparse.Namespace) -> int:
     """Ask a page for its figures, print whether all works, and return the exit code.
 
     It is 0 if there are monitors, and each of them and each link to a bus works; else 1.

@@ -30,7 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return its exit code."""
+    """Print what a recording or log holds; return 1 if no line has a time, or nothing could be read.
+
+    Otherwise return 0.
+
+    Raises:
+        BagError: It cannot be opened.
+    """
     bag = open_bag(args.bag)
     record = bag_record(bag)
     # Lines without a time are no recording, nor is one of which nothing could be read.

@@ -158,7 +158,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return its exit code."""
+    """Print a parameter file and what to measure next; write the file if asked; return 0.
+
+    Given nothing on a terminal, ask for all, and note answers and the file to write in ``args``.
+
+    Raises:
+        ConfigurationError: A value is missing, given twice, or refused.
+        OutputError: The file cannot be written, or replaces one that is not ours.
+    """
     given = {
         name: item.read(getattr(args, name))
         for name, item in _QUANTITIES.items()
@@ -283,7 +290,7 @@ def require_all(given: Mapping[str, Given]) -> None:
 
 
 def _require_fall(given: Mapping[str, Given]) -> None:
-    """Raise ConfigurationError if the static friction is not above the kinetic one."""
+    """Raise ConfigurationError if both are given and static friction is not above kinetic."""
     static, kinetic = given.get('static'), given.get('kinetic')
     if static and kinetic and static.value <= kinetic.value:
         raise ConfigurationError(
@@ -343,7 +350,7 @@ def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
 
 
 def report(values: Sequence[Estimate]) -> str:
-    """Write the boundaries at the mean load, and what to measure next."""
+    """Return a text of several lines: the boundaries at the mean load, and what to measure next."""
     bearing, load = bearing_of(values), values[-1].value
     per_rpm = bearing.speed.factor('rpm')
     fold, hopf = (float(at(bearing, load)) / per_rpm for at in (end_of_vibration, hopf_speed))
@@ -379,7 +386,7 @@ def _next_lines(ranked: Sequence[FoldShift]) -> Iterator[str]:
 
 
 def to_json(values: Sequence[Estimate], text: str) -> dict[str, Any]:
-    """Return the estimates as the documented JSON object."""
+    """Return the estimates as the documented JSON object, with the text of the parameter file."""
     bearing, load = bearing_of(values), values[-1].value
     return {
         'schema': SCHEMA,

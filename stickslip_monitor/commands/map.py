@@ -26,7 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return its exit code."""
+    """Write the map of the bearing to the output file, as a picture or a table (.csv); return 0.
+
+    Raises:
+        ConfigurationError: The configuration or a range is refused, or a track is asked for in a table.
+        BagError: The recording of the track cannot be read.
+        DrawingError, OutputError: The file cannot be written.
+    """
     is_table = args.output.lower().endswith('.csv')
     if is_table and args.track:
         raise ConfigurationError(

@@ -139,9 +139,9 @@ def add_number(
     kind: type[float] = int,
     **more: Any,
 ) -> None:
-    """Add an option that takes a number from ``low``, or above it, to ``high``.
+    """Add an option that takes a number from ``low`` (``above``: from beyond it) to ``high``.
 
-    Its keywords are argparse's.
+    Any other makes the parser raise ConfigurationError. The keywords ``more`` are argparse's.
     """
     keywords: dict[str, Any] = {'rule': (low, high, above), 'kind': kind, 'type': partial(_read_number, kind)}
     options.add_argument(name, action=_Number, **keywords, **more)
@@ -200,14 +200,22 @@ def read_quantity(noun: str, text: str, units: Iterable[str]) -> tuple[float, st
 
 
 def parse_speed(text: str, conversion: BearingSpeed, noun: str = 'speed') -> float:
-    """Return the surface speed [m/s] of a text such as ``'20rpm'``; refuse one without a unit."""
+    """Return the surface speed [m/s] of a text such as ``'20rpm'``, which may be negative.
+
+    Raises:
+        ConfigurationError: It has no number or no unit of a speed; the text names ``noun``.
+    """
     from stickslip_monitor.physics.bearing import SPEED_UNITS
 
     return float(conversion.to_surface(*read_quantity(noun, text, SPEED_UNITS)))
 
 
 def parse_load(text: str, noun: str = 'load') -> float:
-    """Return the load [N] of a text such as ``'1.2kN'``; refuse one without a unit."""
+    """Return the load [N] of a text such as ``'1.2kN'``, which may be negative.
+
+    Raises:
+        ConfigurationError: It has no number or no unit of a load; the text names ``noun``.
+    """
     from stickslip_monitor.monitor.parameters import LOAD_UNITS
 
     value, unit = read_quantity(noun, text, LOAD_UNITS)

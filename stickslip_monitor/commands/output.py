@@ -217,7 +217,10 @@ def line_width() -> int | None:
 
 
 def console() -> Console:
-    """Return the console for tables; plain text where the output is not a terminal."""
+    """Return a new console for tables: plain and unwrapped where the output is not a terminal.
+
+    It prints a table that is too wide as a list, and makes control characters in texts harmless.
+    """
     from rich.console import Console  # costs time to import, and not every command prints with it
     from rich.table import Table
 
@@ -244,7 +247,14 @@ def console() -> Console:
 
 
 def table_of(title: str, headings: str, left: Collection[int] = (0,), caption: str | None = None) -> Table:
-    """Return a table without rows; its headings, parted by ``;``, are right-aligned but for some."""
+    """Return a table without rows.
+
+    Args:
+        title: Its title; '' for none.
+        headings: Of its columns, parted by ``'; '``.
+        left: Which columns, from 0, are aligned left; the others are aligned right.
+        caption: A text below it.
+    """
     from rich.table import Table
 
     table = Table(title=title or None, title_justify='left', caption=caption)

@@ -31,7 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return its exit code."""
+    """Publish a recording to ROS 2, as often as asked; return 0 when it has been played.
+
+    Raises:
+        BagError: It cannot be read, or has no messages to play.
+        RosError: ROS 2 is not there, or none of the topics can be played.
+    """
     bag = open_bag(args.bag)
     if bag.start_ns is None or bag.end_ns is None:
         raise BagError(f"bag '{args.bag}' has no messages to play")

@@ -84,7 +84,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command and return its exit code."""
+    """Monitor the bearings until a signal ends it, or with ``--request-token`` ask for a token; return 0.
+
+    Sets up the log of the program.
+
+    Raises:
+        ConfigurationError: The configuration is refused.
+        LinkError: A needed package is missing, or a link cannot be used.
+        DashboardError: The page cannot be served.
+        RosError: ``--node`` is given, and ROS 2 is not there; or a state file cannot be used.
+    """
     if find_spec('aiohttp') is None:
         raise LinkError("watch needs the extra 'links': pip install 'stickslip_monitor[links]'")
     with unblocked(), jit.interpreted():
@@ -363,10 +372,10 @@ async def _report_files(
 
 
 def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
-    """Return a handler that passes samples on without stamps, and drops copies.
+    """Return a handler that passes samples on without stamps, and drops copies; warn of each input once.
 
     A server that repeats the last value of a dead source would keep it alive for a node, which
-    sees no stamp. A copy has the stamp and the value of the one before.
+    sees no stamp. A copy has the stamp [ns] and the value of the one before; one without a stamp is none.
     """
     latest: dict[tuple[str, Input], tuple[int | None, float]] = {}
     reported: set[tuple[str, Input]] = set()
