@@ -193,9 +193,13 @@ def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow
 
 
 def _contact_event(speed: float, side: float, earliest: float) -> Event:
-    """Return an event of ``solve_ivp`` that ends where the lining reaches the belt's speed from its side.
+    """Return an event of ``solve_ivp`` that ends a phase where the lining reaches the belt's speed.
 
-    A phase begins at contact: a first step too small to change the speed would end it at once.
+    Args:
+        speed: Surface speed [m/s].
+        side: 1 where it slips behind the belt, -1 ahead of it.
+        earliest: Time up to which none is seen [s]: a phase begins at contact, and a first step too small to
+            change the speed would end it at once.
     """
 
     def contact(time: float, y: FloatArray) -> float:
@@ -316,7 +320,17 @@ class _Law:
         self.evaluations = 0
 
     def resolvent(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the relative speed ``v*`` of ``y`` and ``d v*/d y``; zero where it sticks. Count calls."""
+        """Solve ``F(v*) + penalty v* = y`` with the friction force ``F``, which is set-valued at 0.
+
+        It adds to :attr:`evaluations`.
+
+        Args:
+            y: Shape (n,) [units of ``m omega V``].
+
+        Returns:
+            The relative speeds ``v*`` [units of ``V``] and ``d v*/d y``, shape (n,) each; both are 0 where
+            it sticks.
+        """
         speed, slope = np.zeros_like(y), np.zeros_like(y)
         slips = np.abs(y) > self.static
         target = np.abs(y[slips])
@@ -364,7 +378,11 @@ class _Problem:
     damping: float
 
     def residual(self, q: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
-        """Return the residual, and its Jacobian by the coefficients and (last column) the frequency."""
+        """Return the residual, shape (2 H + 1,), and its Jacobian, shape (2 H + 1, 2 H + 2).
+
+        The Jacobian is by the coefficients and, in the last column, the frequency. Arguments are as of
+        :meth:`solved`.
+        """
         s, e = self.series, self.law.penalty
         turn, size = s.turn, q.size
         rate, bend = turn @ q, turn @ (turn @ q)
@@ -422,7 +440,7 @@ def _solve_linear(matrix: FloatArray, value: FloatArray) -> FloatArray:
 
 
 def half_range(q: FloatArray) -> float:
-    """Return half the peak-to-peak of a series ``[a_0, a_1, b_1, ...]``."""
+    """Return half the peak-to-peak of a series ``[a_0, a_1, b_1, ...]`` over a turn, in its unit."""
     n = np.arange(1, (q.size - 1) // 2 + 1)
     series = q[1::2] - 1j * q[2::2]
     count = max(_FINE, 16 * n.size)
@@ -443,7 +461,11 @@ def has_resolvent(bearing: Bearing) -> bool:
 
 
 def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Solve the harmonic balance, from the averaged amplitude by way of 1, 3, 7, ... up to ``harmonics``."""
+    """Compute the amplitude by harmonic balance, from that of averaging by way of 1, 3, 7, ... harmonics.
+
+    The last number is ``harmonics``. There is no cycle where averaging has none, or where the solver falls
+    to steady sliding.
+    """
     omega, law = bearing.natural_frequency, _Law(bearing, speed, load)
     cycles = stationary_amplitudes(bearing, speed, load)
     stable = cycles.amplitude[cycles.stable]
@@ -466,8 +488,8 @@ def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float
 def averaging(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
     """Compute the amplitude by averaging of first order, as the monitor does.
 
-    ``points`` copies of the operating point are solved in one call, and the first is returned. The
-    Stribeck law has closed forms, which need no evaluations of the law.
+    ``points`` copies of the operating point are solved in one call, and the first is returned. Of the
+    Stribeck law, which has closed forms, 0 evaluations are stated, of any other ``None``.
     """
     speeds = speed if points == 1 else np.full(points, speed)
     cycles = stationary_amplitudes(bearing, speeds, load)

@@ -125,7 +125,7 @@ class Calibration:
 
     @property
     def episodes(self) -> int:
-        """Vibrations in slow passages."""
+        """Number of vibrations in slow passages, those that only bound the fold among them."""
         return len(self.edges.ends)
 
     @property
@@ -139,12 +139,13 @@ class Calibration:
         return self._middle_factors(self.posterior.by_ends)
 
     def _middle_factors(self, grid: Grid) -> tuple[float, float]:
+        """Return ``ln r`` and ``ln q`` in the middle of a grid."""
         u, log_q = grid.middle
         log_fold_there, log_fold_here = self.reference.fold(np.array([grid.load + log_q, grid.load]))
         return u - float(log_fold_there - log_fold_here), log_q
 
     def _factor_covariance(self, grid: Grid) -> FloatArray:
-        """Covariance of ``(ln r, ln q)``, shape (2, 2), to first order about the middle."""
+        """Return the covariance of ``(ln r, ln q)``, shape (2, 2), to first order about the middle."""
         _, log_q = grid.middle
         by = np.array([[1.0, -self.reference.slope(grid.load + log_q)], [0.0, 1.0]])
         covariance: FloatArray = by @ grid.covariance @ by.T
@@ -162,6 +163,7 @@ class Calibration:
     def bearing(self) -> Bearing:
         """The bearing by which alarms go: that of the ends.
 
+        PhysicsError passes through where the law cannot be moved so far (:func:`.move_boundaries`).
         When stick-slip sets in depends on how noisy the ship is. By onsets too the Hopf speed was 2 % low
         in voyages noisier than those calibrated on, and alarms came late.
         """
@@ -181,11 +183,14 @@ class Calibration:
 
     @cached_property
     def before(self) -> Belief:
-        """The same before the evidence."""
+        """The belief before the evidence, by the configuration alone."""
         return Belief(self.reference.bearing, self.prior, self.floor)
 
     def hopf_speeds(self, load: float) -> list[float]:
-        """Return the Hopf speed [m/s] at a load [N] for each of :data:`QUANTILES`; it may be skew."""
+        """Return the Hopf speed [m/s] at a load [N] for each of :data:`QUANTILES`, with the floor.
+
+        Unlike those of :attr:`belief` they need not lie evenly about the middle.
+        """
         grid = self.posterior.by_all
         hopf = grid.log_r + self.reference.hopf(math.log(load) + grid.log_q)
         low, middle, high = grid.quantiles(hopf, QUANTILES)
@@ -416,6 +421,7 @@ def to_document(
 
 
 def _round_values(values: Any) -> Any:
+    """Return a number as a float, or nested numbers as lists, rounded to six significant digits."""
     return np.vectorize(lambda x: float(f'{x:.{_DIGITS}g}'))(np.asarray(values, float)).tolist()
 
 

@@ -174,7 +174,7 @@ class ReportedCourse:
 def track_of(
     course: TelemetryBins, reports: Sequence[VibrationReport], reference: Reference
 ) -> ReportedCourse | None:
-    """Return the bins of a course with speed and load, and the reports about them.
+    """Return the bins of a course in which the shaft turned under load, and the reports about them.
 
     Reports shorter than twice their tolerance are left out.
 
@@ -246,7 +246,7 @@ def _find_passage(
         track: The course.
         report: The report of quiet.
         begin: First time [s]; ``inf`` where it is unknown how far a disturbance has grown.
-        b: End of the quiet [s].
+        b: End of the quiet [s]; before an onset the bins go on by the tolerance and the longest lag.
         onset: The vibration that follows at once; ``None`` for none.
 
     Returns:
@@ -335,6 +335,7 @@ def _find_farthest(track: ReportedCourse, inside: BoolArray) -> tuple[float, Flo
 
 
 def _moving_average(values: FloatArray, width: int) -> FloatArray:
+    """Return means over an odd number of neighbours, shape (n,); the first and last value go on outside."""
     padded = np.pad(values, width // 2, 'edge')
     return np.convolve(padded, np.full(width, 1.0 / width), 'valid')
 

@@ -217,7 +217,7 @@ class StribeckFit:
 
     @cached_property
     def decomposed(self) -> tuple[FloatArray, FloatArray]:
-        """``Q`` (n, k) and ``R^-1`` (k, k) of the weighted gradient; ``inf`` if it is singular."""
+        """``Q`` (n, k) and ``R^-1`` (k, k) of the weighted gradient; ``R^-1`` is ``inf`` if singular."""
         root = np.sqrt(self.weight) / self.curve.std
         rows = self._law_gradient(self.curve.speed) * root[:, None]
         size = np.linalg.norm(rows, axis=0)
@@ -289,7 +289,7 @@ def _choose_fit(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
 
 
 def solve_law(curve: FrictionCurve, names: tuple[str, ...], scale: float = 0.0) -> StribeckFit:
-    """Compute the robust fit with some coefficients free, whether or not it makes sense.
+    """Compute the robust fit with some coefficients free, whether or not the curve identifies them.
 
     Args:
         curve: The curve.
@@ -382,7 +382,7 @@ def _lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
 
 
 def _require_identified(free: StribeckFit) -> StribeckFit:
-    """Return the fit if the curve identifies it.
+    """Return the fit if the curve identifies it; one with a negative ``mu_k`` is fitted anew without it.
 
     Raises:
         FitError: It does not; the text says what is missing.
@@ -436,10 +436,10 @@ def _require_fall(fit: StribeckFit) -> None:
 
 
 def _require_decay(fit: StribeckFit) -> None:
-    """Raise FitError unless the decay lies within the range of the measured speeds.
+    """Raise FitError unless the measured speeds show where friction falls.
 
-    All speeds may lie beyond it, all but the lowest may, or the fall may not have levelled off at the
-    highest speed.
+    They do not where all of them lie beyond the fall, where all but the lowest may, or where the fall has
+    not levelled off at the highest.
     """
     slowest, fastest = float(fit.curve.speed.min()), float(fit.curve.speed.max())
     decay, factor = fit.law.decay, fit.decay_factor

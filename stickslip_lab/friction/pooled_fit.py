@@ -46,19 +46,19 @@ class PooledFit(StribeckFit):
 
     @property
     def lubrication(self) -> Lubrication | None:
-        """The conditions as a bearing has them; ``None`` where loads do not differ."""
+        """The conditions as a bearing has them, the exponent held within 0 to 1; None: one load only."""
         if not self.has_exponent:
             return None
         return Lubrication(self.load, min(max(self.exponent, 0.0), 1.0), self.temperature)
 
     @property
     def free_count(self) -> int:
-        """Number of fitted coefficients."""
+        """Number of fitted coefficients, with the exponent where loads differ."""
         return len(self.names) + int(self.has_exponent)
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of the coefficients, whatever the exponent is."""
+        """Covariance of the free coefficients, shape (k, k), with what the exponent's error adds."""
         return self.full_covariance[: len(self.names), : len(self.names)]
 
     @property
@@ -68,13 +68,16 @@ class PooledFit(StribeckFit):
 
     @property
     def exponent_interval(self) -> tuple[float, float]:
-        """95 % interval of the exponent."""
+        """95 % interval of the exponent, low and high; (0, 0) without one."""
         reach = self.t_quantile * self.exponent_error
         return self.exponent - reach, self.exponent + reach
 
     @cached_property
     def full_covariance(self) -> FloatArray:
-        """Covariance of the free coefficients and the exponent, which is the last."""
+        """Covariance of the free coefficients and, as the last, the exponent where loads differ.
+
+        Shape (k + 1, k + 1), or (k, k) where they do not; ``inf`` where the curve leaves it open.
+        """
         orthogonal, inverse = self.decomposed
         covariance = self.scale**2 * (inverse @ inverse.T)
         if not self.has_exponent:
@@ -123,6 +126,7 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
         ratio = np.asarray(viscosity(curve.temperature) / viscosity(temperature))
 
     def reduced(exponent: float) -> FrictionCurve:
+        """Return the curve with its speeds divided by ``s``, for an exponent."""
         return replace(curve, speed=curve.speed * ratio * np.exp(-exponent * log_load))
 
     differs = bool(np.ptp(log_load) > np.log(LEAST_RATIO))

@@ -361,7 +361,7 @@ class Lining:
         return min(math.ceil(end * self.rate) / self.rate, self._duration)
 
     def follow(self, end: float, times: FloatArray) -> tuple[FloatArray, list[Change]]:
-        """Follow the lining to a later time; its state there is the next start.
+        """Follow the lining to a later time; its state there is the next start. Its random stream advances.
 
         Args:
             end: A time that :meth:`next_end` returned [s].
@@ -399,7 +399,7 @@ class Lining:
         return np.stack([time, self._shaft.speed(name, time), np.maximum(load, 0.0)])
 
     def _extend_grid(self, end: float) -> FloatArray:
-        """Extend the grid of the drive to ``end`` [s]; its last node begins the next one.
+        """Extend the grid of the drive to ``end`` [s]; its last node is stored and begins the next one.
 
         Returns:
             Time, speed and load from the last end to this one, with a node at each knock, shape (3, n).
@@ -419,7 +419,10 @@ class Lining:
         return nodes
 
     def _uniform_stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
-        """Return the stretches with one law and no knock inside, as first and last index of ``nodes``."""
+        """Return the stretches with one law and no knock inside, as first and last index of ``nodes``.
+
+        Neighbours share a node; ``nodes`` is time, speed and load, shape (3, n).
+        """
         time = nodes[0]
         inner = np.isin(time, list(self._knocks))
         if self._course.moves:
@@ -455,7 +458,7 @@ class Lining:
         return motion
 
     def _stick_changes(self, motion: Motion) -> list[Change]:
-        """Return the changes between stick and slip in a stretch, by time; store its last phase.
+        """Return the changes between stick and slip in a stretch, by time; store whether it ends in a stick.
 
         A knock or a new law at its start may begin or end a stick.
         """
@@ -473,7 +476,11 @@ class Lining:
         return changes
 
     def _rest_changes(self, nodes: FloatArray) -> list[Change]:
-        """Return the changes between rest and turning at nodes, by time; store the last state."""
+        """Return the changes between rest and turning at nodes, by time; store whether the last is at rest.
+
+        At rest the speed is below the configured deadband. ``nodes`` is time, speed and load in SI units,
+        shape (3, n).
+        """
         resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)
         change = np.flatnonzero(resting != np.append(self._resting, resting[:-1]))
         self._resting = bool(resting[-1])

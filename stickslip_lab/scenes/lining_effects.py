@@ -133,7 +133,7 @@ _HIGHEST_POINT_RATE = 1000.0
 
 @effect('lining', 'bearing', 'rate')
 def operating_point(settings: Settings, run: SceneRun) -> None:
-    """Record speed, load and true margins of each bearing in the truth of every block, at ``rate``.
+    """Add to the run an effect that records speed, load and true margins of each bearing at ``rate``.
 
     Raises:
         SceneError: The rate is missing, or not above 0 and up to 1 kHz.
@@ -142,6 +142,7 @@ def operating_point(settings: Settings, run: SceneRun) -> None:
     bearings = [(config, run.course(config)) for config in run.bearings(settings)]
 
     def record(block: TimeBlock) -> None:
+        """Append the columns of every bearing to the truth of a block."""
         time = block.instants(rate)
         for config, course in bearings:
             values = _operating_point(config, course, block, time)
@@ -199,7 +200,7 @@ LEVEL_FACTORS = {
 
 @effect('lining', 'bearing', 'disturbance', 'knocks', 'knock_unit', 'amplitude', 'motion')
 def lining_motion(settings: Settings, run: SceneRun) -> None:
-    """Follow the lining of each bearing through the scene.
+    """Add to the run, for each bearing, an effect that follows its lining from block to block.
 
     Every block gets its sticks and events as truth; its amplitude and motion on request; and where the
     scene sends a level, the lining's vibration in that.
@@ -249,9 +250,9 @@ def _read_knocks(settings: Settings, duration: float) -> list[tuple[float, float
 
 
 def _unit_blow(settings: Settings, config: BearingConfig) -> float:
-    """Return the impulse of one ``knock_unit`` [N s].
+    """Return the impulse of one ``knock_unit`` [N s]; 1 without the key.
 
-    By ``fold`` it gives the lining the velocity of the averaged fold at the nominal load.
+    That of ``fold`` gives the lining the velocity of the averaged fold at the nominal load.
 
     Raises:
         SceneError: The unit is neither ``N s`` nor ``fold``, or the bearing has no nominal load.

@@ -179,13 +179,13 @@ def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
 
 
 def _read_sensors(folder: Path, settings: Settings, seed: int, path: str | Path | None) -> Settings | None:
-    """Return the content of a file of sensors; ``None`` without one.
+    """Return the content of a file of sensors, with its numbers drawn; ``None`` without one.
 
     Args:
-        folder: Folder of the scene file, from which its own path counts.
-        settings: The scene, which may name one.
+        folder: Folder of the scene file, from which the path that the scene names counts.
+        settings: The scene, which may name a file of sensors.
         seed: Seed for the numbers to draw.
-        path: File in place of that.
+        path: File in place of the one that the scene names; ``None`` for that one.
 
     Raises:
         SceneError: It cannot be read or breaks a rule; the text names it.
@@ -230,7 +230,8 @@ def read_effects(listed: Any) -> tuple[Settings, ...]:
     The list is of mappings ``{name: {settings}}`` or ``{effect: name, settings}``.
 
     Raises:
-        SceneError: It is no such list, or an effect or one of its keys is unknown.
+        SceneError: It is no such list, or an effect or one of its keys is unknown; none of their values
+            is looked at.
     """
     if not isinstance(listed, list):
         raise SceneError(f'effects = {listed!r} must be a list')
@@ -342,12 +343,12 @@ def _measure_channel(scene: Scene, run: SceneRun, channel: Channel, start: float
 
 
 def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
-    """Raise SceneError for a value above the configured maximum of one of the channel's bearings.
+    """Raise SceneError for a value whose size is above the configured maximum of one of the bearings.
 
     Args:
-        channel: The channel.
+        channel: The channel; of a speed the surface speed of each bearing that reads it counts.
         time: Times, for the error, shape (n,) [s].
-        value: Values in its units, shape (n,).
+        value: Values in the units of :meth:`.Channel.factor`, of either sign, shape (n,); ``nan`` passes.
     """
     for bearing in channel.bearings:
         size = np.abs(value) * channel.ratio(bearing.name)

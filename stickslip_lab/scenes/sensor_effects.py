@@ -68,6 +68,7 @@ def low_pass(time_constant: float, step: float, value: float) -> Term:
     state = np.array([lag * value])
 
     def following(values: FloatArray) -> FloatArray:
+        """Return the next values filtered, of their shape (n,)."""
         nonlocal state
         filtered, state = lfilter(forward, back, values, zi=state)
         return np.asarray(filtered, float)
@@ -77,7 +78,7 @@ def low_pass(time_constant: float, step: float, value: float) -> Term:
 
 @channel_effect('sensing', MEMORY_CHANNELS, 'window', section='the averaging')
 def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Let the sensor of a channel average over the last seconds, behind the memories that it has.
+    """Let the sensor of a channel average over the last ``window`` [s], behind the memories that it has.
 
     Raises:
         SceneError: The window is not from 1 ms to 600 s.
@@ -103,6 +104,7 @@ def moving_mean(window: float, step: float, value: float) -> Term:
     last = value
 
     def following(values: FloatArray) -> FloatArray:
+        """Return the means up to each of the next values, of their shape (n,), n >= 1."""
         nonlocal integral, last
         pieces = 0.5 * (values + np.concatenate([[last], values[:-1]]))
         # One running sum through all blocks: their length does not change its rounding.
@@ -136,6 +138,7 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
     random = run.random(settings, channel)
 
     def add(signal: Signal) -> None:
+        """Replace the values of a signal in place by those with the background."""
         ratio = run.shaft.speed(bearing, signal.time) / fold
         swell = 1.0 + sea * np.sin(2.0 * np.pi / period * signal.time)
         total = np.hypot(signal.value, (floor + engine * ratio**2) * swell)
@@ -228,6 +231,7 @@ def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     last: float | None = None
 
     def hold(signal: Signal) -> None:
+        """Repeat in place the last value before each window; keep the last one for the next block."""
         nonlocal last
         value = signal.value
         if not value.size:
@@ -306,10 +310,10 @@ def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 
 def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
-    """Return the time of each jump [s], and by how much the clock jumps, with its sign [s].
+    """Return the ``jumps`` of a clock: the time of each [s], and by how much it jumps, with its sign [s].
 
     Raises:
-        SceneError: A jump is 0 or too large, or times do not rise within the scene.
+        SceneError: There is none, one is 0 or beyond ten years, or times do not rise within the scene.
     """
     rows = settings.rows('jumps', 'jump', 'a list of jumps [time in s, value in s]')
     jumps = check_points(rows, duration)
@@ -386,6 +390,7 @@ def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> Non
     rate = settings.number('rate', 'Hz', above=0.0, maximum=1000.0)
 
     def join(block: TimeBlock) -> None:
+        """Merge the second sender's messages into the topic's signal of a block, in order of true time."""
         halves = block.instants(2.0 * rate)
         time = halves[np.rint(halves * (2.0 * rate)).astype(np.int64) % 2 == 1]
         stamp = run.start_ns + np.rint(time * 1e9).astype(np.int64)

@@ -64,7 +64,7 @@ class Settings:
         return self._content[key]
 
     def text(self, key: str, meaning: str) -> str:
-        """Return a text that is not empty; ``meaning`` says in the error what it is.
+        """Return a text that is not blank, unchanged; ``meaning`` says in the error what it is.
 
         Raises:
             SceneError: The key is missing, or its value is not such a text.
@@ -126,7 +126,7 @@ class Settings:
         """Return the value of a key that is there, converted as the rule ``row`` has it.
 
         Raises:
-            SceneError: It breaks the rule.
+            SceneError: It breaks the rule; the text names key, value and rule.
         """
         try:
             return row.checked(self.label(key), {self.label(key): self._content[key]})

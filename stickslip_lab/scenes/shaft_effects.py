@@ -70,7 +70,13 @@ class SceneRun:
     _claimed: set[tuple[str, str]] = field(default_factory=set)
 
     def claim(self, effect: str, place: str = '', part: str = '') -> None:
-        """Note that an effect has a topic, a bearing or a part; raise SceneError if it is listed twice."""
+        """Note that an effect has a topic, a bearing or a part; raise SceneError if it is listed twice.
+
+        Args:
+            effect: Name of the effect.
+            place: What it has, as words that end a sentence: ' for topic /x'; '' for the whole scene.
+            part: The part of it, if the effect may be listed once for each.
+        """
         owner = f"'{effect}' with {part}" if part else f"'{effect}'"
         if (owner, place) in self._claimed:
             raise SceneError(f'effect {owner} is listed twice{place}')
@@ -102,14 +108,21 @@ class SceneRun:
         return named
 
     def _named_bearings(self, settings: Settings) -> list[BearingConfig]:
-        """Return the ``bearing`` of an effect's settings, else all of the scene."""
+        """Return the ``bearing`` of an effect's settings, else all of the scene; claim nothing.
+
+        Raises:
+            SceneError: The scene has no such bearing.
+        """
         bearings = {b.name: b for channel in self.channels for b in channel.bearings}
         if 'bearing' not in settings:
             return list(bearings.values())
         return [bearings[settings.choice('bearing', list(bearings))]]
 
     def course(self, config: BearingConfig) -> FrictionCourse:
-        """Return the friction of a bearing over time; without drift or water a new one that never moves."""
+        """Return the friction of a bearing over time, from :attr:`courses`.
+
+        Without drift or water it is a new one that never moves, and is not stored.
+        """
         return self.courses.get(config.name, FrictionCourse(config.bearing.friction))
 
     def sense(self, channel: Channel, memory: Memory) -> None:
@@ -191,6 +204,11 @@ def channel_effect(
         """Register the effect under the function's name and return the function unchanged."""
 
         def build(settings: Settings, run: SceneRun) -> None:
+            """Claim the channels and add to the run the change of each.
+
+            Raises:
+                SceneError: No quantity is named, a channel is claimed twice, or a setting breaks its rule.
+            """
             named = [q for q in quantities if not section or q in settings]
             if not named:
                 raise SceneError(f'{settings.name} must name at least one of {", ".join(quantities)}')
@@ -291,26 +309,42 @@ def _add_course(channel: Channel, run: SceneRun, course: Profile | Response, fac
 
 
 def _add_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add the ``points`` or the ``table`` of an effect to the shaft on a channel."""
+    """Add the ``points`` or the ``table`` of an effect to the shaft on a channel.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     unit, factor = unit_of(settings, channel)
     _add_course(channel, run, read_profile(settings, unit, run.duration, run.folder), factor)
 
 
 def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add the ``steps`` of an effect to the shaft on a channel."""
+    """Add the ``steps`` of an effect to the shaft on a channel.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     unit, factor = unit_of(settings, channel)
     _add_course(channel, run, read_steps(settings, unit, run.duration), factor)
 
 
 @channel_effect('shaft', ['speed'], 'unit', 'points', 'table')
 def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add a profile over time to the shaft's speed."""
+    """Add a profile over time to the shaft's speed.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     _add_profile(settings, channel, run)
 
 
 @channel_effect('shaft', ['speed'], 'unit', 'steps', 'rise')
 def speed_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add steps over time to the shaft's speed."""
+    """Add steps over time to the shaft's speed.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     _add_steps(settings, channel, run)
 
 
@@ -430,13 +464,21 @@ class Response:
 
 @channel_effect('shaft', ['load'], 'unit', 'points', 'table')
 def load_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add a profile over time to the bearing's load."""
+    """Add a profile over time to the bearing's load.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     _add_profile(settings, channel, run)
 
 
 @channel_effect('shaft', ['load'], 'unit', 'steps', 'rise')
 def load_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add steps over time to the bearing's load."""
+    """Add steps over time to the bearing's load.
+
+    Raises:
+        SceneError: A setting is missing or breaks its rule.
+    """
     _add_steps(settings, channel, run)
 
 
@@ -449,7 +491,7 @@ _RANGE = np.linspace(0.25, 5.0, 20_000)
 
 @channel_effect('shaft', ['load'], 'unit', 'significant_height', 'peak_period', 'gamma', 'load_per_metre')
 def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add the load of a sea, the same waves for all bearings.
+    """Add the load of a sea to the shaft, the same waves for all bearings.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -512,7 +554,7 @@ def _energy_below(gamma: float) -> FloatArray:
 
 @channel_effect('turning', ['speed'], 'blades', 'amplitude')
 def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add ripple to the speed at the rate of the blades, with an amplitude that is a share of the speed.
+    """Add ripple to the shaft's speed at the rate of the blades, with an amplitude that is a share of it.
 
     It follows from the turning of the shaft, and does not turn it.
 
