@@ -58,6 +58,7 @@ class SignalKLink:
 
 
 def _parameter_period(default: float, text: str) -> Any:
+    """Return the field of a parameter that is a time [s] between two sendings."""
     return parameter(default, text, 's', within=(1.0, 600.0))
 
 
@@ -440,7 +441,11 @@ class LiveMonitor:
             self._session.take(bearing, Input.LOAD, time_ns, value, now)
 
     def act(self, request: ActionRequest) -> None:
-        """Have the session carry out a request: alarms change, and are published at the next tick."""
+        """Have the session carry out a request: alarms change, and are published at the next tick.
+
+        Raises:
+            ConfigurationError: The bearing is not configured.
+        """
         self._session.act(request)
 
     def begin(self) -> None:
@@ -470,6 +475,7 @@ class LiveMonitor:
         return now
 
     def _advance_bearings(self, now: Moment, behind_ns: int) -> None:
+        """Advance all bearings to ``behind_ns`` before a moment."""
         for name in self._session.monitor.bearings:
             self._session.advance(name, now.time_ns - behind_ns, now)
 

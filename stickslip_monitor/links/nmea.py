@@ -298,6 +298,8 @@ class Alerts:
     def handle_acn(self, line: str, now_ns: int) -> tuple[list[str], ActionRequest | None]:
         """Read an ACN sentence: a display acknowledges, silences, or asks for all alerts.
 
+        No alert changes by it. ``now_ns`` is the time in UTC [ns since 1970].
+
         Returns:
             The sentences that answer, ARC for a refusal; and the request that it makes, or ``None``. No
             sentence and ``None`` for another sentence, and for an ACN to another device.

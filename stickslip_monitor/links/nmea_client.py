@@ -42,7 +42,8 @@ class Port:
     Args:
         name: The parameter that has the address.
         on_line: Called with each whole sentence received.
-        on_link: Called with the state of the port when it fails and with each receipt.
+        on_link: Called with whether the port works (``None``: unknown) and why not, when it is opened or
+            fails, and with each receipt.
         listens: Whether datagrams are received; a UDP port either receives or sends.
         silent: Time without data after which the port is reopened; infinite where none need come [s].
 
@@ -64,7 +65,7 @@ class Port:
         self._descriptor: int | None = None
 
     async def start(self) -> None:
-        """Open the port, and read it from now on; leave a TCP server that does not answer yet to :meth:`run`.
+        """Open the port, and read it from now on; leave a TCP server that cannot be reached to :meth:`run`.
 
         Raises:
             LinkError: It cannot be opened, and waiting does not mend it.
@@ -119,7 +120,9 @@ class Port:
             self._descriptor = None
 
     async def _open_port(self) -> None:
-        """Open the port, read it from now on, and report the link; not one with inputs, before it has data.
+        """Open the port, and read it from now on; report the link, as unknown where datagrams are sent.
+
+        One with inputs is not reported before it has data. A fault of the time before is forgotten.
 
         Raises:
             OSError: It cannot be opened.
@@ -277,7 +280,7 @@ class NmeaClient(Sink):
         self._down: dict[str, bool] = {}  # whether a link was down when it was reported last
 
     async def open_ports(self) -> None:
-        """Create the ports for input and alerts and open them; a TCP server may also come later.
+        """Create and store the ports for input and alerts, and open them; a TCP server may also come later.
 
         Raises:
             LinkError: One cannot be opened, and waiting does not mend it.
@@ -309,7 +312,7 @@ class NmeaClient(Sink):
         self._side.report_link(name, works, why)
 
     async def run(self) -> None:
-        """Keep the ports open until cancelled."""
+        """Keep the ports open until cancelled, then close them; see :meth:`Port.run`."""
         await asyncio.gather(*(port.run() for port in self._ports))
 
     def take_alarms(self, record: dict[str, Any]) -> None:

@@ -37,7 +37,7 @@ _KNOWN = (AlarmState.ACKNOWLEDGED.value, AlarmState.LATCHED.value)
 
 
 def camel(name: str) -> str:
-    """Write a name as a part of a path: ``aft_stern`` becomes ``aftStern``."""
+    """Return a name as a part of a path: ``aft_stern`` becomes ``aftStern``."""
     head, *rest = name.split('_')
     return head + ''.join(part.capitalize() for part in rest)
 
@@ -77,6 +77,7 @@ def _own_values(frame: object, vessel: str, kind: str = 'values') -> Iterator[tu
 
 
 def _only_dicts(items: object) -> list[dict[str, Any]]:
+    """Return the dictionaries among the items; none where it is no list."""
     return [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
 
 
@@ -129,7 +130,10 @@ class SignalKInputs(BusInputs):
                     yield item.bearing, item.place, number, stamp_ns
 
     def _take_units(self, frame: object) -> None:
-        """Note how to convert the paths whose meta data give another unit; log each change of unit."""
+        """Note how to convert the paths whose meta data give another unit; log each change of unit.
+
+        A path whose unit cannot be converted has NaN for all its numbers from then on.
+        """
         inputs = {items[0].path: items[0] for items, _ in self.groups}
         for _, _, path, meta in _own_values(frame, self._own, 'meta'):
             unit = meta.get('units') if isinstance(meta, dict) else None
@@ -151,7 +155,7 @@ class SignalKInputs(BusInputs):
 
         Args:
             key: Path and source of the value, which is noted as having sent.
-            stamp: Its time stamp [s since 1970]; NaN counts as current.
+            stamp: Its time stamp [s since 1970]; NaN, where it cannot be read, counts as too old.
             timeout: Of the input [s].
             now: Of the steady clock [s].
         """
@@ -190,6 +194,7 @@ class SignalKValues:
         self._prefix, self._own_load = prefix, frozenset(own_load)
 
     def _value_names(self, bearing: str) -> list[str]:
+        """Return the names of the values that are sent of a bearing: the load only where it is our own."""
         return [name for name in VALUES if name != 'load' or bearing in self._own_load]
 
     def _path_of(self, bearing: str, name: str) -> str:
@@ -297,7 +302,7 @@ class Notifications:
         return [self._monitor.update()]
 
     def all_updates(self) -> list[Update]:
-        """Return updates with the latest value of every notification, for a server that forgets."""
+        """Return updates with the latest value of every notification, also of normal ones."""
         return [alarm.update() for alarm in (*self._alarms.values(), self._monitor)]
 
     def _update_notification(self, alarm: _Alarm, record: Mapping[str, Any]) -> list[Update]:
@@ -330,9 +335,12 @@ class Notifications:
     def take_echo(self, frame: object, own_vessel: str) -> tuple[list[Update], list[ActionRequest]]:
         """Compare notifications from the server with what was sent, and store what people did there.
 
+        ``own_vessel`` is the vessel of the server's greeting; what is of another is ignored.
+
         Returns:
             The updates to send: a restart of an acknowledgement that the server kept, and the end of
-            notifications that another run left. The requests of people: acknowledge or silence.
+            notifications that another run left. The requests of people: acknowledge or silence. Both
+            are empty for any other frame.
         """
         updates, requests = list[Update](), list[ActionRequest]()
         for _, source, path, value in _own_values(frame, own_vessel):

@@ -100,6 +100,8 @@ class SignalKClient(Sink):
     async def run(self) -> None:
         """Connect, and reconnect after each loss with growing waits, until cancelled.
 
+        Connections and losses are reported as states of the links.
+
         Raises:
             LinkError: The first server that answers cannot be used as configured.
         """
@@ -126,6 +128,8 @@ class SignalKClient(Sink):
 
     async def _use_connection(self, session: aiohttp.ClientSession) -> str:
         """Connect, subscribe, and exchange frames until the connection ends; return the reason.
+
+        The incoming link is reported as working once the server has greeted.
 
         Raises:
             LinkError: The server cannot be used as configured.
@@ -226,7 +230,7 @@ class SignalKClient(Sink):
             self._repeat_alarms(now)
 
     def _repeat_alarms(self, now: float) -> None:
-        """Queue all notifications, and note the time [s]."""
+        """Queue all notifications, and note when (``now``, of the steady clock [s])."""
         self._repeated = now
         self._queue_updates(self._alarms.all_updates())
 
@@ -304,7 +308,10 @@ class SignalKClient(Sink):
             self._side.report_link(OUT, False, f'{text}: {why}' if self._headers else text)
 
     def _explain_silent_paths(self, now: float) -> None:
-        """Start a task for each path that has become silent, which logs the reason."""
+        """Start a task for each path that has become silent, which logs the reason.
+
+        ``now`` is of the steady clock [s].
+        """
         for item in self._inputs.take_silent(now):
             task = asyncio.create_task(self._log_silence(item.path))
             self._silence_tasks.add(task)

@@ -47,6 +47,7 @@ async def save_requested_token(link: SignalKLink | None, log: Callable[[str], ob
 
     Raises:
         LinkError: No server or file is configured, the file holds something else, or the request fails.
+        OSError: The file cannot be written.
     """
     if link is None or not link.token_file:
         raise LinkError('--request-token needs signalk.url and signalk.token_file')

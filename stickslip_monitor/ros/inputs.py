@@ -54,7 +54,10 @@ Tap = Callable[[str, str, bytes, int], None]
 
 
 def telemetry() -> QoSProfile:
-    """Make the quality of service of an input (rclpy changes it): best effort matches every one."""
+    """Make a new quality of service of an input: best effort, which matches every sender.
+
+    It is for one subscription, as rclpy changes it.
+    """
     return QoSProfile(
         depth=_DEPTH,
         history=HistoryPolicy.KEEP_LAST,
@@ -153,7 +156,7 @@ class Inputs:
         """Create the subscriptions of all topics.
 
         Raises:
-            Exception: One of :data:`ROS_FAULTS`: a subscription cannot be made.
+            Exception: One of :data:`ROS_FAULTS`: a subscription cannot be made; those before it stay.
         """
         for lane in self.lanes:
             lane.subscribe()
@@ -192,7 +195,10 @@ class Inputs:
             yield from self._read_numbers(self._waiting.popleft())
 
     def _thin_out(self, lane: Lane, waiting: list[Waiting]) -> list[Waiting]:
-        """Return every n-th of the messages of one topic, the last included; count the others as left out."""
+        """Return every n-th of the messages of one topic, the last included; count the others as left out.
+
+        n is the least by which no topic has more than its share of :data:`MOST_WAITING`.
+        """
         lane_messages = [one for one in waiting if one.lane is lane]
         step = len(lane_messages) * len(self.lanes) // MOST_WAITING + 1
         sampled = lane_messages[::-1][::step][::-1]

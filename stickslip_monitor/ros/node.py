@@ -95,7 +95,7 @@ def _as_written(name: str, value: Any) -> Any:
 
 
 def values(node: Node) -> dict[str, Any]:
-    """Return the values of the node's own parameters that are set, without those of ROS itself."""
+    """Return the values by name of the node's own parameters that are set, without those of ROS itself."""
     written = {
         name: _as_written(name, parameter.value)
         for name, parameter in node.get_parameters_by_prefix('').items()
@@ -111,7 +111,7 @@ Changed = dict[str, tuple[Any, Any]]
 def changed_config(
     node: Node, changes: Iterable[RosParameter[Any]], active: bool
 ) -> tuple[MonitorConfig, bool, Changed]:
-    """Build the configuration that a set of changes would make.
+    """Build the configuration that a set of changes would make; the node is not changed.
 
     Returns:
         The configuration, whether more than live parameters changed, and what changed.
@@ -154,7 +154,7 @@ def check_overrides(node: Node, config: MonitorConfig) -> list[str]:
     """Check the overrides of quality of service, of which rclpy names neither the parameter nor the rule.
 
     Returns:
-        A sentence on each that nothing of the node reads.
+        A sentence on each that nothing of the node reads; an empty list if all are read.
 
     Raises:
         ConfigurationError: A policy does not have that value.
@@ -257,7 +257,7 @@ class MonitorNode(LifecycleNode):
                 raise RosError(f'the node cannot {name}: {self._failure or "a fault that the log names"}')
 
     def survived(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Wrap a callback so that its exceptions are logged and the monitor goes on."""
+        """Return a callback wrapped so that an exception in it is reported by :meth:`survive`, not raised."""
 
         def call(*arguments: Any) -> Any:
             """Return the result of the callback; ``None`` where it raised, which is reported."""
@@ -298,9 +298,9 @@ class MonitorNode(LifecycleNode):
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Subscribe to the inputs, offer the services, and start the loop.
+        """Subscribe to the inputs, offer the services, and start the loop; log it, and put it on record.
 
-        Returns ``FAILURE``, and logs why, where one cannot be subscribed to.
+        Returns ``FAILURE``, and logs why, where an input or a service cannot be made.
         """
         assert self._configured is not None
         simulated = self.get_parameter(USE_SIM_TIME).value is True
@@ -360,6 +360,7 @@ class MonitorNode(LifecycleNode):
         return self._store(config)
 
     def _put_on_record(self, topic: str, text: str) -> None:
+        """Add a text to the notes of ``~/alarms``; do nothing while the node is not configured."""
         if self._configured is not None:
             self._configured.session.note(topic, text)
 
@@ -371,6 +372,7 @@ class MonitorNode(LifecycleNode):
         return TransitionCallbackReturn.FAILURE
 
     def _record_state(self, state: str) -> None:
+        """Log the state of the node, and add it to the notes of ``~/alarms``."""
         text = f'the monitor is {state}'
         self.get_logger().info(text)
         self._put_on_record('lifecycle', text)
@@ -400,6 +402,7 @@ class MonitorNode(LifecycleNode):
             loop.end()
 
     def _take_down(self) -> None:
+        """Destroy publishers and session, and write clips and alarms; do nothing where there are none."""
         if self._configured is not None:
             self._configured.destroy()
             self._configured = None

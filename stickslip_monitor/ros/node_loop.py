@@ -194,7 +194,10 @@ class NodeLoop:
         self._session.flush(now)
 
     def _discount_stall(self, held_ns: int, now: Moment) -> None:
-        """Leave a stall [ns] out of the age of every input; report a long one: health, log, alarm notes."""
+        """Leave a stall [ns] out of the age of every input; report a long one: health, log, alarm notes.
+
+        For the alarms the time until ``now`` has passed all the same.
+        """
         self._session.excuse(held_ns)
         # The alarms' time has passed, that of the inputs has not.
         self._running_ns += self._passing.passed(now)

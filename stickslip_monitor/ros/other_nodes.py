@@ -80,11 +80,11 @@ class RosGraph(Graph):
         )
 
     def is_undecodable(self, topic: str) -> bool:
-        """Return whether the latest message could not be decoded."""
+        """Return whether the latest message of a topic (its full name) could not be decoded."""
         return topic in self.lanes and self.lanes[topic].undecodable
 
     def other_names(self, topic: str) -> tuple[str, ...]:
-        """Return the elements named by messages of a topic that are for no input."""
+        """Return the elements, sorted, that messages of a topic named and that are for no input."""
         return tuple(sorted(self.lanes[topic].names)) if topic in self.lanes else ()
 
     def _asked_quality(self, name: str) -> QoSProfile:
@@ -177,10 +177,10 @@ class Watcher:
             raise RosError(f"node '{name}': {text}") from error
 
     def act(self, monitor: str, request: ActionRequest) -> None:
-        """Send a request to the monitor of that full name.
+        """Send a request to a listened-to monitor, by its full name; nobody tells whether it was carried out.
 
         Raises:
-            RosError: No monitor of that name receives requests.
+            RosError: The monitor receives no requests at present, or this one cannot be sent.
         """
         actions = self._actions[monitor]
         if not actions.get_subscription_count():
@@ -210,6 +210,7 @@ class Watcher:
                 self._hand_over(listener.take_record, record)
 
     def _on_alarms(self, listener: Sink, message: String) -> None:
+        """Pass on the list of alarms in a message, of any schema; ``None`` where it is not JSON."""
         self._hand_over(listener.take_alarms, self._parse_message(message))
 
     def _parse_message(self, message: String) -> Any:
@@ -271,7 +272,12 @@ def _is_of_node(status: DiagnosticStatus) -> bool:
 
 @contextmanager
 def open_watcher(listeners: Mapping[str, Sink], diagnostics: str, hand_over: HandOver) -> Iterator[Watcher]:
-    """Open a watcher, with ROS running until it is closed; see :class:`Watcher` for the arguments.
+    """Yield a watcher of monitors, with ROS running in a thread until the block ends.
+
+    Args:
+        listeners: Receivers of the records of each monitor, by the full name of its node.
+        diagnostics: The topic of the nodes' diagnostics.
+        hand_over: Calls a method of a listener with its arguments where the listeners live.
 
     Raises:
         RosError: ROS cannot be started, or a name is not valid.
@@ -284,7 +290,7 @@ def open_watcher(listeners: Mapping[str, Sink], diagnostics: str, hand_over: Han
 
 @contextmanager
 def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> Iterator[None]:
-    """Have ``take`` called, in another thread, with the health of each monitor's node until it is closed.
+    """Have ``take`` called, in another thread, with the health of each monitor's node until the block ends.
 
     It is given the node's full name, the level and the text of its diagnostic status.
 

@@ -47,6 +47,7 @@ _CLIPS_WAITING = 2
 
 
 def _reliable_qos(depth: int = 10, latched: bool = False) -> QoSProfile:
+    """Return a reliable quality of service; a latched one keeps ``depth`` messages for later readers."""
     durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
 
@@ -106,7 +107,11 @@ class Configured:
             raise
 
     def _make_outputs(self, config: MonitorConfig) -> None:
-        """Set :attr:`config`, and :attr:`clips` and ``outputs`` to those that it asks for."""
+        """Set :attr:`config`, and :attr:`clips` and ``outputs`` to those that it asks for.
+
+        Raises:
+            Exception: As for a new object; nothing is set where clips cannot be taken.
+        """
         store = self._make_store(config.clips)
         self.config = config
         self.clips = None if store is None else Clips(self._node, config.clips, store)
@@ -259,7 +264,10 @@ class Outputs(Sink):
         return self._clips is not None or publisher.get_subscription_count() > 0
 
     def _publish_message(self, publisher: Any, message: Any, time_ns: int | None = None) -> None:
-        """Publish a message; before that, clips take it. A full queue loses it, which is logged."""
+        """Publish a message; before that, clips take it. A full queue loses it, which is logged.
+
+        ``time_ns`` is its time in a clip [ns]; ``None`` for the latest of the samples.
+        """
         if self._clips is not None:
             self._clips.take(publisher.topic_name, message, time_ns)
         try:
@@ -272,6 +280,7 @@ class Outputs(Sink):
 
 
 def _status_message(record: DiagnosticRecord) -> DiagnosticStatus:
+    """Return a diagnostic record as a message of ROS."""
     return DiagnosticStatus(
         level=bytes([record.level]),
         name=record.name,

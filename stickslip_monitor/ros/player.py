@@ -83,6 +83,10 @@ class Player:
 
         Returns:
             The number of messages published; those on skipped topics do not count.
+
+        Raises:
+            RosError: A subscriber does not keep up.
+            KeyboardInterrupt: ROS was shut down.
         """
         begin, first, played = time.monotonic(), None, 0
         for topic, time_ns, data in messages:
@@ -117,6 +121,7 @@ class Player:
         self._publish_clock(target)
 
     def _publish_clock(self, time_ns: int) -> None:
+        """Publish a time on /clock; raise as :meth:`_publish_message`."""
         message = Clock()
         message.clock.sec, message.clock.nanosec = divmod(time_ns, 10**9)
         self._publish_message(self._clock, message)
@@ -142,7 +147,7 @@ class Player:
 
 @contextmanager
 def open_player(types: dict[str, str]) -> Iterator[Player]:
-    """Open a player of topics of these message types, with ROS running until it is closed."""
+    """Yield a player, with ROS running until the block ends; ``types`` has the message type of each topic."""
     rclpy.init(args=without_log_files(sys.argv))
     try:
         player = Player(types)

@@ -96,7 +96,7 @@ def _require_security() -> None:
 
 
 def _make_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None) -> MonitorNode:
-    """Start ROS, and make the node.
+    """Start ROS, and make the node; ROS is left running where that fails.
 
     Raises:
         StickslipError: The arguments, a parameter or a name cannot be used.
@@ -156,7 +156,10 @@ def _parameter_slip(args: Sequence[str]) -> str:
 
 
 def _list_fault(key: str, listed: object) -> str:
-    """Return the sentence on a list that rcl cannot read; '' where it can."""
+    """Return the sentence on a list that rcl cannot read; '' for any other value of a parameter.
+
+    It cannot read an empty list, nor one of lists.
+    """
     if listed == []:
         return f'{key} = [] is empty: give it at least one entry, or leave it out'
     if not isinstance(listed, list) or not all(isinstance(item, list) for item in listed):
