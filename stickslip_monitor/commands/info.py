@@ -18,7 +18,7 @@ from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import plural
 from stickslip_monitor.files import printable
 from stickslip_monitor.offline.check import bag_record
-from stickslip_monitor.report.summary import date, is_dated, minute
+from stickslip_monitor.report.summary import date, is_dated, time_of_day
 
 SCHEMA = 'stickslip_monitor/info/1'
 
@@ -72,5 +72,5 @@ def _write_summary(record: Mapping[str, Any]) -> str:
     text += f' in {record["duration"]:.1f} s'
     if not is_dated(record['start']):
         return f'{text}, on a clock without dates'
-    start, end = (f'{date(time)} {minute(time)}' for time in (record['start'], record['end']))
+    start, end = (f'{date(time)} {time_of_day(time)}' for time in (record['start'], record['end']))
     return f'{text}, from {start} to {end} UTC'

@@ -54,7 +54,7 @@ class Metrics(Collector):
         return encode(self._registry), kind
 
     def describe(self) -> Iterable[Metric]:
-        """Nothing: the names are known when they are collected."""
+        """Return nothing: the names are known when they are collected."""
         return ()
 
     def collect(self) -> Iterator[Metric]:
@@ -165,7 +165,14 @@ def _alarm_metrics(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
 
 
 def _make_metric(name: str, text: str, labels: Sequence[str], values: Iterable[tuple[Any, Any]]) -> Metric:
-    """Make a gauge with a value for each set of label values; one that is ``None`` is left out."""
+    """Make a gauge.
+
+    Args:
+        name: Its name without :data:`PREFIX`.
+        text: What it means.
+        labels: Names of its labels.
+        values: Pairs of label values and number; one whose number is ``None`` is left out.
+    """
     family = GaugeMetricFamily(f'{PREFIX}{name}', text, labels=labels)
     for names, value in values:
         if value is not None:

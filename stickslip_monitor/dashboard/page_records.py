@@ -235,12 +235,15 @@ class EventLog:
         return self._store.fault if self._store is not None else ''
 
     def extend(self, entries: Iterable[Any]) -> None:
-        """Add entries; invalid and known ones are skipped."""
+        """Add entries; skip invalid and known ones; have the log saved, where it is kept, if any was new."""
         if self._add_entries(entries) and self._store is not None:
             self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
 
     def _add_entries(self, entries: Iterable[Any]) -> bool:
-        """Add entries, and drop the oldest beyond :data:`KEPT`; return whether any was new."""
+        """Add entries, texts cut to :data:`_LONGEST`; drop the oldest beyond :data:`KEPT`.
+
+        Return whether any was new.
+        """
         before = len(self._entries)
         for entry in entries:
             if isinstance(entry, dict):
@@ -254,15 +257,18 @@ class EventLog:
         return new
 
     def clear(self) -> None:
-        """Remove all entries, before a recording restarts."""
+        """Remove all entries, before a recording restarts; a saved log stays as it is."""
         self._entries.clear()
 
     def latest(self) -> list[dict[str, Any]]:
-        """Return the entries that came last, in order of time, for the page."""
+        """Return the :data:`SHOWN` entries that came last, in order of time, for the page."""
         return _in_order(list(self._entries.values())[-SHOWN:])
 
     def csv(self) -> str:
-        """Return all entries as a table, times in UTC by ISO 8601."""
+        """Return all entries as a text of CSV with a head line, times in UTC by ISO 8601.
+
+        Of a cell that a spreadsheet would compute an apostrophe goes first.
+        """
         text = io.StringIO()
         table = csv.writer(text)
         table.writerow(('time', *LOG_TEXTS))
@@ -290,7 +296,10 @@ def _kept_entries(document: Any) -> list[Any]:
 
 
 def _in_order(entries: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Merge entries of nodes by time into a list; those of one node keep their order, at any times."""
+    """Merge entries of nodes by time into a list; those of one node keep their order, at any times.
+
+    A time of ``None`` counts as 0.
+    """
     nodes: dict[str, list[dict[str, Any]]] = {}
     for entry in entries:
         nodes.setdefault(entry['node'], []).append(entry)

@@ -79,7 +79,7 @@ class Replay:
         self._from_ns, self._since = log_ns, time.monotonic()
 
     def _wanted_ns(self) -> int:
-        """Return the place that should be reached by now [ns]."""
+        """Return the log time that should be reached by now [ns], at most that of the end."""
         passed = 0.0 if self._paused else (time.monotonic() - self._since) * self._rate
         return min(self._from_ns + round(passed * 1e9), self._start_ns + self._length_ns)
 
@@ -167,7 +167,7 @@ class Replay:
     def _show_state(self) -> None:
         """Show all bearings and the place in the recording on the board."""
         self._session.show(self._moment_now())
-        self._board.play(self._replay_place())
+        self._board.show_place(self._replay_place())
 
     def _replay_place(self) -> dict[str, Any]:
         """Return the place in the recording for the page: ``at`` and ``length`` [s], and ``paused``."""
@@ -179,7 +179,11 @@ class Replay:
 
 
 def _read_samples(recording: Recording, config: MonitorConfig) -> list[_Sample]:
-    """Return the numbers of a recording in its order, one for each bearing and input that reads it."""
+    """Return the numbers of a recording in its order, one for each bearing and input that reads it.
+
+    Raises:
+        BagError: It cannot be read.
+    """
     sources = [
         (request, bearing.name, place)
         for bearing in config.bearings

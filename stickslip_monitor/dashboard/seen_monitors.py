@@ -90,10 +90,11 @@ class Watched:
         """Store a new record, which came at ``now`` [s], and add it to the history.
 
         In the history it replaces those of its second and all later ones (after a clock step); those older
-        than :data:`SPAN` are dropped.
+        than :data:`SPAN` are dropped. :attr:`off_map` is updated.
 
         Returns:
-            A copy of the record with its row of the history: ``None`` where a lost input leaves no value.
+            A copy of the record, which is what is stored, with its row of the history under ``row``:
+            ``None`` where a lost input leaves no value.
         """
         # What rests on a lost input has no value, though the last one is still published.
         hidden = {name for name in ('speed', 'load') if record['inputs'].get(name, {}).get('lost')}
@@ -108,11 +109,14 @@ class Watched:
         return self.record
 
     def map(self) -> dict[str, Any]:
-        """Return the stability map for the page."""
+        """Return the stability map for the page: ``speeds``, ``loads`` and ``curves`` of the view."""
         return {name: getattr(self.view, name) for name in _OF_MAP}
 
     def state(self) -> dict[str, Any]:
-        """Return all that the page shows of it, but for its history."""
+        """Return all that the page shows of it, but for its history.
+
+        Its record is under ``status``: ``None`` before one came.
+        """
         view_fields = {name: getattr(self.view, name) for name in _OF_VIEW}
         return {'name': self.key, **view_fields, 'status': self.record}
 
@@ -265,7 +269,7 @@ class WatchedMonitor(Sink):
         return ' '.join(sentences)
 
     def _is_idle(self) -> bool:
-        """Return whether the node reports that its bearings are not watched."""
+        """Return whether the node reports that it watches no bearing; false before it reports anything."""
         records = [bearing.record for bearing in self.bearings.values() if bearing.record is not None]
         idle = self.alarms is not None and not self.alarms['monitoring']
         return idle or any(record['reason'] == NOT_MONITORING for record in records)
@@ -321,12 +325,13 @@ class WatchedMonitor(Sink):
         self._remember_name(self._others, f'/{node}')
 
     def _name_fully(self, record: dict[str, Any]) -> None:
-        """Put the namespace before the name of the bearing in a record and its text, in place."""
+        """Put the namespace, if any, before the name of the bearing in a record and in its text, in place."""
         if self.space and record['text'].startswith(f'{record["bearing"]}: '):
             record['text'] = f'{self.space}/{record["text"]}'
         record['bearing'] = self.key(record['bearing'])
 
     def _remember_name(self, names: dict[str, float], name: str) -> None:
+        """Store in ``names`` when a name was heard last [s]; no new one beyond :data:`MOST_NAMES`."""
         if name in names or len(names) < MOST_NAMES:
             names[name] = self._clock()
 
@@ -369,6 +374,7 @@ def _is_about(request: ActionRequest, alarm: dict[str, Any]) -> bool:
 
 
 def _list_names(names: list[str]) -> str:
+    """Return the first five names with commas between, and how many more there are."""
     first_names = ', '.join(names[:5])
     return first_names if len(names) <= 5 else f'{first_names} and {len(names) - 5} more'
 
@@ -402,7 +408,7 @@ class DashboardState:
         self.send: Callable[[str, dict[str, Any], str], None] = lambda kind, document, key: None
         self._sent: dict[str, Any] = {}
         for monitor in self.monitors:
-            monitor.send, monitor.log = self._take_news, self.log.extend
+            monitor.send, monitor.log = self._send_news, self.log.extend
 
     @property
     def bearings(self) -> dict[str, Watched]:
@@ -425,17 +431,20 @@ class DashboardState:
             'rows': [row for record in records for row in record['rows']],
         }
 
-    def _take_news(self, kind: str, document: dict[str, Any], key: str) -> None:
+    def _send_news(self, kind: str, document: dict[str, Any], key: str) -> None:
         """Send an event of a monitor to the page, then the state of the monitors if it changed.
 
-        Alarms are sent as those of all monitors, with the log, whatever the document.
+        Args:
+            kind: Name of the event; of ``alarms`` those of all monitors are sent, with the log.
+            document: Its content; not used for ``alarms``.
+            key: The bearing that it is about, as the page knows it; '' for none.
         """
         if kind == 'alarms':
             document = {'alarms': self.alarms, 'log': self.log.latest()}
         self.send(kind, document, key)
         self._send_monitor()
 
-    def play(self, place: dict[str, Any]) -> None:
+    def show_place(self, place: dict[str, Any]) -> None:
         """Store the place of a replay, and send it to the page if it has changed."""
         if place != self.playing:
             self.playing = place
@@ -444,7 +453,7 @@ class DashboardState:
     def begin_again(self, place: dict[str, Any]) -> None:
         """Clear all results and the log before a recording restarts, and send the page its whole new state.
 
-        ``place`` is the place of the replay, as for :meth:`play`.
+        ``place`` is the place of the replay, as for :meth:`show_place`.
         """
         self.finished, self.playing = False, place
         self.log.clear()
@@ -458,9 +467,9 @@ class DashboardState:
         self._send_monitor()
 
     def tick(self) -> None:
-        """Send the page the state of monitors that fell silent, and a map that had to be enlarged.
+        """Enlarge a map that is too small, and send it; send the page the state of monitors if it changed.
 
-        One map at a time: it takes some 30 ms.
+        To be called regularly, as silence sends nothing. One map at a time: it takes some 30 ms.
         """
         for bearing in self.bearings.values():
             if bearing.widen():

@@ -81,7 +81,10 @@ class Reader:
         self._something.set()
 
     async def take(self) -> bytes:
-        """Wait for an event, and return all waiting ones as one piece of the stream; empty once closed."""
+        """Wait for an event or the end; remove and return all waiting events as one piece of the stream.
+
+        The piece is empty where the stream was closed with none waiting.
+        """
         await self._something.wait()
         self._something.clear()
         events, self._waiting = self._waiting, {}
@@ -130,7 +133,7 @@ class Hub:
 
 
 def event_of(kind: str, document: dict[str, Any]) -> bytes:
-    """Encode an event for the wire."""
+    """Encode an event of a kind, with a document as its JSON, as a server-sent event."""
     data = json.dumps(document, allow_nan=False, separators=(',', ':'))
     return f'event: {kind}\ndata: {data}\n\n'.encode()
 
@@ -151,7 +154,10 @@ class Server:
         self._listening: asyncio.Server | None = None
 
     def application(self) -> web.Application:
-        """Make the application to serve."""
+        """Return a new web application with the pages, all handlers, and the rules of access.
+
+        Its shutdown ends all streams.
+        """
         app = web.Application(
             middlewares=[self._connections.count, self._access.guard], client_max_size=LARGEST_REQUEST
         )
@@ -312,7 +318,10 @@ class Server:
         return action_request
 
     async def _steer_replay(self, request: web.Request) -> web.Response:
-        """Pause, resume or move the replay as a request asks; answer 200. See :func:`_read_request`."""
+        """Pause, resume or move the replay as a request asks; answer 200.
+
+        See :func:`_read_request` for an invalid request.
+        """
         assert self._player is not None
         paused, place = await _read_request(request, _parse_course)
         if paused is not None:
@@ -329,11 +338,13 @@ class Server:
         return web.json_response(history)
 
     async def _send_log(self, _: web.Request) -> web.Response:
+        """Answer with the whole log of events as a file of CSV."""
         headers = {'Content-Disposition': 'attachment; filename="stickslip_alarms.csv"'}
         text, kind = self._board.log.csv(), 'text/csv'
         return web.Response(text=text, content_type=kind, charset='utf-8', headers=headers)
 
     async def _send_metrics(self, request: web.Request) -> web.Response:
+        """Answer with the figures for Prometheus, in the form that the request accepts."""
         body, kind = self._metrics.text(request.headers.get('Accept', ''))
         return web.Response(body=body, headers={'Content-Type': kind})
 
@@ -387,8 +398,10 @@ def _parse_course(document: Any) -> tuple[bool | None, float | None]:
 
 
 def _answer_text(done: bool, text: str) -> str:
+    """Return the JSON of an answer: whether the request was carried out, and a sentence."""
     return json.dumps({'ok': done, 'text': text})
 
 
 def _make_answer(code: int, text: str) -> web.Response:
+    """Return an answer of JSON with an HTTP status; only 200 says that the request was carried out."""
     return web.Response(text=_answer_text(code == 200, text), status=code, content_type=_JSON)

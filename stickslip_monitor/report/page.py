@@ -42,7 +42,7 @@ _MOST_TOPICS = 100
 _GRADES = {'OK': 'clear', 'WARN': 'warning', 'ERROR': 'alarm'}
 _CONDITIONS = {condition.value: name for condition, name in canvas.CONDITION_NAMES.items()}
 _ORDER = tuple(_GRADES)
-_FILTERS = ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'minute', 'share')
+_FILTERS = ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'share', 'time_of_day')
 # A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
 _WIDE, _NARROW = 9.0, 3.6
 _MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 5.4)
@@ -169,12 +169,16 @@ def _course_of(checked: CheckReport, item: BearingReport) -> Course:
 
 
 def _drawn_map(course: Course, size: tuple[float, float] = _MAP_WIDE) -> canvas.Figure:
+    """Draw the map with the track of a bearing and marks of its first events; ``size`` is in inches."""
     track = track_of_scan(course.scan)
     return draw_map(course.config, track=replace(track, events=track.events[:_MARKS]), size=size)
 
 
 def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool) -> BearingPart:
-    """Write the part of one bearing, with pictures where they are drawn."""
+    """Make the part of one bearing: its finding and inputs, then facts, and pictures if ``is_drawn``.
+
+    Without a verdict it has neither facts nor pictures; where none are drawn, a note says why.
+    """
     inputs = zip(course.item.inputs, course.config.inputs.values(), strict=True)
     input_facts = {report.quantity: _input_facts(report, source) for report, source in inputs}
     part = BearingPart(anchor, finding, input_facts)
@@ -263,6 +267,7 @@ def html_page(
 
     Raises:
         ReportError: Jinja2 is not installed.
+        ConfigurationError: The file of the configuration cannot be read any more; so also OSError.
     """
     is_drawn = len(parts) <= MOST_DRAWN
     whole = [part for part in parts if is_drawn or part.bearings]
@@ -296,7 +301,7 @@ def html_page(
 
 
 def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping[str, Any]]]:
-    """Return the events that a table has room for, with their numbers: the most severe, in order."""
+    """Return the events that a table has room for, with their numbers from 1: the most severe, in order."""
     order = sorted(enumerate(events, 1), key=lambda numbered: -_ORDER.index(numbered[1]['severity']))
     return sorted(order[:MOST_EVENTS], key=lambda numbered: numbered[0])
 
@@ -315,7 +320,13 @@ def parameter_groups(
 
 
 def _parameter_rows(table: Iterable[Parameter], values: Mapping[str, Any], prefix: str) -> list[ParameterRow]:
-    """List the parameters of a table that have a value, the given ones first."""
+    """List the parameters of a table that have a value, the given ones first.
+
+    Args:
+        table: The parameters, whose names lack the prefix.
+        values: The values given, by full name; of the others it is the default.
+        prefix: Goes before a name in ``values``, as ``aft.``.
+    """
     rows = []
     for row in table:
         given = f'{prefix}{row.name}' in values
@@ -327,7 +338,10 @@ def _parameter_rows(table: Iterable[Parameter], values: Mapping[str, Any], prefi
 
 
 def _value_text(value: Any) -> str:
-    """Format a parameter's value: 'none' if not finite, a dash for an empty text."""
+    """Format a parameter's value: 'none' if not finite, a dash for an empty text.
+
+    The items of a list have commas between.
+    """
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float | int):

@@ -44,7 +44,7 @@ class Finding:
 
     @property
     def rank(self) -> int:
-        """Severity of the grade, from 0."""
+        """Severity of the grade, from 0: its place in :data:`GRADES`."""
         return GRADES.index(self.grade)
 
 
@@ -98,7 +98,7 @@ def facts(course: Course) -> tuple[Fact, ...]:
     ):
         if name in course.item.worst:
             extreme = course.item.worst[name]
-            note = f'{minute(extreme.time_ns)}, at {place(course, extreme)}'
+            note = f'{time_of_day(extreme.time_ns)}, at {place(course, extreme)}'
             facts_found.append(Fact(title, shown(extreme.value), note))
     point, measured = course.scan.assessment, course.item.measured
     if point.has_belief:
@@ -112,13 +112,16 @@ def facts(course: Course) -> tuple[Fact, ...]:
 
 
 def place(course: Course, extreme: Extreme) -> str:
-    """Describe the operating point of an extreme."""
+    """Return the operating point of an extreme as words: shaft speed and load."""
     speed = float(course.config.bearing.speed.from_surface(extreme.point.speed, 'rpm'))
     return f'{rpm(speed)} and {load(extreme.point.load)}'
 
 
 def finding_of(course: Course) -> Finding:
-    """Return the sentences on one bearing: the verdict first, and what puts it in doubt last."""
+    """Return grade and sentences on one bearing: the verdict first, doubts and questions last.
+
+    The grade is 'unknown' in place of 'clear' where an input has two sources.
+    """
     finding = _judge_course(course)
     # With two mixed sources, "clear" cannot be trusted.
     grade = 'unknown' if course.sources and finding.grade == 'clear' else finding.grade
@@ -128,7 +131,11 @@ def finding_of(course: Course) -> Finding:
 
 
 def _judge_course(course: Course) -> Finding:
-    """Grade a bearing by its conditions, without doubts and questions."""
+    """Grade a bearing by its conditions, without doubts and questions.
+
+    'alarm' for stick-slip, 'warning' for its neighbourhood or missing inputs, else 'clear'; 'unknown'
+    without an operating point, or with inputs missing for most of a time without either.
+    """
     name = course.config.name
     if not course.scan.time_ns.size:
         text = f'{name}: no verdict: the recording has no usable operating point.'
@@ -156,30 +163,34 @@ def _judge_course(course: Course) -> Finding:
 
 
 def _make_finding(grade: str, *sentences: str) -> Finding:
+    """Return a finding of those sentences that are not empty."""
     return Finding(grade, tuple(text for text in sentences if text))
 
 
 def _total_seconds(parts: Iterable[ConditionInterval]) -> float:
+    """Return the summed duration of spells [s]."""
     return sum(spell.seconds for spell in parts)
 
 
 def _spell_times(parts: Sequence[ConditionInterval]) -> str:
-    """Say when the spells were, as the end of a sentence."""
+    """Return when the spells were, one at least and in order of time, as the end of a sentence."""
     first, last = parts[0].start_ns, parts[-1].end_ns
     day, last_day = date(first), date(last)
     zone = ' UTC' if day else ''
     if len(parts) == 1 and day == last_day:
-        return f'from {minute(first)} to {minute(last)}{zone}' + _on_date(day)
-    later = f'{minute(last)}{zone}{_on_date(last_day)}'
-    earlier = minute(first) if day == last_day else f'{minute(first)}{zone}{_on_date(day)}'
+        return f'from {time_of_day(first)} to {time_of_day(last)}{zone}' + _on_date(day)
+    later = f'{time_of_day(last)}{zone}{_on_date(last_day)}'
+    earlier = time_of_day(first) if day == last_day else f'{time_of_day(first)}{zone}{_on_date(day)}'
     return f'between {earlier} and {later}'
 
 
 def _on_date(day: str) -> str:
+    """Return a date as the end of a sentence; '' for none."""
     return f' on {day}' if day else ''
 
 
 def _stick_slip_sentence(course: Course, sticking: Sequence[ConditionInterval]) -> str:
+    """Return the sentence on the spells of stick-slip: how long, how often and when."""
     total = duration(_total_seconds(sticking))
     often = '' if len(sticking) == 1 else f' in {len(sticking)} spells'
     return f'{course.config.name}: stick-slip was predicted for {total}{often}, {_spell_times(sticking)}.'
@@ -222,6 +233,7 @@ def _least_margin(course: Course) -> str:
 
 
 def _lost_seconds(course: Course) -> float:
+    """Return for how long an input was missing [s]."""
     return _total_seconds(together(course.spells, (Condition.INPUT_STALE,)))
 
 
@@ -237,7 +249,8 @@ def _lost_sentences(course: Course) -> str:
 def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
     """Return the verdict over all bearings, naming the first few that are not clear.
 
-    ``parts`` has the recording's name and the finding of each bearing; a single one is returned as is.
+    ``parts`` has the recording's name and the finding of each bearing, of one at least; the finding of
+    a single one is returned as it is.
     """
     if len(parts) == 1:
         return parts[0][1]
@@ -273,6 +286,7 @@ def is_dated(time_ns: int) -> bool:
 
 
 def _round_time(time_ns: int, step_ns: int) -> datetime:
+    """Return a time [ns since 1970] in UTC, rounded to a step of whole microseconds."""
     return _EPOCH + timedelta(microseconds=round(time_ns / step_ns) * (step_ns // 1000))
 
 
@@ -288,7 +302,7 @@ def clock(time_ns: int) -> str:
     )
 
 
-def minute(time_ns: int) -> str:
+def time_of_day(time_ns: int) -> str:
     """Format the time of day in UTC to the second, for a sentence."""
     return f'{_round_time(time_ns, 10**9):%H:%M:%S}' if is_dated(time_ns) else f'{time_ns * 1e-9:.0f} s'
 
@@ -299,7 +313,10 @@ def iso(time_ns: int) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Format a duration in at most two units: ``1 h 5 min``, ``2 min 10 s``, ``4.2 s``."""
+    """Format a duration [s] in at most two units: ``1 h 5 min``, ``2 min 10 s``, ``4.2 s``.
+
+    One that is not finite is 'for ever'.
+    """
     if not math.isfinite(seconds):
         return 'for ever'
     if seconds < 9.95:
@@ -335,17 +352,17 @@ def margin(value: float) -> str:
 
 
 def millimetres(metres: float) -> str:
-    """Format an amplitude in millimetres to three digits."""
+    """Format an amplitude [m] in millimetres, to three digits."""
     return f'{metres * 1e3:.3g}{_SPACE}mm'
 
 
 def rpm(value: float) -> str:
-    """Format a shaft speed."""
+    """Format a shaft speed [rpm]."""
     return f'{value:.1f}{_SPACE}rpm'.replace('-', '\N{MINUS SIGN}')
 
 
 def load(newtons: float) -> str:
-    """Format a load, as in the sentences of alarms."""
+    """Format a load [N] in kN, as in the sentences of alarms."""
     return f'{newtons / 1e3:.4g}{_SPACE}kN'
 
 

@@ -441,7 +441,7 @@ def test_a_replay_is_led_with_the_keyboard(dashboards: Callable[..., Any], brows
     dashboard = dashboards(player=player)
     dashboard.sail(60.0, 1000.0)
     place = {'at': 65.0, 'length': 200.0, 'paused': False}
-    dashboard.do(lambda: dashboard.board.play(place))
+    dashboard.do(lambda: dashboard.board.show_place(place))
     browser.open(dashboard.url)
     browser.until('!document.getElementById("replay").hidden')
     assert browser.text('#replay-time') == '1:05 of 3:20'
@@ -453,7 +453,7 @@ def test_a_replay_is_led_with_the_keyboard(dashboards: Callable[..., Any], brows
     assert browser.text('#hold') == 'Pause'
     browser.press(' ')
     until(lambda: player.asked == [True], 'the pause')
-    dashboard.do(lambda: dashboard.board.play(place | {'paused': True}))
+    dashboard.do(lambda: dashboard.board.show_place(place | {'paused': True}))
     browser.until('document.getElementById("hold").textContent === "Play"')
     browser.press(' ')
     until(lambda: player.asked[1:] == [False], 'its end')
@@ -495,7 +495,7 @@ def test_axe_finds_nothing(dashboards: Callable[..., Any], browser: Any, theme: 
         'an alarm': lambda: ship.sail(20.0, 1000.0, 5.0),
         'put aside, in a replay': lambda: (
             ship.act(ActionRequest(Action.SHELVE, 'Ada', 'aft_stern', AlarmKind.STICK_SLIP)),
-            dashboard.board.play({'at': 1.0, 'length': 9.0, 'paused': True}),
+            dashboard.board.show_place({'at': 1.0, 'length': 9.0, 'paused': True}),
         ),
         'gone, and a fault of the node': lambda: (
             ship.sail(60.0, 1000.0, 40.0),

@@ -33,10 +33,10 @@ class Board(DashboardState):
         self._now = now
         super().__init__([watched(load_config(CONFIG), 'bag', replay=True)], replay=True)
 
-    def play(self, place: dict[str, Any]) -> None:
+    def show_place(self, place: dict[str, Any]) -> None:
         bearing = self.bearings['aft_stern']
         self.shown.append((self._now(), bearing.record['time'] * 10**6))
-        super().play(place)
+        super().show_place(place)
 
 
 @pytest.fixture

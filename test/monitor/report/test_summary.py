@@ -185,7 +185,7 @@ def test_times_are_utc_whatever_the_machine_says(monkeypatch: pytest.MonkeyPatch
         at = epoch_ns('2026-05-04T06:01:27') + 49 * 10**6
         assert summary.date(at) == '2026-05-04'
         assert summary.clock(at) == '06:01:27.0'
-        assert summary.minute(at) == '06:01:27'
+        assert summary.time_of_day(at) == '06:01:27'
         assert summary.iso(at) == '2026-05-04T06:01:27.049000Z'
         # Tenths carry over midnight.
         assert summary.clock(epoch_ns('2026-05-04T23:59:59') + 960 * 10**6) == '00:00:00.0'
