@@ -68,7 +68,7 @@ class Flood:
         self.most = max(self.most, len(self._times))
 
     def figures(self, now_ns: int) -> dict[str, Any]:
-        """Return ``alarms_10min``, ``most_10min`` and ``flooding`` as in the record of the alarms."""
+        """Return ``alarms_10min``, ``most_10min`` and ``flooding``, of now; a flood may end by it."""
         self._count_recent(now_ns)
         return {'alarms_10min': len(self._times), 'most_10min': self.most, 'flooding': self._flooding}
 
@@ -276,7 +276,11 @@ class Annunciator:
         return changes + (self._call_again(name, verdict.time_ns) if causes.is_lasting else [])
 
     def _call_again(self, name: str, time_ns: int) -> list[AlarmChange]:
-        """Sound a bearing's alarms of stick-slip that are silent: acknowledged, or because they came back."""
+        """Sound a bearing's alarms of stick-slip that are silent: acknowledged, or because they came back.
+
+        Returns:
+            Their changes; an empty list where none of them is silent.
+        """
         alarms = self._sticking_alarms(name)
         worst = next((alarm for alarm in alarms if alarm.state in ON_SHOW), None)
         changes = []
@@ -406,12 +410,12 @@ class Annunciator:
         return alarm.kind in LATCHING and self.causes[alarm.bearing].config.alarm.latch
 
     def _fire_trigger(self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str) -> list[AlarmChange]:
-        # What a person put away is given anew when it is back, however well it was known before.
         """Change the state of an alarm by a trigger, with its silence, shelf, count, sound and the flood.
 
         Returns:
             The change as a list of one; an empty list where the state stays.
         """
+        # What a person put away is given anew when it is back, however well it was known before.
         is_back = trigger in (Trigger.UNSHELVE, Trigger.RESTORE)
         facts = Facts(
             suppressed=bool(alarm.suppressed_by),
@@ -450,6 +454,7 @@ class Annunciator:
     def _give_to_people(self, alarm: LiveAlarm, change: AlarmChange) -> AlarmChange:
         """Give an alarm to people, aloud if it is worse than what they were given lately.
 
+        Returns ``change`` with ``aloud`` set; notes the times in the alarm, and silences it where it is not.
         The ladder is one matter. Stick-slip and the amplitude limit are silent within the matter's
         time of their last sound only, until they last; a caution is always silent. What still waits
         at the end of the matter's time sounds then. A bell that rings already is no second sound.

@@ -165,7 +165,7 @@ class Causes:
         )
 
     def recall(self, kinds: Set[AlarmKind], now_ns: int) -> None:
-        """Let more causes count as present for the on-delay and the off-delay from now."""
+        """Let some causes and those recalled before, count as present for the on- and off-delay from now."""
         alarm = self.config.alarm
         self.recalled = self.recalled | kinds
         self._recalled_until = now_ns + alarm.on_delay_ns + alarm.off_delay_ns

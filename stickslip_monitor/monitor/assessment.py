@@ -158,8 +158,8 @@ class _Assessed(Generic[_Number]):
         """
         reference, *point = self._reference
 
-        def solved(*columns: FloatArray) -> FloatArray:
-            speed, load, code, fold = columns
+        def solved(speed: FloatArray, load: FloatArray, code: FloatArray, fold: FloatArray) -> FloatArray:
+            """Return the amplitudes of flat columns as measured [m], ``nan`` for other outcomes."""
             size, result = np.abs(speed), np.full(speed.shape, np.nan)
             # Where only the exact model has a cycle averaging has no amplitude.
             rows = np.flatnonzero(np.isin(code, codes) & (size < fold))
@@ -357,9 +357,9 @@ class Assessments(_Assessed[FloatArray]):
     def at(self, rows: IndexArray | slice) -> Assessments: ...
 
     def at(self, rows: int | IndexArray | slice) -> Assessment | Assessments:
-        """Return some of the points, with all that is computed of them already.
+        """Return some of the points of one-dimensional arrays, with all that is computed of them already.
 
-        It is for one-dimensional arrays: an :class:`Assessment` for a row, :class:`Assessments` for several.
+        An :class:`Assessment` for the index of one, else :class:`Assessments`.
         """
         single = isinstance(rows, int | np.integer)
         columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}

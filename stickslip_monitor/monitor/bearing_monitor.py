@@ -128,7 +128,7 @@ class BearingMonitor(Standing):
             state.began += held_ns
 
     def follow(self, step_ns: int) -> None:
-        """Follow a step of the arrivals' clock [ns]; the memory's own time goes on."""
+        """Follow a step of the arrivals' clock [ns], negative back; the memory's own time goes on."""
         self.state.shift -= step_ns
 
     def update(self, place: int, time_ns: int, number: float, arrival_ns: int | None = None) -> Update:
@@ -163,7 +163,8 @@ class BearingMonitor(Standing):
     def repeats(self) -> Iterator[Update]:
         """Take once more the values that still stand and are due, and yield the result of each.
 
-        Only inputs whose source sends changes only are repeated.
+        Only inputs whose source sends changes only are repeated. The memory changes as results are taken
+        from the iterator; ``counts`` stays.
         """
         state = self.state
         for place, (number, due_ns) in self._held.items():

@@ -70,7 +70,7 @@ def _with_topic(bearing: BearingConfig, kind: str) -> Iterator[str]:
 
 
 def verdict_value(name: str, verdict: Verdict) -> float | str:
-    """Return the word or number that a topic of a bearing, by its last part, has of a verdict."""
+    """Return what a topic, by its last part, has of a verdict: a word, or a number in SI units."""
     if name == 'measured':
         return str(verdict.measured)
     point = verdict.assessment
@@ -344,13 +344,13 @@ class NodeHealth:
     _failed_at: float = math.inf
     _failures_seen: int = 0
 
-    def age(self, steady: float) -> None:
+    def update_failing(self, steady: float) -> None:
         """Set ``failing`` at a time of the steady clock [s]: a failure counts for a minute."""
         if self.failures > self._failures_seen:
             self._failures_seen, self._failed_at = self.failures, steady
         self.failing = bool(self.failures) and steady - self._failed_at < FAILURE_PERIOD
 
-    def change(self, name: str, before: object, after: object) -> None:
+    def record_change(self, name: str, before: object, after: object) -> None:
         """Record a changed parameter in ``changed``; remove one that is back at its first value."""
         before = self.changed.pop(name, (before,))[0]
         if before != after:

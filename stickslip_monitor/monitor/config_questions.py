@@ -195,7 +195,7 @@ def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
 
 
 def note_on_table(bearing: Bearing) -> str:
-    """Return a clause on a measured curve that ends in the midst of its fall; '' for any other law."""
+    """Return a clause on a measured curve that ends in its fall; '' for any other law or without damping."""
     law = bearing.friction
     if not isinstance(law, Tabulated) or bearing.damping == 0.0:
         return ''
@@ -209,7 +209,7 @@ def note_on_table(bearing: Bearing) -> str:
 
 
 def _last_fall(law: Tabulated) -> float:
-    """Return the slope of a measured curve at its end, by its last two points or its own slope [s/m]."""
+    """Return how steeply a measured curve falls at its end [s/m]: the more by two points or its own slope."""
     chord = (law.values[-2] - law.values[-1]) / (law.speed[-1] - law.speed[-2])
     return max(chord, -float(np.asarray(law.slope(np.array([law.speed[-1]])))[0]))
 

@@ -78,7 +78,7 @@ def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> Monitor
     values = _join_where_pairs(values)
     node = {row.name: row.checked(row.name, values) for row in parameters.NODE_PARAMETERS}
     names = bearing_names(values)
-    notes = _check_retired(values, names)
+    notes = _check_names(values, names)
     sections = [_Section(name, values, is_live=is_live) for name in names]
     bearings = tuple(section.build() for section in sections)
     notes += [note for s, bearing in zip(sections, bearings, strict=True) for note in s.find_unused(bearing)]
@@ -130,7 +130,7 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
     return names
 
 
-def _check_retired(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
+def _check_names(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]:
     """Check that all parameters are known; return a sentence on each retired one, which has no effect.
 
     Raises:

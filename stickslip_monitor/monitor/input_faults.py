@@ -123,7 +123,7 @@ class SourceWatch:
     def see(self, arrival_ns: int, si: float) -> SourceFault | None:
         """Take one value [SI] and its arrival [ns], which must not fall; return the fault that it raises.
 
-        ``None`` where it raises none, also while one stands.
+        ``None`` where it raises none, also while one stands. A value that is not finite is passed over.
         """
         if not math.isfinite(si):
             return None
@@ -175,7 +175,9 @@ class SourceWatch:
         return self._fault
 
     def _take_run(self, run: int, *, counts: bool) -> None:
-        """Add the length of the run that a jump has ended to the means of both levels.
+        """Add the length of the run that a jump has ended to the mean of its level; begin one on the other.
+
+        The fault that stands, if any, gets the new share.
 
         Args:
             run: Values since the jump before.
@@ -425,7 +427,7 @@ class _Track:
         self.reported = fault
         return ('' if cause == _NUMBERS.sub('', before) else fault), False
 
-    def look(self, now_ns: int, counts: IntArray) -> None:
+    def record_counts(self, now_ns: int, counts: IntArray) -> None:
         """Record the counts by status at a time [ns]: for the rate, and for the share of refused samples."""
         self.rates.append((now_ns, int(counts[Status.ACCEPTED])))
         if not self.marks:
@@ -503,7 +505,10 @@ class InputWatch:
         return track.source.standing(now_ns)
 
     def _judge_fitness(self, name: str) -> None:
-        """Hand the speeds and loads of a bearing to its fitness watch once there are 256, and forget them."""
+        """Hand the values of a bearing to its fitness watch once speeds and loads are 256 together.
+
+        They are forgotten then. Each load with a speed of the batch before it makes an operating point there.
+        """
         speed, load = (self._values[name, place] for place, _ in enumerate(QUANTITIES))
         if len(speed[0]) + len(load[0]) < _BATCH:
             return
@@ -534,7 +539,8 @@ class InputWatch:
     def explain(self, bearing: str, now_ns: int, *, without_clock: bool) -> str:
         """Return sentences on why inputs of a bearing are lost right now; '' where nothing is known.
 
-        Arguments as for :meth:`look`. A sender that is just being discovered is left out.
+        Arguments as for :meth:`look`. A sender that is just being discovered is left out. The graph is asked
+        anew.
         """
         self._publishers.clear()
         lost, texts = self._bearings[bearing].lost(), []
@@ -565,7 +571,7 @@ class InputWatch:
         for name, tracks in self._tracks.items():
             self._judge_fitness(name)
             for place, track in tracks.items():
-                track.look(now_ns, self._bearings[name].counts[place].copy())
+                track.record_counts(now_ns, self._bearings[name].counts[place].copy())
                 fault = input_fault(self._input_facts(name, place, now_ns, without_clock=without_clock))
                 text, is_over = track.take_fault(fault)
                 if text:
@@ -573,7 +579,16 @@ class InputWatch:
         return list(dict.fromkeys(faults))  # that /clock is silent holds for all inputs
 
     def _input_facts(self, bearing: str, place: int, now_ns: int, *, without_clock: bool) -> InputFacts:
-        """Gather the facts on an input at a time of the steady clock [ns]; may ask the graph."""
+        """Gather the facts on an input; ask the graph for its publishers unless that is cached.
+
+        Caches these, and remembers who publishes on the topic, and that an input is lost.
+
+        Args:
+            bearing: Name of the bearing.
+            place: Index of the input.
+            now_ns: Now, on the steady clock.
+            without_clock: As in :meth:`look`.
+        """
         monitor, track = self._bearings[bearing], self._tracks[bearing][place]
         source = monitor.config.inputs[INPUTS[place]]
         lost = monitor.is_lost(place)

@@ -54,7 +54,7 @@ class _Changes:
     clause: str = ''
 
     def take(self, time_ns: IntArray, value: FloatArray) -> None:
-        """Take values at rising times [ns], shape (n,), and judge each dozen of new ones."""
+        """Take values at rising times [ns], shape (n,), n > 0; set ``clause`` by each dozen of new ones."""
         is_new = np.empty(value.size, np.bool_)
         np.not_equal(value[1:], value[:-1], out=is_new[1:])
         is_new[0] = not (self.value.size and value[0] == self.value[-1])
@@ -71,7 +71,10 @@ class _Changes:
             self.messages = self.messages[done:]
 
     def _judge_blocks(self, blocks: int) -> None:
-        """Set the clause by the latest slow, regular one of these dozens; clear it after three others."""
+        """Set ``clause`` by the latest slow, regular one of the first dozens; clear it after three others.
+
+        ``misses`` counts those others in a row. The dozens stay in the columns.
+        """
         end = blocks * _CHANGES + 1
 
         def rows(column: FloatArray) -> FloatArray:
@@ -131,7 +134,10 @@ class _Pairs:
     clause: str = ''
 
     def take(self, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> None:
-        """Take operating points at rising times [ns], shape (n,); one of each two seconds is kept."""
+        """Take operating points at rising times [ns], shape (n,), of which one of each two seconds is kept.
+
+        Each 512 that are kept set or clear ``clause``, unless nothing can be told of them, and are forgotten.
+        """
         slot = time_ns // _PAIR_NS
         first = np.flatnonzero(np.diff(slot, prepend=self.slot) > 0)
         if not first.size:
@@ -156,7 +162,7 @@ def explained_share(rows: FloatArray) -> float | None:
     """Return the share of a load's changes that the speed explains, among visits to the same speeds.
 
     Args:
-        rows: Time [s], speed and load of some pairs, shape (n, 3).
+        rows: Time [s], speed and load of some pairs, shape (n, 3), n a multiple of 32.
 
     Returns:
         The share by straight lines through groups of like speeds; ``None`` where too few groups are

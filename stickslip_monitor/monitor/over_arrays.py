@@ -201,7 +201,7 @@ class Scan:
 
 
 def joined(parts: Sequence[Scan]) -> Scan:
-    """Return the verdicts on the successive parts of a recording as those of one part."""
+    """Return the verdicts on the successive parts of a recording, at least one, as those of one part."""
     columns: dict[str, Any] = {
         column.name: np.concatenate([getattr(part, column.name) for part in parts])
         for column in fields(Scan)
@@ -259,7 +259,10 @@ class BearingScan:
         return self._take_stream(stream, end_ns, final=True)
 
     def _take_stream(self, stream: Stream, end_ns: int | None, *, final: bool) -> Scan:
-        """Run the rule over samples; return points and events, the last point only if ``final``."""
+        """Run the rule over the next samples; return their verdicts, of the last point only if ``final``.
+
+        Events by the end ``end_ns`` [ns] are added only then; ``None``: there are none.
+        """
         size = stream.time_ns.size
         noted = np.empty(size, np.int8), np.empty(size, np.int64)
         made, changes, _ = self._run_rule(stream, noted)
@@ -301,7 +304,8 @@ class BearingScan:
     def memories(self, stream: Stream, ends: Sequence[int]) -> Iterator[tuple[State, FloatArray | None]]:
         """Take samples and yield the memory and the latest point after each of some rising counts of them.
 
-        A point is speed, load, temperature of the water and probabilities; ``None`` before the first.
+        A point is speed, load, temperature of the water and probabilities; ``None`` before the first. Samples
+        are taken when the first pair is asked for; exhaust the iterator before the next block.
         """
         size = stream.time_ns.size
         made, _, saved = self._run_rule(stream, (np.empty(size, np.int8), np.empty(size, np.int64)), ends)
@@ -343,6 +347,8 @@ class BearingScan:
         self, stream: Stream, noted: tuple[NDArray[np.int8], IntArray], ends: Sequence[int] = ()
     ) -> tuple[int, list[tuple[IntArray, State]], list[tuple[State, int]]]:
         """Run the rule over a block, compiled where that pays, and fill ``noted`` with status and time.
+
+        The memory goes on to its end, and the columns of the points are filled.
 
         Returns:
             How many points there are, the changes of the alarm with the memory at each, and the memory and

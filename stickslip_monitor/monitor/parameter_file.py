@@ -181,7 +181,7 @@ def _node_parameters(path: str | Path, document: object, node: str | None) -> di
     """Return the parameters for a node, by dotted names; ``node`` is as in :func:`load_parameters`.
 
     Raises:
-        ConfigurationError: There are none, or the file is for several nodes.
+        ConfigurationError: There are none, one is given twice, or the file is for several nodes.
     """
     if not isinstance(document, Mapping):
         raise ConfigurationError(
@@ -252,7 +252,10 @@ def _choose_node(path: str | Path, sections: Iterable[str], node: str | None) ->
 
 
 def _node_named_by(section: str) -> str:
-    """Return our node's full name in the namespace of a section, as `/port/**`; '' where there is none."""
+    """Return the full name of the monitor that a section is for: '/port/stickslip_monitor' for '/port/**'.
+
+    '' where the section begins with a wildcard, so that it names no namespace, or is for other nodes.
+    """
     steps = section.strip('/').split('/')
     named = list(takewhile(lambda step: '*' not in step, steps))
     name = '/'.join(['', *(step for step in named if step != NODE_NAME), NODE_NAME])
@@ -357,7 +360,7 @@ def _flatten_content(path: str | Path, content: Mapping[Any, Any]) -> dict[str, 
     """Return nested parameters by their dotted names.
 
     Raises:
-        ConfigurationError: One is given twice.
+        ConfigurationError: One is given twice; the text names ``path``.
     """
     values: dict[str, Any] = {}
     for name, value in _iterate_flat('', content):

@@ -194,8 +194,8 @@ def sample_time(s: State, place: int, stamp: int, arrival: int) -> int:
     """Return a sample's time on the monitor's own clock [ns], and follow a clock that was set back.
 
     It is the stamp where that is at most a second before the arrival, else the arrival, and never before
-    the input's last sample. Where the arrivals step back, ``s.shift`` makes up for it and the stamps are
-    forgotten.
+    the input's last sample. Where the arrivals step back by more, ``s.shift`` makes up for it, all stamps are
+    forgotten, and ``s.now`` and ``s.began`` move on to the time that is returned.
     """
     last = s.came[place] if s.came[place] != NEVER else s.point
     time = arrival + s.shift
@@ -338,7 +338,8 @@ def middle(first: float, second: float, third: float) -> float:
 def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     """Decide at the operating point of the latest values: stick-slip, and which rungs are to change.
 
-    ``until`` is how long the values before stood [ns].
+    Changes in the memory the rates, the state of stick-slip, the probabilities and the rungs; the loss of an
+    input ends. ``until`` is the time until which the values before stood [ns].
     """
     fresh = count_elapsed(s, c, until)
     s.point, s.lost = s.now, 0
@@ -388,6 +389,7 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
 def count_elapsed(s: State, c: RuleNumbers, until: int) -> bool:
     """Count the time since the latest point, while its values stood, for growth and for every rung.
 
+    ``until`` is the time until which they stood [ns].
     After a loss longer than the off-delay, medians and means start again from the latest values.
 
     Returns:
@@ -577,7 +579,11 @@ def request_bit(s: State, rung: int, holds: bool, clear: bool) -> int:
 
 
 def update_rungs(s: State, c: RuleNumbers, fresh: bool) -> None:
-    """Raise or clear the rungs asked for long enough; if ``fresh``, after a gap, clear at once."""
+    """Raise or clear the rungs that have been asked to change for long enough.
+
+    Changes their bits in ``s.raised`` and ``s.asks``, ``s.count`` and ``s.cleared``. If ``fresh``, after a
+    gap, rungs are cleared at once. At rest or without load none is raised but vibration.
+    """
     if not s.asks:
         return
     resting = not is_turning(s)

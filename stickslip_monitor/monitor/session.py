@@ -384,7 +384,10 @@ class Session:
             self._sink.take_states(states, whole=False)
 
     def states(self, names: Iterable[str], now: Moment) -> list[BearingState]:
-        """Return the state of some bearings; inputs are described only while they are watched."""
+        """Return the state of some bearings, in their order.
+
+        Only while they are watched, and with a graph, it has their inputs and a mix of sources.
+        """
         looked = self._inputs if self.monitoring else None
         return [
             BearingState(

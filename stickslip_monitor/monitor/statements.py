@@ -33,9 +33,9 @@ UNSEEN = 60.0
 
 
 def size_cycle(config: BearingConfig, s: State) -> None:
-    """Compute the amplitude of the exact cycle at the medians and store it in the memory ``s``.
+    """Compute the amplitude of the exact cycle at the medians and store it in the memory, with its time.
 
-    Where no cycle exists the last amplitude stays.
+    They are ``s.amplitude`` and ``s.sized``. Where no cycle exists the last amplitude stays.
     """
     speed, load = rule.median_point(s)
     bearing = config.bearing if config.water_temperature is None else config.bearing.at_temperature(s.water)
@@ -370,7 +370,7 @@ def _measured_text(point: Assessment) -> str:
 
 
 def _doubt_text(b: Standing) -> str:
-    """Return a sentence on a level that is loud, or quiet for a minute of predicted stick-slip; else ''."""
+    """Return a sentence, after a space, on a loud level, or one quiet in a minute of stick-slip; else ''."""
     if b.is_loud:
         return f' {Unknown.LOUD.sentence[0].upper()}{Unknown.LOUD.sentence[1:]}.'
     quiet = b.measured is Measured.QUIET
@@ -407,7 +407,7 @@ def _belief_text(b: Standing, point: Assessment) -> str:
 
 
 def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
-    """Return one sentence for each lost input."""
+    """Return a sentence for each lost input; ``lost`` has their ages [s], ``inf`` for one never received."""
     return ' '.join(
         f'Input {name} lost: no valid value on {config.inputs[name].topic}'
         + (' so far.' if math.isinf(age) else f' for {age_text(age)}.')
@@ -503,7 +503,7 @@ def order(b: Standing) -> SpeedOrder | None:
 
 
 def _order_text(given: SpeedOrder | None) -> str:
-    """Return the order as a sentence that follows the condition; '' for none, or to stay above a speed."""
+    """Return the order as a sentence after a space; '' for none, or to stay above a speed: that is said."""
     if given is None or given.kind is OrderKind.STAY_ABOVE:
         return ''
     if given.kind is OrderKind.CLEARS_ABOVE:

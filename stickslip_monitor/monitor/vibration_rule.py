@@ -24,7 +24,9 @@ SHORT = 15 * 10**9
 
 
 def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
-    """Store a valid level, and update its background and whether it vibrates.
+    """Store a valid level, and update its background, whether it vibrates, and what is doubted of it.
+
+    The times for which it has stood still, or been high, are counted too.
 
     Args:
         s: The memory.

@@ -437,7 +437,7 @@ class MonitorNode(LifecycleNode):
             self.get_logger().info(text)
             self._put_on_record('parameter', text)
             if name.partition('.')[0] in bearing_names(values(self)):
-                self.health.change(name, before, after)
+                self.health.record_change(name, before, after)
         return SetParametersResult(successful=True)
 
     def _refuse_unknown_types(self) -> None:

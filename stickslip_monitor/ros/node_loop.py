@@ -226,7 +226,7 @@ class NodeLoop:
             steady: Time of the steady clock [s].
         """
         health = self._health
-        health.age(steady)
+        health.update_failing(steady)
         self._own.check_files()
         lanes = self.inputs.lanes
         health.lost = sum(lane.lost for lane in lanes)

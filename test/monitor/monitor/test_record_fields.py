@@ -194,14 +194,14 @@ def test_a_healthy_node_says_so_in_every_value() -> None:
 
 def test_the_node_names_its_losses_and_changes() -> None:
     health = NodeHealth(monitoring=True, lost=1, left_out=2, losing=True)
-    health.change('aft.mass', 50.0, 60.0)
-    health.change('aft.mass', 60.0, 70.0)
+    health.record_change('aft.mass', 50.0, 60.0)
+    health.record_change('aft.mass', 60.0, 70.0)
     assert health.severity is Severity.WARN
     assert health.message == (
         '1 message lost on the way to the node, 2 messages left out while the node was too busy, some in the'
         ' last minute. Changed over ROS and not acknowledged: aft.mass from 50.0 to 70.0.'
     )
-    health.change('aft.mass', 70.0, 50.0)
+    health.record_change('aft.mass', 70.0, 50.0)
     assert health.changed == {}
 
 
@@ -209,6 +209,6 @@ def test_a_failure_counts_for_a_minute() -> None:
     health = NodeHealth(monitoring=True, failures=1, last_failure='x')
     failing = []
     for steady in (100.0, 159.0, 161.0):
-        health.age(steady)
+        health.update_failing(steady)
         failing.append((health.failing, health.severity))
     assert failing == [(True, Severity.ERROR), (True, Severity.ERROR), (False, Severity.OK)]
