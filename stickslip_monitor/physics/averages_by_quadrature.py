@@ -43,7 +43,7 @@ CUSP = _BELOW.size - 1
 # leave 1e-6 of its height.
 _HALVINGS = 5
 # Speeds of a curve up to the last breakpoint, at least, and beyond it up to a million times as far.
-_SPEEDS, _FAR = 200, np.geomspace(1.0, 1e6, 97)[1:]
+_SPEEDS, _FAR = 400, np.geomspace(1.0, 1e6, 97)[1:]
 # Share by which two speeds of a curve differ at least: a spline through closer ones would only have rounding.
 _SAME = 1e-6
 # Of a table with more points so many, and so many of the others besides that may have the highest fold:
@@ -411,7 +411,7 @@ def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArr
     """Return where a stable stick-slip cycle exists; there may be several such ranges of speed.
 
     It does wherever the highest ``rho`` exceeds ``q``: with growing amplitude ``rho`` falls below every
-    ``q``. Where one of several ranges ends is read from :func:`average_curve`.
+    ``q``. Read from :func:`average_curve`, but between two of its speeds of which one has a cycle.
 
     Args:
         law: The law.
@@ -424,8 +424,15 @@ def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArr
     if not below.any():
         return below
     # From the last speed of the curve that has a cycle there is one up to the fold.
-    last = curve.speed[np.maximum(_last_above(curve.peak, q), 0)]
-    return below & ((curve.at(speed)[0] > q) | (speed >= last))
+    index = _last_above(curve.peak, q)
+    to_fold = (index < curve.speed.size - 1) & (speed >= curve.speed[np.maximum(index, 0)])
+    k = np.searchsorted(curve.speed, speed, side='right')
+    heights = np.append(curve.peak, 0.0)  # beyond its last speed nothing is read
+    beside = heights[np.maximum(k - 1, 0)] > q, heights[k] > q
+    result = below & ((beside[0] & beside[1]) | to_fold)
+    between = np.flatnonzero(below & ~result & (beside[0] | beside[1]))
+    result[between] = peak_slope(law, speed[between]) > q[between]
+    return result
 
 
 def stable_amplitude(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
