@@ -177,6 +177,10 @@ known_table = lru_cache(maxsize=64)(boundary_table)
 
 
 def _linear_pieces(speed: FloatArray) -> FloatArray:
+    """Return straight lines between speeds as cubics, lowest power first, shape (n - 1, 4).
+
+    ``nan`` counts as 0; a piece with an infinite end is level.
+    """
     speed = np.where(np.isnan(speed), 0.0, speed)
     pieces = np.zeros((speed.size - 1, 4))
     pieces[:, 0] = speed[:-1]
@@ -186,7 +190,10 @@ def _linear_pieces(speed: FloatArray) -> FloatArray:
 
 
 def _spline_pieces(speed: FloatArray) -> FloatArray:
-    """Return a spline through what is finite, from its beginning on; before there is no boundary."""
+    """Return a spline through speeds from the first positive one on, shape (n - 1, 4), lowest power first.
+
+    Pieces before it are 0. Of fewer than four speeds, or an infinite one, they are straight lines.
+    """
     rows = np.flatnonzero(speed > 0.0)
     if rows.size < 4 or not np.isfinite(speed[rows[0] :]).all():
         return _linear_pieces(speed)

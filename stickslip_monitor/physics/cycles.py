@@ -191,7 +191,15 @@ class Cycle:
 
 
 def _start_state(bearing: Bearing, speed: float, load: float, start: float, slips: bool) -> MotionState:
-    """Return the state in which a cycle begins, from the place in :class:`FoundCycles`."""
+    """Return the state in which a cycle begins, in SI units.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed, of either sign [m/s].
+        load: Load > 0 [N].
+        start: The cycle's :attr:`FoundCycles.start`.
+        slips: Whether the lining never reaches the belt's speed in the cycle.
+    """
     field = slip_field(bearing, np.array([abs(speed)]), np.array([load]))
     place = float(field.force[0]) * law_in_use(bearing.friction).hold - field.damping
     place += float(field.rest()[0]) - start if slips else start
@@ -291,6 +299,7 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     """
 
     def folds(n: FloatArray) -> FloatArray:
+        """Return the folds at loads [N], shape (n,) [m/s]; ``nan`` without a load."""
         out = np.full(n.size, np.nan)
         loaded = n > 0.0
         one = n.size == 1 and loaded[0]
@@ -326,7 +335,10 @@ def end_of_vibration(bearing: Bearing, load: ArrayLike) -> Any:
 
 @lru_cache(maxsize=64)
 def _exact_fold_at(bearing: Bearing, load: float) -> float:
-    """Return the exact fold; points one by one come at the load of the one before as a rule."""
+    """Return the exact fold at one load [N], as :func:`.exact_fold`; cached.
+
+    Points that come one by one have, as a rule, the load of the one before.
+    """
     return float(exact_fold(bearing, np.array([load]))[0])
 
 
@@ -336,6 +348,7 @@ def _rescale_cycle(cycle: Cycle, scale: Any) -> Cycle:
 
 @at_points(_rescale_cycle)
 def _make_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
+    """Return the stable cycles, or the smallest unstable ones, at points that broadcast [m/s, N]."""
     shape, (v, n) = flatten(speed, load)
     cycles = _find_cycles(bearing, v, n, stable)
     kinds = restore(_decide_kinds(bearing, v, n, cycles, stable).astype(np.int8), shape)
@@ -356,9 +369,10 @@ def _make_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: boo
 def _decide_kinds(
     bearing: Bearing, speed: FloatArray, load: FloatArray, cycles: FoundCycles, stable: bool
 ) -> FloatArray:
-    """Return the kinds of what is found, with those that double precision does not decide.
+    """Return the kinds of the cycles found, with those that double precision does not decide.
 
-    An unstable cycle that only rounding finds, beyond the end of every vibration, is taken out of ``cycles``.
+    An unstable cycle that only rounding finds, beyond the end of every vibration, is taken out of ``cycles``,
+    in place.
     """
     kind = cycles.kind.copy()
     kind[(kind == CycleKind.PURE_SLIP) & (cycles.exponent > _UNSTABLE)] = CycleKind.TOO_UNSTABLE
@@ -380,7 +394,7 @@ def _decide_kinds(
 
 
 def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArray:
-    """Return the reason why no cycle can exist, else ``CycleKind.STICK_SLIP``."""
+    """Return the :class:`CycleKind` that says why no cycle can exist, ``STICK_SLIP`` where one can."""
     kind = np.full(speed.size, CycleKind.STICK_SLIP)
     momentum = np.sqrt(bearing.mass) * np.sqrt(bearing.stiffness)
     with np.errstate(all='ignore'):
@@ -396,7 +410,10 @@ def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArr
 def _find_cycles(
     bearing: Bearing, speed: FloatArray, load: FloatArray, stable: bool, weigh: bool = True
 ) -> FoundCycles:
-    """Find the stable cycles, or the smallest unstable ones; ``weigh`` asks for their multipliers."""
+    """Find the stable cycles, or the smallest unstable ones; ``weigh`` asks for their multipliers.
+
+    Where there is none its kind says why, and all else is ``nan``.
+    """
     cycles = FoundCycles.none(_why_none(bearing, speed, load))
     rows = np.flatnonzero(cycles.kind == CycleKind.STICK_SLIP)
     for first in range(0, rows.size, _BLOCK):
@@ -408,7 +425,10 @@ def _find_cycles(
 
 
 def _find_stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
-    """Find the cycles that reach the belt's speed and, where there is none, the largest that stay slower."""
+    """Find the cycles that reach the belt's speed and, where there is none, the largest that stay slower.
+
+    The kind is ``NONE`` where there is neither; arguments are as of :func:`_find_cycles`.
+    """
     cycles = _through_belt(field, weigh)
     rest = np.flatnonzero(cycles.kind == CycleKind.NONE)
     undecided = ~_slides_steadily(field.take(rest))
@@ -418,7 +438,10 @@ def _find_stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bo
 
 
 def _find_unstable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
-    """Find the smallest unstable cycles about a stable steady sliding."""
+    """Find the smallest unstable cycles about a stable steady sliding; ``NONE`` where there is none.
+
+    Arguments are as of :func:`_find_cycles`.
+    """
     rows = np.flatnonzero(_slides_steadily(field))
     cycles = FoundCycles.none(np.full(load.size, CycleKind.NONE))
     cycles.put(rows, _pure_slip(field.take(rows), False, weigh))
@@ -444,7 +467,7 @@ def _slides_steadily(field: SlipField) -> BoolArray:
 
 
 def _stick_stroke(field: SlipField) -> FloatArray:
-    """Return the distance from one stick limit to the other."""
+    """Return the distance from one stick limit to the other, negative, shape (n,) [V/omega]."""
     return -2.0 * field.force * law_in_use(field.law).hold
 
 
@@ -546,9 +569,15 @@ def _find_overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundC
 
 
 def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
-    """Cycles about steady sliding whose lining never reaches the belt's speed.
+    """Find the cycles about steady sliding whose lining never reaches the belt's speed.
 
-    The largest stable one, or the smallest unstable one.
+    Args:
+        field: What the linings slip in, behind the belt.
+        stable: Whether the largest stable one is wanted, else the smallest unstable one.
+        weigh: Whether its Floquet multiplier is wanted.
+
+    Returns:
+        Kind ``NONE`` where there is none, ``UNRESOLVED`` where the steps ran out.
     """
     slip_cycles = FoundCycles.none(np.full(field.speed.size, CycleKind.NONE))
     # The amplitude of the orbit that grazes the belt, by going back in time from there.
@@ -561,7 +590,10 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
     around, largest = field.take(rows).about_steady_sliding(), largest[rows]
 
     def gain(a: FloatArray, which: IndexArray) -> FloatArray:
-        """Relative gain of energy in a turn, > 0 outward."""
+        """Return the relative gain of energy in a turn, > 0 outward; -1 where the orbit does not turn.
+
+        ``a`` are amplitudes [V/omega], and ``which`` the rows of ``around`` that they belong to.
+        """
         turn = follow(around.take(which), -a, np.zeros(a.size), Route(2, _ERROR, -1.0))
         # An orbit that came from far outside has lost energy on the way.
         change = (1.0 + turn.place / a) * (1.0 - turn.place / a)
@@ -589,7 +621,16 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
 
 
 def _find_sign_changes(gains: FloatArray, stable: bool) -> BoolArray:
-    """Panels in which a gain of energy becomes a loss, or a loss a gain."""
+    """Return the panels in which a gain of energy becomes a loss, or for unstable cycles a loss a gain.
+
+    Args:
+        gains: Gains at rising amplitudes, shape (n, m). Of unstable cycles a last one that is nearly
+            balanced becomes 0, in place.
+        stable: Whether stable cycles are looked for.
+
+    Returns:
+        Shape (n, m - 1).
+    """
     wanted = 1.0 if stable else -1.0
     changes = (wanted * gains[:, :-1] > 0.0) & (wanted * gains[:, 1:] <= 0.0)
     if not stable:  # close to the fold of a stiff law the cycle is the grazing orbit itself
@@ -600,7 +641,10 @@ def _find_sign_changes(gains: FloatArray, stable: bool) -> BoolArray:
 
 
 def _sticking_strokes(field: SlipField) -> FloatArray:
-    """Return the strokes from turn to turn of the cycles that certainly stick; ``nan`` for all others."""
+    """Return the strokes from turn to turn of the cycles that certainly stick [V/omega].
+
+    Shape (n,); ``nan`` for all others.
+    """
     nothing = np.zeros(field.speed.size)
     one, stroke = (
         follow(field, nothing, nothing, Route(3, _OF_AMPLITUDES, contact=True)),

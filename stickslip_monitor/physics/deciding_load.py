@@ -39,9 +39,11 @@ def load_of_fold(bearing: Bearing, speed: ArrayLike) -> Any:
         place = np.append(place, place[-1] + beyond)
 
     def fold(at: FloatArray) -> FloatArray:
+        """Return the fold that decides [m/s] at places of the table, in steps; 0 for none."""
         return np.nan_to_num(table.fold(np.exp(table.first + table.step * at)), posinf=np.inf)
 
     def loads(v: FloatArray) -> FloatArray:
+        """Return the loads [N] at speeds, of either sign, shape (n,) [m/s]."""
         size = np.abs(v)
         reached = np.maximum.accumulate(fold(place))
         after = np.searchsorted(reached, size, side='right')

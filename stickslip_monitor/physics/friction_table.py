@@ -102,7 +102,7 @@ class Tabulated:
         return tuple(v for v in self.speed if v > 0.0)
 
     def coefficient(self, speed: ArrayLike) -> FloatArray:
-        """See :class:`FrictionLaw`."""
+        """Return ``mu`` at relative speeds [m/s], of their shape and sign [-]; level beyond the table."""
         v = np.asarray(speed, dtype=float)
         i, s = self._find_interval(np.minimum(np.maximum(np.abs(v), self.speed[0]), self.speed[-1]))
         a, b, c, d = self.cubics[:, i]
@@ -111,7 +111,7 @@ class Tabulated:
         return np.copysign(value, v + 0.0)
 
     def slope(self, speed: ArrayLike) -> FloatArray:
-        """See :class:`FrictionLaw`."""
+        """Return ``d mu / d|v|`` at relative speeds [m/s], of their shape [s/m]; 0 beyond the table."""
         v = np.abs(np.asarray(speed, dtype=float))
         inside = np.minimum(np.maximum(v, self.speed[0]), self.speed[-1])
         i, s = self._find_interval(inside)
@@ -122,7 +122,7 @@ class Tabulated:
         return np.where((v == inside) & falls_or_rises, derivative, 0.0)
 
     def _find_interval(self, inside: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-        """Interval of each measured speed, and the distance from its begin [m/s]."""
+        """Return the interval of speeds within the table, and the distance from its begin [m/s]."""
         i = np.searchsorted(self._begins[1:], inside, side='right')
         return i, inside - self._begins[i]
 

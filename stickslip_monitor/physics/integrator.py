@@ -142,7 +142,7 @@ class Motion:
         return np.equal(self.phase, Phase.STICK)
 
     def scaled(self, scale: float) -> Motion:
-        """Return a copy of the motion with speeds and displacements multiplied by ``scale``; times stay."""
+        """Return a copy with displacements, speeds and accelerations multiplied by ``scale``; times stay."""
         return replace(
             self,
             displacement=self.displacement * scale,

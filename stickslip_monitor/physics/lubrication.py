@@ -250,6 +250,7 @@ def at_points(
         def scaled(
             bearing: _Bearing, speed: ArrayLike, load: ArrayLike, *args: _More.args, **kwargs: _More.kwargs
         ) -> _Result:
+            """Call the function at the reference point and rescale its result."""
             # A bearing without lubrication effects is its own reference point.
             if bearing.lubrication is None:
                 return function(bearing, speed, load, *args, **kwargs)
@@ -286,6 +287,7 @@ def gives_load(function: LoadAtSpeed[_Bearing]) -> LoadAtSpeed[_Bearing]:
 
     @wraps(function)
     def scaled(bearing: _Bearing, speed: ArrayLike) -> Any:
+        """Return the loads [N] at speeds [m/s] with the lubrication, if the bearing has one."""
         lubrication = bearing.lubrication
         if lubrication is None:
             return function(bearing, speed)
@@ -333,6 +335,7 @@ def load_over_speed(
     log_speeds = np.clip(log_boundary(grid), -_FAR, _FAR)
 
     def loads(v: FloatArray, ratio: FloatArray) -> FloatArray:
+        """Return the least loads [N] at speeds [m/s] and ratios of viscosity, shape (n,) each."""
         # s = V/V', and N = N0 (s ratio)^(1/g): the faster the reference point, the less the load.
         log_v = np.log(np.maximum(np.abs(v), _RESTING))
         log_load = math.log(lubrication.load) + np.log(ratio) / g + (1.0 / g - 1.0) * log_v

@@ -131,6 +131,14 @@ def _end_balance(h: float, beside: float, chord: float, next_chord: float) -> fl
 
 
 def _end_slope(h: float, beside: float, chord: float, next_chord: float) -> float:
+    """Return the slope at an end of the parabola through three points, limited so as to keep the shape.
+
+    Args:
+        h: Width of the interval at the end.
+        beside: Width of the one beside it.
+        chord: Slope of the chord at the end.
+        next_chord: Slope of the one beside it.
+    """
     slope = ((2.0 * h + beside) * chord - h * next_chord) / (h + beside)
     if slope * chord <= 0.0:
         return 0.0

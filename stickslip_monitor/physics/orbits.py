@@ -78,7 +78,7 @@ _READS, _WRITES = 8, 7
 
 
 def law_in_use(law: FrictionLaw) -> LawInUse:
-    """Bounds and kinks of a law."""
+    """Return a law as plain functions of one speed, with its bounds and kinks; cached."""
     return scalar_law(law).plain
 
 
@@ -110,7 +110,7 @@ class SlipField:
         return SlipField(self.law, self.damping, self.drift, *(column[rows] for column in columns))
 
     def rest(self) -> FloatArray:
-        """Displacement of steady sliding."""
+        """Return the displacement of steady sliding, shape (n,) [V/omega]; 0 if counted from there."""
         if self.drift == 0.0:
             return np.zeros(self.speed.size)
         if scalar_law(self.law).module is None:
@@ -125,7 +125,7 @@ class SlipField:
         return self.damping - self.offset - self.force * drop
 
     def about_steady_sliding(self) -> SlipField:
-        """Count displacement and relative speed from steady sliding."""
+        """Return the same field with displacement and relative speed counted from steady sliding."""
         return replace(self, drift=0.0, offset=np.zeros(self.speed.size), origin=self.speed)
 
 
@@ -269,8 +269,9 @@ def follow_one(
 
     Returns:
         The end (``TURNED``, ``LANDED``, ``MISSED``, ``RESTED``, ``LEFT``, or ``EXHAUSTED`` when the steps are
-        used up); time and place there, ``nan`` unless it turned or landed; the first two turning points,
-        ``nan`` for none; the integral of the divergence, 0 unless asked for; the number of steps.
+        used up); time [1/omega] and place [V/omega] there, ``nan`` unless it turned or landed; the first two
+        turning points [V/omega], ``nan`` for none; the integral of the divergence, 0 unless asked for; the
+        number of steps.
     """
     drift = medium.drift
     state, rest = SlipState(e, z, acceleration(law_numbers, medium, e, z)), 0.0
@@ -336,6 +337,13 @@ def _find_landing(
     law_numbers: Any, medium: Medium, begin: SlipState, length: float, after: SlipState
 ) -> tuple[int, float, SlipState]:
     """Find where a step touches the belt, or passes the last place at which a stick could hold.
+
+    Args:
+        law_numbers: The law, as :attr:`.LawInUse.numbers`.
+        medium: What it slips in.
+        begin: The state as the step begins.
+        length: Length of the step [1/omega].
+        after: The state as it ends.
 
     Returns:
         ``LANDED``, ``MISSED``, or ``EXHAUSTED`` for neither; the length of the step up to there and the

@@ -140,7 +140,7 @@ def _make_scalar_law(plain: LawInUse, compiled: LawInUse | None, module: str | N
 
 @lru_cache(maxsize=64)
 def scalar_law(law: FrictionLaw) -> ScalarLaw:
-    """Return a friction law as plain functions of one speed.
+    """Return a friction law as plain functions of one speed, with its bounds and kinks; cached.
 
     >>> scalar_law(Stribeck(0.3, 0.1, 10.0)).plain.hold
     0.3

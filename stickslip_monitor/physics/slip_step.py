@@ -107,13 +107,13 @@ _DENSE = 2.0
 
 
 def acceleration(law_numbers: Any, medium: Medium, e: float, z: float) -> float:
-    """``z'`` at the begin of a step, at a displacement and a relative speed."""
+    """``z'`` at the begin of a step, at a displacement ``e`` and a relative speed ``z``, all without unit."""
     drop = friction_drop(law_numbers, medium.origin, medium.speed * z)
     return e + medium.offset - medium.damping * z + medium.force * drop
 
 
 def bend(law_numbers: Any, medium: Medium, state: SlipState, t: float = 0.0) -> float:
-    """``z''`` of a state at a time since the step began."""
+    """``z''`` of a state at a time ``t`` since the step began [1/omega]."""
     v = medium.origin + medium.speed * state.z
     friction = (medium.force + medium.force_rate * t) * medium.speed * friction_slope(law_numbers, v)
     value = medium.drift + medium.drift_rate * t - state.z + medium.offset_rate
@@ -129,9 +129,9 @@ def slip_step(law_numbers: Any, medium: Medium, begin: SlipState, step: float) -
 
     Args:
         law_numbers: The law, as :attr:`.LawInUse.numbers`.
-        medium: What the motion takes place in, as the step begins.
+        medium: The medium as the step begins.
         begin: The state there.
-        step: Its length, negative to go back in time.
+        step: Length of the step, negative to go back in time [1/omega].
 
     >>> medium = Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # without friction cos and sin
     >>> law = scalar_law(Coulomb(0.0, 0.0)).plain.numbers
@@ -234,9 +234,9 @@ def cut_step(
 
     Args:
         law_numbers: The law, as :attr:`.LawInUse.numbers`.
-        medium: What the motion takes place in, as the step begins.
+        medium: The medium as the step begins.
         begin: The state there.
-        h: Its length, by which the level has been passed.
+        h: Length of the step, by which the level has been passed [1/omega].
         quantity: ``PLACE``, ``RELATIVE_SPEED`` or ``RATE``.
         level: The level of that.
 
@@ -285,6 +285,16 @@ def until_kink(law_numbers: Any, kinks: Sequence[float], medium: Medium, state: 
     so close that many fall into a step it is not shortened: each jump is small, and if it
     matters the next step is short enough. The speed is foreseen to second order,
     and a little beyond the kink does no harm.
+
+    Args:
+        law_numbers: The law, as :attr:`.LawInUse.numbers`.
+        kinks: Its kinks, ascending [m/s].
+        medium: The medium as the step begins.
+        state: The state there.
+        h: Length of the step that is wanted, negative to go back in time [1/omega].
+
+    Returns:
+        A length of the same sign, not longer [1/omega]; ``h`` for a law without kinks.
     """
     count = len(kinks)
     if count == 0:
