@@ -355,6 +355,9 @@ def merge_series(series: Sequence[Series], places: Sequence[int]) -> Stream:
     Args:
         series: The samples of each input.
         places: The number of each input (:class:`Input`), in the same order.
+
+    Returns:
+        The stream; its arrivals are the log times.
     """
     order = np.argsort(np.concatenate([item.sequence for item in series]), kind='stable')
     inputs = np.repeat(np.array(places, np.int8), [item.sequence.size for item in series])
@@ -412,7 +415,7 @@ class Kept(StretchSink):
         self._parts: list[Stretch] = []
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """Remember the recording, its start and its end."""
+        """Remember the recording, its start ``start_ns`` and its end."""
         self.bag, self.start_ns, self.end_ns = bag, start_ns, bag.end_ns
 
     def take(self, stretch: Stretch) -> None:

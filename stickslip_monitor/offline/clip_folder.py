@@ -65,6 +65,7 @@ class ClipFolder:
         self._remove_drafts()
 
     def __enter__(self) -> ClipFolder:
+        """Return the folder itself."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -166,7 +167,10 @@ class ClipWriter(StretchSink):
         self.counts = ClipCounts()
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """Reset for a recording: it has no alarms and no waiting parts yet. ``counts`` go on."""
+        """Reset for a recording: it has no alarms and no waiting parts yet. ``counts`` go on.
+
+        ``start_ns`` is its start on the clock of the samples [ns], ``None`` if it is empty.
+        """
         self._bag, self._topics = bag, input_topics(bag, config)
         definitions = {kind: text for _, kind, text in topics(bag, config) if text is not None}
         self._recorder = ClipRecorder(config.clips, definitions)

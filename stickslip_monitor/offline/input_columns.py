@@ -307,6 +307,7 @@ class _ColumnUse:
 
     @property
     def _has_scale(self) -> bool:
+        """Whether a scale or an offset is configured."""
         return (self.source.scale, self.source.offset) != (1.0, 0.0)
 
     @property

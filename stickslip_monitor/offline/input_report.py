@@ -298,6 +298,7 @@ class InputCheck:
         self._span = float(value.min(initial=low)), float(value.max(initial=high))
 
     def _to_si(self, number: Any) -> Any:
+        """Return a number as sent, or an array of them, in SI; ``inf`` for what is too large."""
         with np.errstate(over='ignore', invalid='ignore'):
             return si_value(self._numbers, self._place, number)
 
@@ -393,6 +394,7 @@ class InputCheck:
 
 
 def _range_text(low: float, high: float) -> str:
+    """Return a range as words, its ends to four digits."""
     return f'{rounded(low, 4)} to {rounded(high, 4)}'
 
 
@@ -435,7 +437,9 @@ class Plausibility:
                     self._most = max(self._most, float(np.where(np.isnan(ratio), np.inf, ratio).max()))
 
     def questions(self, nearest: float) -> dict[str, list[str]]:
-        """Return questions by quantity, each a clause that follows the name of the input.
+        """Return questions on all points so far: a list by quantity, which is empty without any.
+
+        Each is a clause that follows the name of the input.
 
         Args:
             nearest: The least speed of the turning shaft relative to the fold; inf for none.

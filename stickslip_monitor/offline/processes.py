@@ -108,7 +108,7 @@ def _completed_calls(
 
 @contextlib.contextmanager
 def processes(jobs: int) -> Iterator[Executor]:
-    """Yield a pool of spawned processes; an exception terminates them at once."""
+    """Yield a pool of ``jobs`` spawned processes; an exception in the block terminates them at once."""
     children = multiprocessing.active_children()
     # Forking a process that has threads (numpy's, a progress bar's) may leave it hanging.
     pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context('spawn'))
@@ -149,7 +149,9 @@ def run_in_processes(
 def on_cluster(
     address: str, function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]]
 ) -> Generator[tuple[_Key, Any], None, None]:
-    """Make calls as :func:`spread` does, on the workers of a Dask cluster.
+    """Make calls as :func:`spread` does, and yield what it yields, on the workers of a Dask cluster.
+
+    What Dask logs in this process is silenced from then on, but for critical messages.
 
     Args:
         address: Where its scheduler is, ``tcp://host:port``.
@@ -206,10 +208,12 @@ def versions() -> dict[str, str]:
 
 
 def _format_versions(versions_there: dict[str, str] | Exception) -> str:
+    """Return the versions of a worker as words, or why it could not be asked."""
     if isinstance(versions_there, Exception):
         return _error_line(versions_there)
     return ', '.join(f'{name} {version}' for name, version in versions_there.items())
 
 
 def _error_line(error: BaseException) -> str:
+    """Return the message of an exception on one line, or the name of its type where it has none."""
     return ' '.join(str(error).split()) or type(error).__name__

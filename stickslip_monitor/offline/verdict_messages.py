@@ -150,6 +150,7 @@ def columns_of(messages: Iterator[Message]) -> Iterator[MessageColumn]:
 
 
 def _make_column(topic: str, kind: str, messages: Sequence[tuple[int, bytes]]) -> MessageColumn:
+    """Return a column of messages of a type, each with its log time [ns]; there is one at least."""
     times, payload = zip(*messages, strict=True)
     return MessageColumn(topic, kind, np.array(times), payload)
 
@@ -192,6 +193,7 @@ class VerdictMessages:
         yield from self._diagnostic_columns(stretch, events, spans)
 
     def _of_topic(self, topic: str, messages: Sequence[tuple[int, bytes]]) -> MessageColumn:
+        """Return a column of messages of one of the outputs, each with its time [ns]."""
         return _make_column(topic, self._kinds[topic], messages)
 
     def _diagnostic_columns(
