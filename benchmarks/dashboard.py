@@ -13,7 +13,7 @@ from pathlib import Path
 
 from benchmarks.table import NOT_INSTALLED, Table, absent
 from scripts.chromium import Page, chromium, first_page
-from stickslip_monitor.commands.dashboard import watched
+from stickslip_monitor.commands.dashboard import make_watched_monitor
 from stickslip_monitor.dashboard.access import Access
 from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.dashboard.server import Server
@@ -61,7 +61,7 @@ def _fleet(bearings: int) -> MonitorConfig:
 async def _measure(bearings: int, rate: float, tabs: int, seconds: float) -> tuple[float, float]:
     """Busy shares of the first tab's main thread and of this process."""
     config = _fleet(bearings)
-    board = DashboardState([watched(config, f'/{NODE_NAME}')])
+    board = DashboardState([make_watched_monitor(config, f'/{NODE_NAME}')])
     server = Server(board, Access())
     listening = await server.listen('127.0.0.1', 0)
     url = f'http://127.0.0.1:{listening.sockets[0].getsockname()[1]}/'

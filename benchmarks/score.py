@@ -87,7 +87,7 @@ def _judged_bags(args: argparse.Namespace) -> list[tuple[Voyage, Sailed]]:
         raise ConfigurationError('--config is missing: a bag does not say what bearing it is of')
     if args.sensors or args.seeds > 1 or args.first_seed is not None:
         raise ConfigurationError('--seeds, --first-seed and --sensors are for scenes (.yaml)')
-    config = options.chosen(args)
+    config = options.load_chosen(args)
     return [judged for path in args.bags for judged in judge_bag(path, config)]
 
 

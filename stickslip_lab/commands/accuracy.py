@@ -183,7 +183,7 @@ def _print_rows(out: Console, rows: Sequence[Row]) -> None:
         '-: does not apply; none: finds no cycle; fails: does not converge. time: median per operating point.'
     )
     title = 'Relative error of the stick-slip amplitude'
-    table = output.table_of(title, '; '.join(headings), caption=caption)
+    table = output.make_table(title, '; '.join(headings), caption=caption)
     for line in lines:
         table.add_row(*line)
     if output.line_width() is None:

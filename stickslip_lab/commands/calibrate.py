@@ -141,7 +141,7 @@ def _print_calibration(out: Console, config: BearingConfig, calibration: Calibra
 
 def _boundary_table(config: BearingConfig, calibration: Calibration) -> Table:
     """Return the table of both boundaries in rpm at each load, before and now."""
-    table = output.table_of(escape('boundaries [rpm]: 5 %, 50 %, 95 %'), 'load; boundary; before; now', ())
+    table = output.make_table(escape('boundaries [rpm]: 5 %, 50 %, 95 %'), 'load; boundary; before; now', ())
     rpm = config.bearing.speed.factor('rpm')
     before = calibration.before.hopf_speed, calibration.before.fold_speed
     for load, *now in calibration.boundaries():

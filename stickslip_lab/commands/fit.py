@@ -88,9 +88,9 @@ def run(args: argparse.Namespace) -> int:
     for name in ('bearing', 'speed'):
         if getattr(args, name) and not args.config:
             raise ConfigurationError(f'--{name} needs --config and --load')
-    bearings = options.chosen(args).bearings if args.config else ()
+    bearings = options.load_chosen(args).bearings if args.config else ()
     fit = fit_curve(_read_curve(args, bearings), args.viscous)
-    load = options.parse_loaded(args.load) if args.load else 0.0
+    load = options.parse_positive_load(args.load) if args.load else 0.0
     for item in bearings:
         if item.bearing.damping == 0.0:
             raise refused(f'{item.name}.damping', 0.0, 'above 0 N s/m: without it every speed is unstable')
@@ -270,7 +270,9 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results:
         f' ({escape(curve.unit_source)}), from {curve.speed.min():.4g} to'
         f' {curve.speed.max():.4g} m/s'
     )
-    table = output.table_of('Stribeck law', 'coefficient; value; standard error; 95 % interval; unit', (0, 4))
+    table = output.make_table(
+        'Stribeck law', 'coefficient; value; standard error; 95 % interval; unit', (0, 4)
+    )
     columns = zip(names, fit.estimate, fit.standard_error, fit.intervals, strict=True)
     for name, value, error, (low, high) in columns:
         table.add_row(name, f'{value:.5g}', f'{error:.2g}', f'{low:.5g} to {high:.5g}', UNITS[name])
@@ -323,7 +325,7 @@ def _print_outliers(out: Console, fit: StribeckFit) -> None:
 def _boundary_table(item: BearingConfig, speeds: Boundaries, load: str) -> Table:
     """Return the table of both boundaries of a bearing in rpm at a load, with 95 % intervals."""
     title = f'{item.name} with this law at {load}'
-    table = output.table_of(title, 'boundary; speed; 95 % interval; unit', (0, 3))
+    table = output.make_table(title, 'boundary; speed; 95 % interval; unit', (0, 3))
     for name, three in speeds.items():
         low, middle, high = (value / item.bearing.speed.factor('rpm') for value in three)
         label = name.replace('_', ' ').replace('hopf', 'Hopf')

@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     """
     load = options.parse_load(args.load)
     points, warned = [], False
-    for item in options.chosen(args).bearings:
+    for item in options.load_chosen(args).bearings:
         speed = options.parse_speed(args.speed, item.bearing.speed)
         speed *= abs(speed) >= item.speed.deadband  # as the monitor counts it
         points.append((item, assess(item.bearing, speed, load, item.belief)))
@@ -75,7 +75,7 @@ def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
 def _build_table(item: BearingConfig, point: Assessment) -> Table:
     """Return the table of an assessment; values without a number are shown as 'none'."""
     title = f'{item.name}: {point.regime.value}'
-    table = output.table_of(title, 'quantity; value', caption=point.outcome.sentence)
+    table = output.make_table(title, 'quantity; value', caption=point.outcome.sentence)
     units = {'rpm': 1.0 / item.bearing.speed.factor('rpm'), '%': 100.0, 'mm': 1e3}
     for title, name, unit in _ROWS:
         value = getattr(point, name)

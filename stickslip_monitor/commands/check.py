@@ -179,7 +179,7 @@ def _check_bags(
     Raises:
         BagError: ``--mcap`` is given for several recordings, or its file exists or has a wrong ending.
     """
-    task = _task_of(args, bags)
+    task = _make_task(args, bags)
     # A folder's bags are a list, even where it holds one only.
     listed = len(bags) > 1 or bags != [Path(path) for path in args.bags]
     all_found, archive = [], None
@@ -211,7 +211,7 @@ def _advice_text(config: MonitorConfig) -> str:
     return f'{_wrap_line(advice, output.line_width())}\n' if exact else ''
 
 
-def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
+def _make_task(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
     """Return the task of each recording, and refuse a bad ``--mcap``.
 
     Raises:
@@ -219,7 +219,7 @@ def _task_of(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
     """
     from stickslip_logs.recordings.folders import left_out
 
-    config = options.chosen(args)
+    config = options.load_chosen(args)
     if args.mcap is not None:
         if len(bags) > 1:
             raise BagError(f"recording of verdicts '{args.mcap}' is for one bag, not {len(bags)}")
@@ -265,7 +265,7 @@ def _run_checks(
     from stickslip_monitor.offline import processes
 
     if args.scheduler is not None:
-        return processes.on_cluster(args.scheduler, check_one, calls)
+        return processes.run_on_cluster(args.scheduler, check_one, calls)
     return processes.run_in_processes(check_one, calls, args.jobs or processes.core_count())
 
 
@@ -339,9 +339,9 @@ def _as_result(task: Task, bag: Path, outcome: Any) -> CheckResult:
     """Return the outcome of a call if it is a result; of an exception or a dead process, that of an error."""
     if isinstance(outcome, CheckResult):
         return outcome
-    from stickslip_monitor.offline.processes import died
+    from stickslip_monitor.offline.processes import has_died
 
-    if died(outcome):
+    if has_died(outcome):
         return _failed_result(task, bag, 'the process that checked it died (was there enough memory?)')
     if isinstance(outcome, MemoryError):
         return _failed_result(task, bag, 'there is not enough memory for it')

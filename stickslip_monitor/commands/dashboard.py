@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         RosError: Running monitors are to be shown, and ROS 2 is not there; or ``--log`` cannot be used.
         BagError: The recording to replay cannot be read.
     """
-    need_extra()
+    require_extra()
     from stickslip_monitor.dashboard.seen_monitors import DashboardState
 
     if args.bag is not None and args.log is not None:
@@ -105,12 +105,12 @@ def run(args: argparse.Namespace) -> int:
         for path, node in zip(paths, nodes, strict=True)
     ]
     if args.bag is not None:
-        monitors = [watched(configs[0], args.bag, replay=True)]
+        monitors = [make_watched_monitor(configs[0], args.bag, replay=True)]
     else:
         pairs = zip(configs, nodes, strict=True)
-        monitors = [watched(config, node, node) for config, node in pairs]
-    access = page_access(args)
-    with event_log(args) as log, jit.interpreted():
+        monitors = [make_watched_monitor(config, node, node) for config, node in pairs]
+    access = read_page_access(args)
+    with open_event_log(args) as log, jit.interpreted():
         board = DashboardState(monitors, args.bag is not None, log)
         asyncio.run(_serve_page(args, configs[0], board, access))
     return 0
@@ -138,7 +138,9 @@ def _namespace_of(node: str) -> str:
     return node.strip('/').rpartition('/')[0]
 
 
-def watched(config: MonitorConfig, source: str, node: str = '', *, replay: bool = False) -> WatchedMonitor:
+def make_watched_monitor(
+    config: MonitorConfig, source: str, node: str = '', *, replay: bool = False
+) -> WatchedMonitor:
     """Return a monitor for the page, without data yet.
 
     Args:
@@ -155,7 +157,7 @@ def watched(config: MonitorConfig, source: str, node: str = '', *, replay: bool 
 
 
 @contextmanager
-def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
+def open_event_log(args: argparse.Namespace) -> Iterator[EventLog]:
     """Yield the record of what happened, kept in the file of ``--log`` if there is one.
 
     A damaged file is warned of in the log of the program.
@@ -180,7 +182,7 @@ def event_log(args: argparse.Namespace) -> Iterator[EventLog]:
         writer.close()
 
 
-def need_extra() -> None:
+def require_extra() -> None:
     """Raise DashboardError, with how to install it, where what a page needs is missing."""
     for name in ('aiohttp', 'prometheus_client'):
         if find_spec(name) is None:
@@ -190,7 +192,7 @@ def need_extra() -> None:
             )
 
 
-def page_access(args: argparse.Namespace) -> Access:
+def read_page_access(args: argparse.Namespace) -> Access:
     """Return the token of the page, read from its file, and the host names that it answers to.
 
     Raises:

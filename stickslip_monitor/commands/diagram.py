@@ -31,10 +31,10 @@ def run(args: argparse.Namespace) -> int:
         ConfigurationError: The configuration, the load or the speeds are refused.
         DrawingError, OutputError: The file cannot be written.
     """
-    config = options.require_single_bearing(options.chosen(args))
+    config = options.require_single_bearing(options.load_chosen(args))
     bearing = config.bearing
-    load = options.parse_loaded(args.load)
-    speeds = options.speed_range(args.speeds, config) or diagram_speeds(bearing, load)
+    load = options.parse_positive_load(args.load)
+    speeds = options.parse_speed_range(args.speeds, config) or diagram_speeds(bearing, load)
 
     def make_contents() -> Any:
         """Return the columns of a table for .csv, else a figure."""

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     out = output.console()
     out.print(printable(_write_summary(record)), markup=False)
     values = isinstance(bag, TableRecording) and {name: topic.value for name, topic in bag.topics.items()}
-    table = output.table_of('', f'topic; type; messages; {"value" if values else "problem"}', (0, 1, 3))
+    table = output.make_table('', f'topic; type; messages; {"value" if values else "problem"}', (0, 1, 3))
     # Columns stand as in the file.
     topics = record['topics'].items() if values else sorted(record['topics'].items())
     for name, topic in topics:

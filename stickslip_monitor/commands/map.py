@@ -38,8 +38,8 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError(
             f"track '{args.track}' is for pictures: write a .png or .svg, not '{args.output}'"
         )
-    bearing = options.require_single_bearing(options.chosen(args))
-    speeds = options.speed_range(args.speeds, bearing)
+    bearing = options.require_single_bearing(options.load_chosen(args))
+    speeds = options.parse_speed_range(args.speeds, bearing)
     loads = options.parse_range(args.loads, 'loads', lambda part: options.parse_load(part, 'loads'))
 
     def make_contents() -> Any:

@@ -222,7 +222,7 @@ def parse_load(text: str, noun: str = 'load') -> float:
     return value * LOAD_UNITS[unit]
 
 
-def parse_loaded(text: str) -> float:
+def parse_positive_load(text: str) -> float:
     """Return the load [N] of a text, which must be above 0; raise ConfigurationError for any other."""
     load = parse_load(text)
     if load <= 0.0:
@@ -230,7 +230,7 @@ def parse_loaded(text: str) -> float:
     return load
 
 
-def chosen(args: argparse.Namespace) -> MonitorConfig:
+def load_chosen(args: argparse.Namespace) -> MonitorConfig:
     """Load the configuration, of all bearings or of the one of ``--bearing``.
 
     Raises:
@@ -257,7 +257,7 @@ def require_single_bearing(config: MonitorConfig) -> BearingConfig:
     return config.bearings[0]
 
 
-def speed_range(text: str | None, config: BearingConfig) -> Range | None:
+def parse_speed_range(text: str | None, config: BearingConfig) -> Range | None:
     """Return the surface speeds [m/s] of a text such as ``'5rpm:45rpm'``, as :func:`parse_range` does."""
     conversion = config.bearing.speed
     return parse_range(text, 'speeds', lambda part: parse_speed(part, conversion, 'speeds'))

@@ -246,7 +246,7 @@ def console() -> Console:
     return SafeConsole(highlight=False, soft_wrap=line_width() is None)
 
 
-def table_of(title: str, headings: str, left: Collection[int] = (0,), caption: str | None = None) -> Table:
+def make_table(title: str, headings: str, left: Collection[int] = (0,), caption: str | None = None) -> Table:
     """Return a table without rows.
 
     Args:

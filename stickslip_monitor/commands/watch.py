@@ -279,11 +279,11 @@ def _open_page(args: argparse.Namespace, config: MonitorConfig) -> Iterator[Dash
     if args.port is None:
         yield None
         return
-    dashboard.need_extra()
+    dashboard.require_extra()
     from stickslip_monitor.dashboard.seen_monitors import DashboardState
 
-    with dashboard.event_log(args) as log:
-        monitor = dashboard.watched(config, args.node or args.config, args.node or '')
+    with dashboard.open_event_log(args) as log:
+        monitor = dashboard.make_watched_monitor(config, args.node or args.config, args.node or '')
         yield DashboardState([monitor], log=log)
 
 
@@ -297,7 +297,7 @@ async def _serve_until_signal(args: argparse.Namespace, board: DashboardState | 
 
         for monitor in board.monitors:
             monitor.act = feed.act
-        server = Server(board, dashboard.page_access(args))
+        server = Server(board, dashboard.read_page_access(args))
         await server.serve(args.host, args.port, dashboard.say_address)
         return
     stop, loop = asyncio.Event(), asyncio.get_running_loop()

@@ -229,7 +229,7 @@ def coarsened(parts: Sequence[ConditionInterval], max_count: int) -> list[Condit
     return intervals
 
 
-def together(
+def join_spells(
     parts: Iterable[ConditionInterval], conditions: Collection[Condition]
 ) -> list[ConditionInterval]:
     """Return the spells in any of some conditions, adjacent ones joined (with the last condition)."""

@@ -40,7 +40,7 @@ def core_count() -> int:
     return os.cpu_count() or 1
 
 
-def died(outcome: object) -> bool:
+def has_died(outcome: object) -> bool:
     """Return whether an outcome is the exception of a worker that died in this call or in another one."""
     dask = sys.modules.get('distributed')
     return isinstance(outcome, BrokenExecutor if dask is None else (BrokenExecutor, dask.KilledWorker))
@@ -59,7 +59,7 @@ def spread(
 
     Yields:
         The key of each call, as it is done, and its result or the exception it raised; one of
-        which :func:`died` is true where its worker died.
+        which :func:`has_died` is true where its worker died.
 
     Raises:
         FleetError: The scheduler is lost, or has no worker any more.
@@ -68,7 +68,7 @@ def spread(
     while waiting:
         with pool(min(jobs, len(waiting))) as workers:
             for key, outcome in _completed_calls(workers, function, waiting):
-                if not died(outcome):
+                if not has_died(outcome):
                     del waiting[key]
                     yield key, outcome
         # A worker that dies takes calls along that were waiting. The one that it died of was
@@ -107,7 +107,7 @@ def _completed_calls(
 
 
 @contextlib.contextmanager
-def processes(jobs: int) -> Iterator[Executor]:
+def open_processes(jobs: int) -> Iterator[Executor]:
     """Yield a pool of ``jobs`` spawned processes; an exception in the block terminates them at once."""
     children = multiprocessing.active_children()
     # Forking a process that has threads (numpy's, a progress bar's) may leave it hanging.
@@ -143,10 +143,10 @@ def run_in_processes(
     function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]], jobs: int
 ) -> Generator[tuple[_Key, Any], None, None]:
     """Make calls as :func:`spread` does, in at most ``jobs`` spawned processes of this machine."""
-    return spread(processes, function, calls, jobs)
+    return spread(open_processes, function, calls, jobs)
 
 
-def on_cluster(
+def run_on_cluster(
     address: str, function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]]
 ) -> Generator[tuple[_Key, Any], None, None]:
     """Make calls as :func:`spread` does, and yield what it yields, on the workers of a Dask cluster.

@@ -18,7 +18,7 @@ from stickslip_monitor.drawing.timeline import DATED_FROM
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.check import BearingReport
-from stickslip_monitor.offline.extremes import ConditionInterval, Extreme, Verdicts, together
+from stickslip_monitor.offline.extremes import ConditionInterval, Extreme, Verdicts, join_spells
 
 STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)
 _MOST_NAMED = 10
@@ -88,7 +88,7 @@ def facts(course: Course) -> tuple[Fact, ...]:
 
     Those without a value are absent, except the first.
     """
-    sticking = _total_seconds(together(course.spells, STICKING))
+    sticking = _total_seconds(join_spells(course.spells, STICKING))
     note = f'{share(sticking, course.span)} of the time' if sticking else ''
     facts_found = [Fact('stick-slip predicted', duration(sticking) if sticking else 'never', note)]
     for name, title, shown in (
@@ -140,8 +140,8 @@ def _judge_course(course: Course) -> Finding:
     if not course.scan.time_ns.size:
         text = f'{name}: no verdict: the recording has no usable operating point.'
         return _make_finding('unknown', text, _lost_sentences(course))
-    sticking = together(course.spells, STICKING)
-    near = together(course.spells, (Condition.CAUTION, Condition.BISTABLE))
+    sticking = join_spells(course.spells, STICKING)
+    near = join_spells(course.spells, (Condition.CAUTION, Condition.BISTABLE))
     if sticking:
         return _make_finding(
             'alarm',
@@ -203,7 +203,7 @@ def _amplitude_sentence(course: Course) -> str:
         return ''
     text = f'The greatest predicted amplitude was {millimetres(extreme.value)}, at {place(course, extreme)}'
     limit = course.config.alarm.amplitude_limit
-    above = together(course.spells, (Condition.AMPLITUDE,))
+    above = join_spells(course.spells, (Condition.AMPLITUDE,))
     if above:
         active = duration(_total_seconds(above))
         text += f'; the alarm for the limit of {millimetres(limit)} was active for {active}'
@@ -215,7 +215,7 @@ def _amplitude_sentence(course: Course) -> str:
 
 def _margin_sentence(course: Course, near: Sequence[ConditionInterval]) -> str:
     """Return the sentence on the time ``near`` the stick-slip region, without stick-slip."""
-    inside = _total_seconds(together(course.spells, (Condition.BISTABLE,)))
+    inside = _total_seconds(join_spells(course.spells, (Condition.BISTABLE,)))
     text = f'{course.config.name}: no stick-slip was predicted, but the bearing was'
     if inside:
         text += f' for {duration(inside)} where a disturbance could have started it, and'
@@ -234,7 +234,7 @@ def _least_margin(course: Course) -> str:
 
 def _lost_seconds(course: Course) -> float:
     """Return for how long an input was missing [s]."""
-    return _total_seconds(together(course.spells, (Condition.INPUT_STALE,)))
+    return _total_seconds(join_spells(course.spells, (Condition.INPUT_STALE,)))
 
 
 def _lost_sentences(course: Course) -> str:

@@ -62,7 +62,7 @@ class Dashboard:
         nodes: tuple[str, ...] = ('/stickslip_monitor',),
         player: Any = None,
     ) -> None:
-        from stickslip_monitor.commands.dashboard import watched
+        from stickslip_monitor.commands.dashboard import make_watched_monitor
         from stickslip_monitor.dashboard.access import Access
         from stickslip_monitor.dashboard.seen_monitors import DashboardState
         from stickslip_monitor.dashboard.server import Server
@@ -70,7 +70,7 @@ class Dashboard:
 
         self._loop = asyncio.new_event_loop()
         config = load_config(CONFIG)
-        self.board = DashboardState([watched(config, node, node) for node in nodes])
+        self.board = DashboardState([make_watched_monitor(config, node, node) for node in nodes])
         self.ships = [PageShip(monitor) for monitor in self.board.monitors]
         self.ship = self.ships[0]
         access = Access(token, frozenset({'ship.test'}))

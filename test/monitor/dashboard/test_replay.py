@@ -13,7 +13,7 @@ import pytest
 from shared import CONFIG, ROOT
 
 from stickslip_monitor.cli import main
-from stickslip_monitor.commands.dashboard import watched
+from stickslip_monitor.commands.dashboard import make_watched_monitor
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.offline.check import check_recording
 
@@ -31,7 +31,7 @@ class Board(DashboardState):
     def __init__(self, now: Callable[[], float]) -> None:
         self.shown: list[tuple[float, int]] = []
         self._now = now
-        super().__init__([watched(load_config(CONFIG), 'bag', replay=True)], replay=True)
+        super().__init__([make_watched_monitor(load_config(CONFIG), 'bag', replay=True)], replay=True)
 
     def show_place(self, place: dict[str, Any]) -> None:
         bearing = self.bearings['aft_stern']

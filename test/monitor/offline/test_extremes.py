@@ -22,7 +22,7 @@ from stickslip_monitor.offline.extremes import (
     Extremes,
     coarsened,
     condition_intervals,
-    together,
+    join_spells,
 )
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import known_table
@@ -54,7 +54,7 @@ def test_spells_fill_the_recording() -> None:
 
 
 def test_neighbours_of_the_same_kind_are_one() -> None:
-    found = together(condition_intervals(COURSE, 0, 50), (STICK, AMPLITUDE))
+    found = join_spells(condition_intervals(COURSE, 0, 50), (STICK, AMPLITUDE))
     assert [(s.start_ns, s.end_ns) for s in found] == [(10, 30), (40, 50)]
 
 

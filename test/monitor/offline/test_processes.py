@@ -29,7 +29,7 @@ from shared import CONFIG, ROOT, until
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import FleetError
 from stickslip_monitor.offline import processes
-from stickslip_monitor.offline.processes import core_count, died, on_cluster, run_in_processes
+from stickslip_monitor.offline.processes import core_count, has_died, run_in_processes, run_on_cluster
 
 distributed = pytest.importorskip('distributed')
 dask = pytest.importorskip('dask')
@@ -76,7 +76,7 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
     address: str, tmp_path: Path
 ) -> None:
     calls = {f'square-{number}-{tmp_path}': (number,) for number in range(20)}
-    arriving = on_cluster(address, squared_slowly(tmp_path), calls)
+    arriving = run_on_cluster(address, squared_slowly(tmp_path), calls)
     found: list[tuple[str, int]] = []
     reader = Thread(target=lambda: found.extend(arriving))
     reader.start()
@@ -95,7 +95,7 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
 
 def test_an_exception_is_the_outcome_of_its_call_alone(address: str) -> None:
     calls = {f'invert-{value}': (value,) for value in (2, 0, 4)}
-    found = dict(on_cluster(address, lambda value: 1 / value, calls))
+    found = dict(run_on_cluster(address, lambda value: 1 / value, calls))
     assert (found['invert-2'], found['invert-4']) == (0.5, 0.25)
     assert isinstance(found['invert-0'], ZeroDivisionError)
 
@@ -110,9 +110,9 @@ def test_a_bag_that_kills_every_worker_is_given_up(address: str) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         return number
 
-    found = dict(on_cluster(address, die, {f'die-{n}': (n,) for n in range(3)}))
+    found = dict(run_on_cluster(address, die, {f'die-{n}': (n,) for n in range(3)}))
     assert (found['die-0'], found['die-2']) == (0, 2)
-    assert died(found['die-1'])
+    assert has_died(found['die-1'])
 
 
 def make_archive(folder: Path) -> list[Path]:
@@ -206,7 +206,7 @@ def test_a_scheduler_that_goes_away_is_told() -> None:
     with subprocess.Popen([sys.executable, '-c', CLUSTER], stdout=subprocess.PIPE, text=True) as cluster:
         try:
             address = cluster.stdout.readline().strip()
-            arriving = on_cluster(address, wait, {'short': (0.0,), 'long': (60.0,)})
+            arriving = run_on_cluster(address, wait, {'short': (0.0,), 'long': (60.0,)})
             assert next(arriving) == ('short', 0.0)
             cluster.kill()
             with pytest.raises(FleetError, match='the scheduler was lost with 1 to do'):
@@ -223,7 +223,7 @@ def test_a_cluster_without_workers_is_not_waited_for_for_ever(monkeypatch: pytes
         ) as cluster,
         pytest.raises(FleetError) as caught,
     ):
-        list(on_cluster(cluster.scheduler_address, abs, {'a': (-1,), 'b': (-2,)}))
+        list(run_on_cluster(cluster.scheduler_address, abs, {'a': (-1,), 'b': (-2,)}))
     address = cluster.scheduler_address
     assert str(caught.value) == f"scheduler '{address}': no worker is left, with 2 to do"
 
