@@ -145,7 +145,7 @@ _STYLE = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Apply the style of every picture, for as long as it is drawn.
+    """Apply the style of every picture within a ``with``; matplotlib's settings are restored after it.
 
     Raises:
         DrawingError: matplotlib is not installed.
@@ -210,20 +210,26 @@ _LEGEND: Look = {
 def legend_below(
     figure: Figure, columns: int, left: float = 0.085, bottom: float = 0.005, **more: Any
 ) -> None:
-    """Add a legend of several columns below all panels; left and bottom are parts of the figure."""
+    """Add a legend of several columns below all panels; left and bottom are parts of the figure.
+
+    ``more`` goes to ``Figure.legend``.
+    """
     look = _LEGEND | {'bbox_to_anchor': (left, bottom), 'columnspacing': 1.4, 'labelspacing': 0.35}
     for patch in figure.legend(ncols=columns, **look, **more).get_patches():
         patch.set(edgecolor=MUTED, linewidth=0.5)
 
 
 def legend_above(axes: Axes, columns: int, **more: Any) -> None:
-    """Name the curves of a panel along its upper edge."""
+    """Add a legend of a panel's curves along its upper edge; ``more`` goes to ``Axes.legend``."""
     look = _LEGEND | {'bbox_to_anchor': (-0.008, 1.0), 'columnspacing': 1.1}
     axes.legend(ncols=columns, **look | more)
 
 
 def regime_bands(axes: Axes, spans: Iterable[tuple[float, float, Regime]]) -> None:
-    """Fill stretches of the x axis and name them, narrow ones upright."""
+    """Fill stretches of the x axis, each from, to and regime, and name them at the top of the panel.
+
+    Narrow ones have their name upright, the narrowest none. The limits of the axes must be final.
+    """
     top = axes.get_ylim()[1]
     for low, high, regime in spans:
         axes.axvspan(low, high, color=REGIME_FILL[regime], lw=0.0, zorder=0)
@@ -312,6 +318,7 @@ def write_csv(columns: Mapping[str, Iterable[Any]], path: str | Path, force: boo
 
 @contextmanager
 def _translate_os_errors(path: str | Path) -> Iterator[None]:
+    """Raise DrawingError, which names the path, for an OSError within."""
     try:
         yield
     except OSError as error:
@@ -354,5 +361,5 @@ def inline_svg(figure: Figure, name: str, text: str) -> str:
 
 
 def variable(colour: str) -> str:
-    """Return the name of the variable that holds a colour of the palette."""
+    """Return the CSS variable that holds a colour: ``--c0072b2`` for ``#0072b2``."""
     return f'--c{colour[1:]}'

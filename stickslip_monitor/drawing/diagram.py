@@ -113,15 +113,16 @@ class _Turn(NamedTuple):
     mark: BranchMark
     before: FloatArray  # amplitudes just below it, rising [m]
     after: FloatArray  # those just above it
-    own: slice  # which of those on the side that has more of them appear or vanish
+    changed: slice  # which of those on the side that has more of them appear or vanish
 
 
 def _find_amplitudes(bearing: Bearing, speed: FloatArray, load: float) -> FloatArray:
+    """Return the averaged amplitudes of all cycles at speeds, rising, ``nan`` for none, shape (n, k) [m]."""
     return stationary_amplitudes(bearing, speed, load).amplitude
 
 
 def _find_turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: FloatArray) -> list[_Turn]:
-    """Locate each change in the number of cycles to rounding, by dividing the steps of the speeds.
+    """Locate each change in the number of cycles to rounding, and return them by speed.
 
     Args:
         bearing: The bearing.
@@ -187,7 +188,7 @@ def _join_branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray
     first = turns[0].before.size if turns else int(np.isfinite(cycles[0]).sum())
     running, row = begun(first, slice(None)), 0
     for turn in turns:
-        at, changed = int(np.searchsorted(speed, turn.mark.speed)), turn.own
+        at, changed = int(np.searchsorted(speed, turn.mark.speed)), turn.changed
         for k, branch in enumerate(running):
             branch.amplitude[row:at], branch.amplitude[at] = cycles[row:at, k], turn.before[k]
         if turn.before.size < turn.after.size:
@@ -216,7 +217,7 @@ def _find_spans(
 
 
 def diagram_columns(bearing: Bearing, diagram: Diagram) -> dict[str, NDArray[Any]]:
-    """Return the diagram as the columns of a table, by heading, SI units but for the shaft speed."""
+    """Return the diagram as the columns of a table, by heading with the unit, each of shape (n,)."""
     columns: dict[str, NDArray[Any]] = {
         'shaft_speed [rpm]': bearing.speed.from_surface(diagram.speed, 'rpm'),
         'surface_speed [m/s]': diagram.speed,
@@ -272,7 +273,8 @@ def draw_diagram(
 def _draw_curves(axes: canvas.Axes, diagram: Diagram, rpm: float, highest: float) -> None:
     """Draw the exact cycle wide, that of averaging narrow, steady sliding along zero.
 
-    The sliding limit is drawn up to an amplitude [m].
+    ``rpm`` is the surface speed of one rpm [m/s], ``highest`` the amplitude up to which the sliding limit
+    is drawn [m].
     """
     named: set[str] = set()
 
@@ -300,7 +302,10 @@ def _draw_curves(axes: canvas.Axes, diagram: Diagram, rpm: float, highest: float
 
 
 def _draw_marks(axes: canvas.Axes, diagram: Diagram, rpm: float) -> None:
-    """Mark the bifurcations; the legend says at which speeds they are."""
+    """Mark the bifurcations; the legend says at which speeds they are.
+
+    ``rpm`` is the surface speed of one rpm [m/s]. Without a fold of averaging the end of sticking is marked.
+    """
     end = diagram.exact_fold
     for kind, edge, fill, shape in (
         ('Hopf', canvas.HOPF, canvas.PAPER, 'o'),

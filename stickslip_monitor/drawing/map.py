@@ -110,12 +110,12 @@ def water_note(bearing: Bearing) -> str:
 
 
 def diagram_speeds(bearing: Bearing, load: float) -> Range:
-    """Surface speeds [m/s] from rest to well past the fold at a load [N]."""
+    """Return the range of surface speeds [m/s] from rest to well past the fold at a load [N]."""
     return 0.0, _ROOM * _boundary_speed(bearing, load)
 
 
 def onset_load(bearing: Bearing) -> float:
-    """Least load [N] with stick-slip at some speed; ``nan`` where no load has it."""
+    """Return the least load [N] with stick-slip at some speed, by averaging; ``nan`` where no load has it."""
     top = law_speed(bearing)
     edges = [v for v in _speed_scale_factor(bearing) * np.array(speed_scales(bearing.friction)) if v <= top]
     speeds = np.concatenate([np.linspace(0.0, top, _SPEEDS_TRIED), edges])
@@ -181,15 +181,15 @@ def boundaries(bearing: Bearing, speeds: Range, caution_margin: float, points: i
 
 
 def caution_load(bearing: Bearing, speed: FloatArray, margin: float) -> FloatArray:
-    """Load [N] at which the fold margin falls below the caution margin, over rising speeds [m/s].
+    """Return the load [N] at which the fold margin falls below the caution margin, at speeds [m/s].
 
-    There the fold is at ``V/(1 + margin)``; ``nan`` for none.
+    There the fold is at ``V/(1 + margin)``; ``nan`` for none, shape (n,).
     """
     return np.asarray(load_of_fold(bearing, speed / (1.0 + margin)))
 
 
 def map_columns(bearing: Bearing, curves: Boundaries) -> dict[str, FloatArray]:
-    """Return the curves as the columns of a table, by heading, SI units but for the shaft speed."""
+    """Return the curves as the columns of a table, by heading with the unit, each of shape (n,)."""
     return {
         'shaft_speed [rpm]': bearing.speed.from_surface(curves.speed, 'rpm'),
         'surface_speed [m/s]': curves.speed,
@@ -246,7 +246,10 @@ def draw_map(
 
 
 def _draw_regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: float) -> None:
-    """Fill the regions, each over the one below it, and draw the lines between them."""
+    """Fill the regions, each over the one below it, and draw the lines between them.
+
+    ``loads`` is the range of the map [N], ``rpm`` the surface speed of one rpm [m/s].
+    """
     x, ceiling = curves.speed / rpm, _BEYOND * loads[1]
 
     def reached(load: FloatArray) -> FloatArray:
@@ -284,7 +287,7 @@ def _draw_averaged_fold(
 def _draw_amplitudes(
     axes: canvas.Axes, bearing: Bearing, speeds: Range, loads: Range, levels: int, label: float
 ) -> None:
-    """Draw lines of one amplitude of the exact stick-slip cycle, labelled in mm.
+    """Draw lines of one amplitude of the exact stick-slip cycle, labelled in mm; none without a cycle.
 
     Args:
         axes: The axes.
@@ -331,7 +334,7 @@ def _exact_amplitudes(
 
 
 def _draw_belief_bands(axes: canvas.Axes, config: BearingConfig, loads: Range, rpm: float) -> None:
-    """Shade where 5 to 95 % of the belief have the Hopf and the fold speed."""
+    """Shade where 5 to 95 % of the belief have the Hopf and the fold speed; nothing without a belief."""
     if config.belief is None:
         return
     load = np.linspace(max(loads[0], 1e-6 * loads[1]), loads[1], _BAND_LOADS)
@@ -364,17 +367,20 @@ class Track:
     events: Sequence[TrackEvent] = ()  # the alarm's changes
 
     def conditions(self) -> list[Condition]:
-        """Return the conditions that the events lead to."""
+        """Return the conditions that the events lead to, each once, in the order of :class:`Condition`."""
         return [c for c in Condition if any(event.condition is c for event in self.events)]
 
     def legend_height(self, width: float) -> float:
-        """Room that the names of the marks take above a map of a width [both inch]."""
+        """Return the room that the names of the marks take above a map of a width [both inch]."""
         names = len(self.conditions()) + 4
         return 0.1 + -(-names // _mark_columns(width)) * _LEGEND_ROW
 
 
 def track_of_scan(scan: Verdicts) -> Track:
-    """Return the track of a bearing's scanned recording, interrupted where an input was lost."""
+    """Return the track of a bearing's scanned recording, interrupted where an input was lost.
+
+    Changes of the alarm before the first operating point are left out.
+    """
     lost = np.flatnonzero(scan.until_ns[:-1] < scan.time_ns[1:]) + 1
     points = scan.assessment.speed, scan.assessment.load
     speed, load = (np.insert(np.asarray(column, dtype=float), lost, np.nan) for column in points)
@@ -387,11 +393,14 @@ def track_of_scan(scan: Verdicts) -> Track:
 
 
 def _mark_columns(width: float) -> int:
+    """Return how many names of marks fit side by side above a map of a width [inch]."""
     return max(1, int((width - _BESIDE_AXES) / _MARK_COLUMN))
 
 
 def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canvas.WIDTH) -> None:
     """Draw a track on a map; the legend above it names the ends and the changes of the alarm.
+
+    A track without a finite point leaves the map as it is.
 
     The axes have their final limits in rpm and kN; ``rpm`` is the surface speed of one rpm [m/s],
     the width that of the figure [inch].
@@ -459,7 +468,8 @@ def _smooth_parts(shown: FloatArray, stride: float) -> Iterator[FloatArray]:
 
     Args:
         shown: The track, ``nan`` at breaks, shape (n, 2) [pixels].
-        stride: Least distance between two points [pixels]. First and last point are not averaged.
+        stride: Least distance between two points [pixels]. First and last point are not averaged, and the
+            last may be nearer.
     """
     is_finite = np.all(np.isfinite(shown), axis=1)
     length = max(1, int(is_finite.sum()) // _STOPS)

@@ -152,9 +152,10 @@ class _Lines:
         return np.asarray((since - self.start_ns) * 1e-9, dtype=float)
 
     def amplitudes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return times on the axis and two exact amplitudes [mm], thinned; ``nan`` at breaks.
+        """Return times on the axis and two exact amplitudes [mm], thinned, each of shape (n,).
 
-        The first is that of the cycle that can exist, the second is 0 unless the monitor predicts it.
+        The first is that of the cycle that can exist, ``nan`` without one and at breaks; the second is the
+        same where the monitor predicts it, else 0. Times at breaks are ``nan``.
         """
         scan = self.timeline.scan
         rows = np.insert(np.arange(scan.time_ns.size), self._breaks, -1)
@@ -167,18 +168,22 @@ class _Lines:
         return self._time[drawn], possible, np.where(sticking[drawn], possible, 0.0)
 
     def line(self, *names: str) -> tuple[FloatArray, ...]:
-        """Return time and values of columns, thinned to their envelope; nan at breaks."""
+        """Return times on the axis and values of :attr:`columns`, thinned to one envelope; nan at breaks."""
         values = [np.insert(np.asarray(self.columns[n], dtype=float), self._breaks, np.nan) for n in names]
         rows = canvas.envelope(self._most, *values)
         return (self._time[rows], *(value[rows] for value in values))
 
 
 def _finite_values(values: FloatArray) -> FloatArray:
+    """Return the values with ``nan`` in place of infinite ones."""
     return np.where(np.isfinite(values), values, np.nan)
 
 
 def _draw_speed(axes: canvas.Axes, lines: _Lines) -> None:
-    """Draw the speed over the regions between its boundaries, at the load of each instant."""
+    """Draw the speed over the regions between its boundaries, at the load of each instant.
+
+    It adds the columns 'measured' and, for a shaft that turned astern, 'astern' to ``lines``.
+    """
     margin = 1.0 + lines.config.alarm.caution_margin
     for name, factor, colour in (
         ('fold_speed', margin, canvas.CAUTION_FILL),
@@ -209,6 +214,7 @@ def _draw_speed(axes: canvas.Axes, lines: _Lines) -> None:
 
 
 def _draw_load(axes: canvas.Axes, lines: _Lines) -> None:
+    """Draw the load, on an axis that includes 0."""
     axes.plot(*lines.line('load'), color=canvas.INK, lw=1.2)
     axes.set_ylabel('load [kN]')
     low, high = axes.get_ylim()
@@ -216,7 +222,7 @@ def _draw_load(axes: canvas.Axes, lines: _Lines) -> None:
 
 
 def _draw_margins(axes: canvas.Axes, lines: _Lines) -> None:
-    """Draw the margins to both boundaries, and those of the true lining."""
+    """Draw the margins to both boundaries, and those of the true lining where they are known."""
     highest, lowest, ceiling = 0.0, -10.0, 100.0 * _HIGHEST_MARGIN
     for word, (regime, colour, dashes) in canvas.BOUNDARY_LINES.items():
         name = f'{word.lower()}_margin'
@@ -249,7 +255,10 @@ def _draw_margins(axes: canvas.Axes, lines: _Lines) -> None:
 
 
 def _draw_amplitude(axes: canvas.Axes, lines: _Lines) -> None:
-    """Draw the exact amplitude, as it would be and as predicted, and the true one."""
+    """Draw the exact amplitude, as it would be and as predicted, and the true one where it is known.
+
+    The limit of the alarm is drawn if it is below three times the greatest of them.
+    """
     time, possible, predicted = lines.amplitudes()
     red, fill = (colours[Regime.UNSTABLE] for colours in (canvas.REGIME_COLOUR, canvas.REGIME_FILL))
     axes.plot(time, possible, color=canvas.MUTED, lw=1.0, ls=(0, (1.5, 1.5)), label='if it ran', zorder=3)
@@ -277,13 +286,22 @@ def _draw_amplitude(axes: canvas.Axes, lines: _Lines) -> None:
 
 
 def _draw_legend(axes: canvas.Axes, loc: str = 'lower right', edge: float = 1.0) -> None:
-    """Name the lines at the right, above the panel or below it."""
+    """Add a legend of the lines at the right, above the panel or below it.
+
+    Args:
+        axes: The panel.
+        loc: Corner of the legend that is placed, as matplotlib names it.
+        edge: Height of that corner as a share of the panel's: 1 at its upper edge.
+    """
     corner: canvas.Look = {'loc': loc, 'bbox_to_anchor': (1.0, edge), 'borderaxespad': 0.0}
     canvas.legend_above(axes, 5, fontsize=8.5, borderpad=0.1, handlelength=1.8, columnspacing=1.0, **corner)
 
 
 def _draw_alarm(axes: canvas.Axes, lines: _Lines, max_labels: int) -> None:
-    """Draw the alarm's condition as a band of colours; its names stand where they fit."""
+    """Draw the alarm's condition as a band of colours; its names stand where they fit.
+
+    Of more than ``max_labels`` spells neighbours are joined (:func:`.coarsened`).
+    """
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     pixels = axes.get_window_extent().width / max(high - low, 1e-12)
     for spell in coarsened(lines.timeline.spells, max_labels):
@@ -300,7 +318,7 @@ def _draw_alarm(axes: canvas.Axes, lines: _Lines, max_labels: int) -> None:
 
 
 def _draw_episodes(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
-    """Shade the true episodes in all panels, and mark them above the band of the alarm."""
+    """Shade the true episodes, if known, in all panels, and mark them above the band of the alarm."""
     for k, episode in enumerate(() if lines.lining is None else lines.lining.episodes):
         first, last = map(float, lines.at(episode))
         for name, axes in panels.items():
@@ -310,7 +328,7 @@ def _draw_episodes(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
 
 
 def _format_time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: float) -> None:
-    """Format the axes of time, with dates where the recording has them."""
+    """Format the axes of time, with dates where the recording has them, in a picture of a width [inch]."""
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     for name, axes in panels.items():
         axes.set_xlim(low, high if high > low else low + 1e-6)
@@ -357,7 +375,10 @@ def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
 
 
 def _draw_event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
-    """Draw a line through all panels at each event; numbers above, as far as they do not collide."""
+    """Draw a line at each event of :func:`marked_events` through all panels but that of the alarm.
+
+    Their numbers stand above, as far as they do not collide.
+    """
     events = marked_events(lines.timeline.scan.events)
     first = panels['speed']
     free = [-np.inf] * _NUMBER_ROWS
