@@ -75,7 +75,10 @@ class LogTimes:
             )
 
     def _compare_paces(self, series: Sequence[Series]) -> None:
-        """Set ``text`` and ``replaced`` by some series; do nothing where all are empty."""
+        """Set ``text`` and ``replaced`` where log times of a series pass at an unusual pace; else leave them.
+
+        Where all series are empty the next part is compared too.
+        """
         paces = [_measure_pace(item) for item in series if item.value.size]
         self._begun = bool(paces)
         unusual = [pace for pace in paces if pace is not None and not 1 / MAX_PACE <= pace <= MAX_PACE]

@@ -153,6 +153,8 @@ class Pass:
     def _read_block(self, job: Job, columns_of: MakeColumns, yielded_ns: int) -> Iterator[Columns]:
         """Yield the columns of the wanted messages of a block, piece by piece; report what is lost.
 
+        The log times of each piece are replaced by corrected ones.
+
         Args:
             job: The block to read.
             columns_of: Makes the columns of the chosen messages of a piece.

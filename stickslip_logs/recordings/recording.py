@@ -31,7 +31,7 @@ class Scratch:
 
     @cached_property
     def folder(self) -> Path:
-        """The folder."""
+        """The folder, made when it is first asked for, and removed with this object and all in it."""
         path = tempfile.mkdtemp(prefix='stickslip-')
         weakref.finalize(self, shutil.rmtree, path, ignore_errors=True)
         return Path(path)

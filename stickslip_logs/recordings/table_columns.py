@@ -214,7 +214,7 @@ class TableColumns(Recording):
 
     def _read_texts(self, column: int) -> list[str]:
         """Read the whole file for the texts of a column; return each once, in the order of the file."""
-        blocks = self.table.blocks([column], _ignore_progress, _ignore_progress)
+        blocks = self.table.blocks([column], _ignore_sentence, _ignore_sentence)
         return list(
             dict.fromkeys(text for rows in blocks for text in dict.fromkeys(texts_of(rows.columns[0])))
         )
@@ -255,10 +255,13 @@ class TableColumns(Recording):
         return self.table.is_sent
 
     def deliver(self, columns: Mapping[str, SourceColumn]) -> None:
-        """Deliver columns as topics from now on, in place of earlier ones; note which have quality marks.
+        """Set in ``by_topic`` which columns are delivered as topics, in place of earlier ones.
+
+        Each source there is a copy whose ``status`` is the column of its quality marks, None where it has
+        none or none of known meaning. Warnings name the columns that have them.
 
         Args:
-            columns: The source of each topic; its ``status`` is found here.
+            columns: The source of each topic, unchanged.
         """
         self.by_topic = {}
         for topic, source in columns.items():
@@ -374,6 +377,6 @@ def _drop_untimed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], Int
     return list(itertools.compress(long, is_timed.tolist())), times[is_timed]
 
 
-def _ignore_progress(text: str) -> None:
+def _ignore_sentence(text: str) -> None:
     """Drop a sentence of a reading, in place of reporting it."""
     del text

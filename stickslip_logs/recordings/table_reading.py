@@ -397,6 +397,8 @@ class TableReading:
     def _convert_units(self, numbers: Numbers, units: Sequence[str], column: LogColumn) -> None:
         """Convert numbers in other units to that of the column; set those in no such unit to NaN; note both.
 
+        The latter are counted among the words. Nothing is done for a column without a unit.
+
         Args:
             numbers: Numbers of a name in a long table; changed.
             units: The unit in the line of each.

@@ -232,7 +232,7 @@ class StampLayout:
         return seconds * SECOND + below * 10 ** (9 - len(match['f'] or '')), ~none[1]
 
     def _zone_offset(self, zone: str | None) -> int:
-        """Return the distance from UTC [s] of a zone as it is written; of an empty one that of the table."""
+        """Return the distance from UTC [s] of a zone as written: of none that of the table, or else 0."""
         zone = zone or self._zone
         if zone[:1] not in ('+', '-'):
             return 0
@@ -268,7 +268,8 @@ def number_reader(unit_ns: int, zero: int, decimal: str) -> ReadTimes:
     """
 
     def read(columns: Sequence[Cells]) -> Times:
-        """Return the times of the cells of one column, all at once where all are plain numbers."""
+        """Return the times [ns] of the cells of the one column, and which have one; the others are 0."""
+        # All at once where all are plain numbers.
         cells = columns[0]
         if decimal == ',':
             cells = [cell.replace(',', '.') for cell in cells]

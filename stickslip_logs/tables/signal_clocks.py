@@ -110,7 +110,7 @@ def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock
 
 
 def _clocks_beside(clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, Clock]:
-    """Return the clock to the left of each column, by the place of the column.
+    """Return the clock to the left of each column, else the first clock, by the place of the column.
 
     The clock to its right instead, where columns begin before the first clock and end before the last one.
 

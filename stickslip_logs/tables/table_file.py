@@ -224,9 +224,10 @@ class TextTable(NumberTable):
         self.losses = (*losses, *self._dialect.losses)
 
     def _rows_of_days(self, columns: Sequence[int]) -> list[list[str]]:
-        """Read the file for one row of each day, told by the first two numbers in the columns of its dates.
+        """Read the file for the first row of each day, told by the first two numbers in the columns of dates.
 
-        Up to 3660 days are found.
+        Up to 3660 days are found. All rows without these numbers count as one day; too short ones are
+        skipped.
 
         Args:
             columns: The places of the columns of the date.

@@ -169,7 +169,11 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
 
 
 def _find_whole_times(path: Path, table: TableColumns) -> Clock:
-    """Find the columns of the time as :func:`find_clock` does, without a column of fractions."""
+    """Find the columns of the time as :func:`find_clock` does, without a column of fractions.
+
+    Raises:
+        BagError: As for :func:`find_clock`.
+    """
     # A missing last cell is empty, and surplus ones are left out.
     width = len(table.names)
     rows = [[*row, ''][:width] for row in table.rows[:_MAX_ROWS] if len(row) >= max(width - 1, 1)]
