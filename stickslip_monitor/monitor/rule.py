@@ -257,8 +257,8 @@ def repeat_value(s: State, c: RuleNumbers, model: Model, place: int) -> bool:
 
 def age_limit(s: State, c: RuleNumbers, place: int) -> int:
     """Return the age at which an input is lost [ns]: its time-out, or 2.5 of its usual gaps if longer."""
-    limit: int = max(c.timeout[place], min(int(LATE * s.pace[place]), MEMORY))
-    return limit
+    limit, slow = c.timeout[place], LATE * s.pace[place]
+    return limit if slow <= limit else max(limit, min(int(slow), MEMORY))
 
 
 def standing_until(s: State, c: RuleNumbers) -> int:
@@ -443,7 +443,7 @@ def reach(
         # What is known of the averaged fold is known of the one that decides.
         kbm = scale * boundary_at(table[1], c.table_growth[1], place)
         share = kbm / limit if 0.0 < kbm < math.inf and 0.0 < limit < math.inf else 1.0
-        lagging = scale_of(s, c, s.load_mean)
+        lagging = scale_of(s, c, s.load_mean) if c.load_exponent else scale
         s.can, s.will = stick_slip_probabilities(belief, size / lagging, s.load_mean / lagging, share)
         s.runs = update_running_probability(s.runs, s.can, s.will)
     if not c.by_chance:
