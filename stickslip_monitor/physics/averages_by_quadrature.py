@@ -277,11 +277,13 @@ def average_curve(law: FrictionLaw) -> AverageCurve:
     if not scales.size:
         return AverageCurve(*np.zeros((3, 0)))
     edges = np.append(0.0, scales[:: -(-scales.size // _POINTS)])
-    per_panel = -(-_SPEEDS // (edges.size - 1))
+    per_panel, far = -(-_SPEEDS // scales.size), _FAR
+    if scales.size > _POINTS:  # what stands out is added below
+        per_panel, far = 2, _FAR[3::4]
     share = np.arange(1, per_panel + 1) / per_panel
     panels = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
     near = np.geomspace(1e-9, 0.9, 40) * panels[0]
-    speed = np.unique(np.concatenate([near, panels, _outstanding_speeds(law), scales[-1] * _FAR]))
+    speed = np.unique(np.concatenate([near, panels, _outstanding_speeds(law), scales[-1] * far]))
     speed = speed[np.append(True, np.diff(speed) > _SAME * speed[1:])]
     return AverageCurve(speed, *_find_peaks(law, speed))
 

@@ -252,7 +252,7 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
 def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
     """Amplitude of the exact stable cycle [m], that of :func:`exact_cycle` to 1e-9 at half the price.
 
-    Of a measured table it is right to 1e-7.
+    Of a measured table it is right to 1e-6.
 
     Args:
         bearing: The bearing.
