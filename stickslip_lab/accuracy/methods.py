@@ -244,7 +244,8 @@ def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
     """Compute the amplitude by the package's integrator, from breakaway until the motion repeats.
 
     Stick and slip are phases, with transitions located to rounding. It ends where two successive parts
-    of the motion have the same amplitude, or one has stuck; after 400 it has not converged.
+    of the motion have the same amplitude, or one has stuck. There is no cycle where the amplitude falls below
+    half of ``V/omega``; after 400 parts, or where the integrator gives up, it has not converged.
     """
     omega = bearing.natural_frequency
     duration = 1.5 * typical_period(bearing, speed, load)
@@ -381,7 +382,7 @@ class _Problem:
         """Return the residual, shape (2 H + 1,), and its Jacobian, shape (2 H + 1, 2 H + 2).
 
         The Jacobian is by the coefficients and, in the last column, the frequency. Arguments are as of
-        :meth:`solved`.
+        :meth:`solve`.
         """
         s, e = self.series, self.law.penalty
         turn, size = s.turn, q.size
@@ -401,7 +402,7 @@ class _Problem:
         jacobian[:, size] -= e * rate
         return e * (lean - s.project @ v), jacobian
 
-    def solved(self, q: FloatArray, frequency: float) -> tuple[FloatArray, float, bool]:
+    def solve(self, q: FloatArray, frequency: float) -> tuple[FloatArray, float, bool]:
         """Solve the balance from a guess by damped semi-smooth Newton, with ``b_1`` held at the guess.
 
         Args:
@@ -477,7 +478,7 @@ def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float
     for rung in [2**k - 1 for k in range(1, harmonics.bit_length())] + [harmonics]:
         q = np.concatenate([q, np.zeros(2 * rung + 1 - q.size)])
         problem = _Problem(_Series(rung), law, bearing.damping_ratio)
-        q, frequency, good = problem.solved(q, frequency)
+        q, frequency, good = problem.solve(q, frequency)
     if not good:
         return not_converged(law.evaluations)
     size = half_range(q)
@@ -500,7 +501,7 @@ def averaging(points: int, bearing: Bearing, speed: float, load: float) -> Metho
 
 
 def exact(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Compute the exact cycle: one slip phase from breakaway, with a set-valued law (Filippov 1988).
+    """Compute the exact amplitude: one slip phase from breakaway, with a set-valued law (Filippov 1988).
 
     ``points`` copies of the operating point are solved in one call, and the first is returned.
     """

@@ -22,7 +22,7 @@ from stickslip_lab.calibration.evidence import (
     LevelBins,
     TelemetryBins,
     VibrationReport,
-    course_of,
+    bin_telemetry,
     level_over_speed,
     level_reports,
     threshold_of,
@@ -367,7 +367,10 @@ def _drop_repeated(
 
 
 def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
-    """Return the damping and the law of a bearing as parameters of a configuration."""
+    """Return the damping and the law of a bearing as parameters of a configuration, rounded to six digits.
+
+    They are by name: ``damping``, ``friction.law`` and those of the law.
+    """
     law, kind = bearing.friction, 'stribeck'
     values = {name: getattr(law, name) for name in LAWS[kind][1] if hasattr(law, name)}
     if isinstance(law, Tabulated):
@@ -453,8 +456,13 @@ class EvidenceSource:
 
         A level is read into reports by :meth:`calibrated`, over all recordings together.
 
+        Args:
+            outline: What a check kept of the recording, with the scan of the bearing.
+            config: The bearing.
+
         Raises:
             CalibrationError: It has no truth, and there is no other source.
+            BagError: Its truth is not of the schema that this version knows.
         """
         bag, scan = outline.bag, outline.scan(config.name)
         name, courses = bag.path.name, courses_of(bag.path.name, scan)
@@ -470,6 +478,7 @@ class EvidenceSource:
         return Evidence(name, courses, true_reports(config.name, read_truth(bag, config.name), name))
 
     def _reports_of(self, config: BearingConfig) -> tuple[VibrationReport, ...]:
+        """Return an operator's reports on a bearing; none without a list of them."""
         return tuple(report for report in self.reports or () if report.bearing == config.name)
 
     def _is_level_source(self, config: BearingConfig) -> bool:
@@ -506,12 +515,12 @@ def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
     speed, load, _ = reference_point(scan.config.bearing, scan.speed, scan.load, water)
     begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)
     return tuple(
-        course_of(name, scan.time_ns[a:b], speed[a:b], load[a:b]) for a, b in pairwise(begins) if b > a
+        bin_telemetry(name, scan.time_ns[a:b], speed[a:b], load[a:b]) for a, b in pairwise(begins) if b > a
     )
 
 
 def level_of(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
-    """Return the accepted values of a bearing's level in dB, in bins over time with the speed."""
+    """Return the accepted values of a bearing's level in dB, binned with the speed; it must be configured."""
     assert config.level is not None
     rows = (stream.inputs == Input.LEVEL) & (scan.status == Status.ACCEPTED)
     value: FloatArray = stream.value[rows]

@@ -146,7 +146,7 @@ class Edges:
 
     @property
     def loads(self) -> tuple[float, float]:
-        """Least and greatest load of the slow passages [N]."""
+        """Least and greatest load of the slow passages [N]; (0, 0) without any."""
         slow = [one.load[one.over < _FASTEST] for one in self.tracks]
         loads = np.concatenate([np.empty(0), *slow])
         return (float(loads.min()), float(loads.max())) if loads.size else (0.0, 0.0)
@@ -171,7 +171,7 @@ class ReportedCourse:
         return float(np.interp(time, self.time, self.speed)), float(np.interp(time, self.time, self.load))
 
 
-def track_of(
+def reported_course(
     course: TelemetryBins, reports: Sequence[VibrationReport], reference: Reference
 ) -> ReportedCourse | None:
     """Return the bins of a course in which the shaft turned under load, and the reports about them.
@@ -211,7 +211,7 @@ def edges_of(
     """
     edges = Edges()
     for course, reports in sorted(courses, key=lambda one: int(one[0].time_ns[0])):
-        track = track_of(course, reports, reference)
+        track = reported_course(course, reports, reference)
         if track is not None:
             edges.tracks.append(track)
             _read_track(edges, track, reference, onsets)
@@ -296,7 +296,7 @@ def _find_end(
         The end; ``None`` where no bin of the course lies in the vibration, less its tolerance at both ends.
     """
     off = report.tolerance
-    whole = outlives(track, b, reference) if meets and report.rings else 0.0
+    whole = time_beyond_fold(track, b, reference) if meets and report.rings else 0.0
     middle = b - 0.5 * whole
     inside = (track.time >= a + off) & (track.time <= max(middle - off, a + off))
     if not inside.any():
@@ -340,7 +340,7 @@ def _moving_average(values: FloatArray, width: int) -> FloatArray:
     return np.convolve(padded, np.full(width, 1.0 / width), 'valid')
 
 
-def outlives(track: ReportedCourse, end: float, reference: Reference) -> float:
+def time_beyond_fold(track: ReportedCourse, end: float, reference: Reference) -> float:
     """Return for how long an undisturbed cycle has outlived its fold when its level ends [s]; 0 for none.
 
     With ``y = a/V``, 1 inside, ``d ln y/dt = (c/2m) (N/N_b(y) - 1)``, where ``ln N_b`` goes from

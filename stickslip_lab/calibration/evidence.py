@@ -190,7 +190,7 @@ class TelemetryBins:
     load: FloatArray  # shape (n,) [N]
 
 
-def course_of(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> TelemetryBins:
+def bin_telemetry(name: str, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> TelemetryBins:
     """Return speed and load averaged over bins of a second; a bin with a sample at rest has speed 0.
 
     Args:

@@ -93,7 +93,7 @@ class Grid:
         return np.array([[float(of_u @ a**2) * scale**2, product], [product, float(of_q @ b**2)]])
 
     def quantiles(self, values: FloatArray, shares: Sequence[float]) -> FloatArray:
-        """Return the weighted quantiles at some shares of values of the cells, shape (m, n)."""
+        """Return the weighted quantiles of the cells' values, shape (m, n), at shares, shape (k,)."""
         order = np.argsort(values, axis=None)
         reached = np.cumsum(self.weight.ravel()[order])
         return np.interp(shares, reached, values.ravel()[order])

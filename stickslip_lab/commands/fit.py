@@ -29,7 +29,7 @@ from stickslip_lab.friction.friction_fit import (
     VISCOUS_LEVEL,
     StribeckFit,
     boundary_belief,
-    unchecked,
+    unchecked_point,
 )
 from stickslip_lab.friction.pooled_fit import PooledFit, fit_curve
 from stickslip_monitor.commands import options, output
@@ -207,7 +207,7 @@ def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, results: Fo
         ],
         'conditions': _reference_conditions(fit),
         'warnings': list(fit.warnings),
-        'unchecked': unchecked(fit) or None,
+        'unchecked': unchecked_point(fit) or None,
         'fragment': fragment(args.curve, fit),
         'bearings': [
             {'bearing': item.name, 'load': load, **speeds, 'regimes': regimes}
@@ -291,7 +291,7 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results:
     _print_outliers(out, fit)
     for text in fit.warnings:
         out.print(f'[yellow]warning:[/] {escape(text)}')
-    if note := unchecked(fit):
+    if note := unchecked_point(fit):
         out.print(f'note: {escape(note)}')
     for item, speeds, regimes in results:
         out.print(_boundary_table(item, speeds, args.load))

@@ -197,7 +197,10 @@ class StribeckFit:
         return ends
 
     def band(self, speed: ArrayLike) -> FloatArray:
-        """Half width of the curve's pointwise 95 % confidence band at speeds >= 0 [-]."""
+        """Return the half width of the curve's pointwise 95 % confidence band [-] at speeds >= 0 [m/s].
+
+        Both of shape (n,).
+        """
         gradient = self._law_gradient(np.asarray(speed, dtype=float))
         variance = np.einsum('ni,ij,nj->n', gradient, self.covariance, gradient)
         return self.t_quantile * np.sqrt(np.maximum(variance, 0.0))
@@ -208,7 +211,7 @@ class StribeckFit:
         return tuple(_fit_warnings(self))
 
     def _law_gradient(self, speed: FloatArray) -> FloatArray:
-        """Return derivatives of the law at speeds, shape (n,), by the free coefficients, (n, k)."""
+        """Return derivatives of the law at speeds, shape (n,) [m/s], by the free coefficients, (n, k)."""
         decay = math.exp(self.values[2])
         left = np.exp(-decay * speed)
         by_decay = -self.values[0] * speed * np.exp(decay * (self.curve.speed.min() - speed))
@@ -510,7 +513,7 @@ def _fit_warnings(fit: StribeckFit) -> Iterator[str]:
         )
 
 
-def unchecked(fit: StribeckFit) -> str:
+def unchecked_point(fit: StribeckFit) -> str:
     """Return a sentence on the point whose leverage is so high that no other checks it; '' without one."""
     leverage = fit.leverage
     top = int(np.argmax(leverage))

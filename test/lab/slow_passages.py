@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from stickslip_lab.calibration.calibration import Evidence
-from stickslip_lab.calibration.evidence import VibrationReport, course_of, level_over_speed
+from stickslip_lab.calibration.evidence import VibrationReport, bin_telemetry, level_over_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
 
@@ -30,7 +30,7 @@ def slow_passage(
     begin = 1e4 * (number + 1)
     stamps = np.round((begin + time) * 1e9).astype(np.int64)
     speed = by * rpm * RPM
-    course = course_of(f'bag {number}', stamps, speed, np.full(time.size, 1000.0))
+    course = bin_telemetry(f'bag {number}', stamps, speed, np.full(time.size, 1000.0))
     if not level:
         edges = [round(1e9 * (begin + t)) for t in (0.0, on, off, 2.0 * half)]
         return Evidence(course.name, (course,), alternating_reports(edges, 'list'))

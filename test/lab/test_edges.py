@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from slow_passages import BEARING, FOLD, RPM, alternating_reports, slow_passage
 
-from stickslip_lab.calibration.edges import LAGS, SHARES, Reference, edges_of, outlives, track_of
+from stickslip_lab.calibration.edges import (
+    LAGS,
+    SHARES,
+    Reference,
+    edges_of,
+    reported_course,
+    time_beyond_fold,
+)
 from stickslip_lab.calibration.evidence import TelemetryBins
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
@@ -55,7 +62,7 @@ def test_a_report_shorter_than_its_two_uncertain_ends_is_left_out() -> None:
     one = slow_passage(level=False)
     (course,), loud = one.courses, one.reports[1]
     for tolerance, is_used in ((loud.seconds / 2.0, True), (loud.seconds / 1.9, False)):
-        track = track_of(course, [replace(loud, tolerance=tolerance)], REFERENCE)
+        track = reported_course(course, [replace(loud, tolerance=tolerance)], REFERENCE)
         assert (track is not None) == is_used
 
 
@@ -119,7 +126,7 @@ def test_a_cycle_outlives_the_fold_the_longer_the_faster_the_ramp() -> None:
     delays = []
     for rate in (0.2, 2.0):
         one = slow_passage(rate=rate, level=False)
-        track = track_of(one.courses[0], one.reports, REFERENCE)
+        track = reported_course(one.courses[0], one.reports, REFERENCE)
         assert track is not None
-        delays.append(outlives(track, one.reports[1].end_ns * 1e-9, REFERENCE) * rate)
+        delays.append(time_beyond_fold(track, one.reports[1].end_ns * 1e-9, REFERENCE) * rate)
     assert 0.0 < delays[0] < delays[1] < 5.0  # in rpm

@@ -12,7 +12,7 @@ from stickslip_lab.calibration.evidence import (
     BIN_NS,
     LevelBins,
     NoTwoModes,
-    course_of,
+    bin_telemetry,
     level_over_speed,
     level_reports,
     read_reports,
@@ -75,7 +75,7 @@ def test_bins_are_averages_and_rest_stays_rest() -> None:
     time = (np.arange(40) * 10**8).astype(np.int64)
     speed = np.linspace(0.1, 0.4, 40) * -1.0
     speed[25] = 0.0
-    course = course_of('bag', time, speed, np.full(40, 5.0))
+    course = bin_telemetry('bag', time, speed, np.full(40, 5.0))
     assert course.time_ns.tolist() == [BIN_NS // 2 + k * BIN_NS for k in range(4)]
     assert course.speed[0] == pytest.approx(-speed[:10].mean())
     assert course.speed[2] == 0.0

@@ -21,7 +21,7 @@ from stickslip_lab.friction.friction_fit import (
     Viscous,
     boundary_belief,
     fit_stribeck,
-    unchecked,
+    unchecked_point,
 )
 from stickslip_monitor import Bearing, Stribeck, fold_speed, hopf_speed
 from stickslip_monitor.errors import FitError, PhysicsError
@@ -283,7 +283,7 @@ def test_warnings_name_what_is_weak() -> None:
     assert 'static is extrapolated: at the lowest speed, 0.15 m/s' in late.warnings[0]
     lonely = np.array([0.0, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5])
     alone = fit_stribeck(noisy_curve(speed=lonely, scatter=0.0005), 'no')
-    assert unchecked(alone).startswith('the point of line 1, 0 m/s, is not checked by any other')
+    assert unchecked_point(alone).startswith('the point of line 1, 0 m/s, is not checked by any other')
     assert not alone.warnings
     mu = noisy_curve().coefficient
     mu[[3, 7, 11, 15, 19, 23]] += 0.1
