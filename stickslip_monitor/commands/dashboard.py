@@ -151,7 +151,7 @@ def make_watched_monitor(
     """
     from stickslip_monitor.dashboard.seen_monitors import WatchedMonitor
 
-    views = [bearing_view(bearing) for bearing in config.bearings]
+    views = [make_bearing_view(bearing) for bearing in config.bearings]
     shelve_time = config.shelve_time_ns * 1e-9
     return WatchedMonitor(source, views, _namespace_of(node), replay, shelve_time)
 
@@ -266,7 +266,7 @@ def listen_to_nodes(listeners: Mapping[str, Sink], diagnostics: str) -> Iterator
         yield watcher
 
 
-def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -> BearingView:
+def make_bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -> BearingView:
     """Return the bearing with its stability map.
 
     Args:
@@ -296,7 +296,7 @@ def bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -
         caution_margin=alarm.caution_margin,
         amplitude_limit=limit if math.isfinite(limit) else None,
         topics={name: source.topic for name, source in config.inputs.items()},
-        wider=partial(bearing_view, config),
+        wider=partial(make_bearing_view, config),
     )
 
 

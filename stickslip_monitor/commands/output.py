@@ -238,6 +238,7 @@ def console() -> Console:
             super().print(*(self._fit_table(item) for item in objects), **options)
 
         def _fit_table(self, item: Any) -> Any:
+            """Return a table that does not fit as a list, and anything else as it is."""
             if not isinstance(item, Table):
                 return item
             drawn = (part.text for line in self.render_lines(item) for part in line)

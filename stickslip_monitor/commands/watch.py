@@ -381,6 +381,7 @@ def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
     reported: set[tuple[str, Input]] = set()
 
     def passed(bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
+        """Pass a sample on, unless it is a copy; remember it for the next."""
         key, sample = (bearing, place), (stamp_ns, value)
         copied = stamp_ns is not None and latest.get(key) == sample
         latest[key] = sample

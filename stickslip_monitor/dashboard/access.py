@@ -110,7 +110,7 @@ class Access:
         if not self.is_ours(request.host):
             text = 'This machine is not known by that name: start the page with --name NAME.\n'
             return web.Response(status=421, text=text)
-        if request.method not in ('GET', 'HEAD') and not same_origin(request):
+        if request.method not in ('GET', 'HEAD') and not is_same_origin(request):
             return web.Response(status=403, text='This must come from the page itself.\n')
         if request.path in OPEN_PATHS or self.admits(request):
             return None
@@ -126,7 +126,7 @@ def cookie_name(request: web.Request) -> str:
     return f'stickslip_session_{address[1]}' if address else 'stickslip_session'
 
 
-def same_origin(request: web.Request) -> bool:
+def is_same_origin(request: web.Request) -> bool:
     """Return whether a request comes from a page of ours, or from no page at all.
 
     By ``Sec-Fetch-Site``, which no page can forge; without it by Origin and Host, which a proxy may replace.

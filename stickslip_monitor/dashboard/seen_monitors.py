@@ -297,7 +297,8 @@ class WatchedMonitor(Sink):
     def take_alarms(self, document: Any) -> None:
         """Store the list of alarms and send it to the page; ignore an invalid one.
 
-        Its changes and notes are logged, and the requests that they answer (:meth:`ask`) are completed.
+        Its changes and notes are logged, and the requests that they answer (:meth:`ask`) are completed. Of
+        bearings that are not shown only the names are stored, for :meth:`faults`.
         """
         record = checked_alarms(document, self.bearings)
         if record is None:

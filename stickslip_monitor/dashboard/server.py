@@ -127,12 +127,12 @@ class Hub:
             document: Its content.
             key: Tells it from others of its kind; a later one with the same key replaces it.
         """
-        event = event_of(kind, document)
+        event = encode_event(kind, document)
         for reader in self.readers:
             reader.put(f'{kind} {key}', event)
 
 
-def event_of(kind: str, document: dict[str, Any]) -> bytes:
+def encode_event(kind: str, document: dict[str, Any]) -> bytes:
     """Encode an event of a kind, with a document as its JSON, as a server-sent event."""
     data = json.dumps(document, allow_nan=False, separators=(',', ':'))
     return f'event: {kind}\ndata: {data}\n\n'.encode()
@@ -277,13 +277,13 @@ class Server:
             await response.prepare(request)
             # One that comes back needs no history: it gets all that is shown, which is bounded.
             state = self._board.state() | {'signed_in': self._access.signed_in(request)}
-            event = b'retry: 1000\n\n' + event_of('state', state)
+            event = b'retry: 1000\n\n' + encode_event('state', state)
             while not reader.closed:
                 await asyncio.wait_for(response.write(event), STALLED)
                 try:
                     event = await asyncio.wait_for(reader.take(), HEARTBEAT)
                 except asyncio.TimeoutError:
-                    event = event_of('beat', self._board.monitor())
+                    event = encode_event('beat', self._board.monitor())
         except (ConnectionError, asyncio.TimeoutError):
             if request.transport is not None:
                 request.transport.abort()

@@ -19,7 +19,7 @@ from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import Severity
 from stickslip_monitor.monitor.statements import Event
-from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsened
+from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsen_spells
 
 _POINTS_PER_INCH = 70
 _SPELLS_PER_INCH = 30
@@ -304,7 +304,7 @@ def _draw_alarm(axes: canvas.Axes, lines: _Lines, max_labels: int) -> None:
     """
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     pixels = axes.get_window_extent().width / max(high - low, 1e-12)
-    for spell in coarsened(lines.timeline.spells, max_labels):
+    for spell in coarsen_spells(lines.timeline.spells, max_labels):
         left = float(lines.at(spell.start_ns))
         right = float(lines.at(max(spell.end_ns, spell.start_ns)))
         axes.axvspan(left, right, color=canvas.CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)

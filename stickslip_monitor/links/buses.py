@@ -141,14 +141,15 @@ def is_loopback(host: str | None) -> bool:
 
 
 def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig:
-    """Validate flat, dotted parameters of the section.
+    """Build the use of buses from flat, dotted parameters of the section.
 
     Args:
         values: Parameter values by full name, e.g. ``{'aft.speed.from': 'signalk'}``.
         config: The monitor's configuration.
 
     Raises:
-        ConfigurationError: A value breaks its rule; the text names parameter, value and rule.
+        ConfigurationError: A parameter is unknown, a value breaks its rule, or no bus is used; the text names
+            parameter, value and rule.
     """
     _refuse_unknown(values, [bearing.name for bearing in config.bearings])
     settings = {p.name: p.checked(p.name, values) for p in LINK_PARAMETERS}

@@ -231,7 +231,7 @@ class Alerts:
     ) -> None:
         self._talker, self._manufacturer = talker, manufacturer
         self._accept_actions = accept_actions
-        names = zip(bearings, short_names(bearings), strict=True)
+        names = zip(bearings, shorten_names(bearings), strict=True)
         self._alerts = {
             (name, kind.value): _Alert(
                 first_alert + number,
@@ -358,7 +358,7 @@ def _order_text(text: str) -> str:
     return text.partition(': ')[2] or text
 
 
-def short_names(bearings: Sequence[str]) -> list[str]:
+def shorten_names(bearings: Sequence[str]) -> list[str]:
     """Shorten the names of bearings to ``_NAME`` upper-case characters, in whole words where these fit.
 
     Names that would be alike end in their position in the list, from 1.

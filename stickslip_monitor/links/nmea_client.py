@@ -160,7 +160,9 @@ class Port:
         return descriptor
 
     async def _open_socket(self) -> int:
-        """Open a socket at the first address of the host that takes one; return its descriptor.
+        """Open a socket, as :meth:`_open_socket_at`, at the first address of the host that takes one.
+
+        Return its descriptor.
 
         Raises:
             OSError: No address takes one.

@@ -36,7 +36,7 @@ _WAITING = (AlarmState.UNACKNOWLEDGED.value, AlarmState.RETURNED.value)
 _KNOWN = (AlarmState.ACKNOWLEDGED.value, AlarmState.LATCHED.value)
 
 
-def camel(name: str) -> str:
+def to_camel_case(name: str) -> str:
     """Return a name as a part of a path: ``aft_stern`` becomes ``aftStern``."""
     head, *rest = name.split('_')
     return head + ''.join(part.capitalize() for part in rest)
@@ -198,7 +198,7 @@ class SignalKValues:
         return [name for name in VALUES if name != 'load' or bearing in self._own_load]
 
     def _path_of(self, bearing: str, name: str) -> str:
-        return f'{self._prefix}.{camel(bearing)}.{name}'
+        return f'{self._prefix}.{to_camel_case(bearing)}.{name}'
 
     def make_update(self, bearing: str, record: Mapping[str, Any] | None) -> Update:
         """Return the update with a bearing's values; null without a record and while inputs are lost.
@@ -268,7 +268,7 @@ class Notifications:
         self._run, self._count = run, 0
 
         def begun(*key: str) -> _Alarm:
-            path = '.'.join(['notifications', prefix, *map(camel, key)])
+            path = '.'.join(['notifications', prefix, *map(to_camel_case, key)])
             token = f'{run}-0'
             return _Alarm(key, path, token, {**NORMAL, 'data': {'occurrence': token}})
 

@@ -54,7 +54,7 @@ class _Unusable(LinkError):
     """The server answers, and waiting does not mend what is wrong."""
 
 
-def ssl_context(ca_file: str) -> ssl.SSLContext:
+def make_ssl_context(ca_file: str) -> ssl.SSLContext:
     """Make the context that checks a server's certificate; there is no way not to.
 
     Raises:
@@ -80,7 +80,7 @@ class SignalKClient(Sink):
     ) -> None:
         self._link, self._inputs, self._side = link, inputs, side
         self._headers = {'Authorization': f'Bearer {token}'} if token else {}
-        self._ssl = ssl_context(link.ca_file)
+        self._ssl = make_ssl_context(link.ca_file)
         self._values = SignalKValues(link.prefix, own_load)
         self._alarms = Notifications(side.bearings, link.prefix, f'{time.time_ns() // 10**6:x}')
         self._records: dict[str, dict[str, Any]] = {}

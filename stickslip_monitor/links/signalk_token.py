@@ -17,7 +17,7 @@ import aiohttp
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.files import MAX_TOKEN_BYTES, read_token
 from stickslip_monitor.links.buses import SignalKLink
-from stickslip_monitor.links.signalk_client import failure_reason, ssl_context
+from stickslip_monitor.links.signalk_client import failure_reason, make_ssl_context
 
 ASK_PERIOD = 2.0
 """Time between two questions whether the request is approved [s]: an officer needs minutes."""
@@ -87,7 +87,7 @@ async def request_token(
     Raises:
         LinkError: The server cannot be asked, or the request is denied.
     """
-    url, context = link.url, ssl_context(link.ca_file)
+    url, context = link.url, make_ssl_context(link.ca_file)
     body = {'clientId': client_id, 'description': 'stickslip_monitor', 'permissions': 'readwrite'}
     try:
         async with aiohttp.ClientSession() as session:
@@ -112,7 +112,8 @@ async def _await_answer(request: Any) -> dict[str, Any]:
     """Await an HTTP request and return the JSON object of its answer.
 
     Raises:
-        aiohttp.ClientError: The answer is an error or not an object.
+        aiohttp.ClientError: The answer is an error or not an object; a connection fails.
+        ValueError: The answer is not JSON.
     """
     async with request as response:
         answer = await response.json(content_type=None)

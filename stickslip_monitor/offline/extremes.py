@@ -201,7 +201,7 @@ def condition_intervals(events: Iterable[Event], start_ns: int, end_ns: int) -> 
     ]
 
 
-def coarsened(parts: Sequence[ConditionInterval], max_count: int) -> list[ConditionInterval]:
+def coarsen_spells(parts: Sequence[ConditionInterval], max_count: int) -> list[ConditionInterval]:
     """Merge spells into at most some number, each with the worst condition in its time.
 
     Args:

@@ -35,7 +35,7 @@ from stickslip_monitor.offline.check import BearingReport, CheckReport
 from stickslip_monitor.offline.extremes import condition_intervals
 from stickslip_monitor.offline.input_report import InputReport
 from stickslip_monitor.report import summary
-from stickslip_monitor.report.summary import Course, Fact, Finding, facts, finding_of, overall
+from stickslip_monitor.report.summary import Course, Fact, Finding, facts, judge_all, judge_bearing
 
 MOST_EVENTS = 400
 _MOST_TOPICS = 100
@@ -115,7 +115,7 @@ def recording_part(document: Mapping[str, Any], checked: CheckReport | None = No
         text = f'this recording could not be checked: {document["error"]}'
         return RecordingPart(anchor, name, document, (Finding('unknown', (text,)),))
     courses = tuple(_course_of(checked, item) for item in checked.bearings.values())
-    findings = tuple(map(finding_of, courses))
+    findings = tuple(map(judge_bearing, courses))
     return RecordingPart(anchor, name, document, findings, courses=courses)
 
 
@@ -286,7 +286,7 @@ def html_page(
     page = environment.get_template('page.html').render(
         parts=whole,
         others=[part for part in parts if not (is_drawn or part.bearings)],
-        finding=overall([(part.name, finding) for part in parts for finding in part.findings]),
+        finding=judge_all([(part.name, finding) for part in parts for finding in part.findings]),
         made=f'{made.astimezone(timezone.utc):%Y-%m-%d %H:%M} UTC',
         version=__version__,
         shown_events=shown_events,

@@ -117,7 +117,7 @@ def place(course: Course, extreme: Extreme) -> str:
     return f'{rpm(speed)} and {load(extreme.point.load)}'
 
 
-def finding_of(course: Course) -> Finding:
+def judge_bearing(course: Course) -> Finding:
     """Return grade and sentences on one bearing: the verdict first, doubts and questions last.
 
     The grade is 'unknown' in place of 'clear' where an input has two sources.
@@ -246,7 +246,7 @@ def _lost_sentences(course: Course) -> str:
     return f'An input was missing for {missing}: there is no verdict for that time.'
 
 
-def overall(parts: Sequence[tuple[str, Finding]]) -> Finding:
+def judge_all(parts: Sequence[tuple[str, Finding]]) -> Finding:
     """Return the verdict over all bearings, naming the first few that are not clear.
 
     ``parts`` has the recording's name and the finding of each bearing, of one at least; the finding of

@@ -53,7 +53,7 @@ Tap = Callable[[str, str, bytes, int], None]
 """Takes topic, type, encoded message and its time [ns]."""
 
 
-def telemetry() -> QoSProfile:
+def make_input_qos() -> QoSProfile:
     """Make a new quality of service of an input: best effort, which matches every sender.
 
     It is for one subscription, as rclpy changes it.
@@ -271,7 +271,7 @@ class Lane:
         self.stamp = stamp_reader(kind)
         self.lost = self.left_out = 0
         self.subscription: Any = None
-        self._class = message_type(kind)
+        self._class = import_message_type(kind)
         self.senders: dict[bytes, Sender] = {}
         self.undecodable = False
         self._came = 0
@@ -284,7 +284,7 @@ class Lane:
             self._class,
             self._topic,
             lambda _: None,
-            telemetry(),
+            make_input_qos(),
             raw=True,
             qos_overriding_options=QoSOverridingOptions(policy_kinds=OVERRIDES),
         )
@@ -372,7 +372,7 @@ class Lane:
             self._excused.discard(name)
 
 
-def message_type(name: str) -> Any:
+def import_message_type(name: str) -> Any:
     """Import the Python class of a message type such as ``std_msgs/msg/Float64``.
 
     Raises:
@@ -396,10 +396,10 @@ def _fields_of_type(name: str) -> dict[str, str]:
         RosError: It is not installed.
     """
     package, message = name.split('/')[0], name.split('/')[-1]
-    return dict(message_type(f'{package}/msg/{message}').get_fields_and_field_types())
+    return dict(import_message_type(f'{package}/msg/{message}').get_fields_and_field_types())
 
 
-def definition(name: str) -> str:
+def write_definition(name: str) -> str:
     """Write the concatenated ``ros2msg`` definition of a type such as ``sensor_msgs/msg/JointState``.
 
     It comes from the Python class, as not every installation has the ``.msg`` files; constants and

@@ -108,7 +108,7 @@ Changed = dict[str, tuple[Any, Any]]
 """Value before and after, by parameter."""
 
 
-def changed_config(
+def build_changed_config(
     node: Node, changes: Iterable[RosParameter[Any]], active: bool
 ) -> tuple[MonitorConfig, bool, Changed]:
     """Build the configuration that a set of changes would make; the node is not changed.
@@ -421,7 +421,7 @@ class MonitorNode(LifecycleNode):
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [change for change in changes if not change.name.startswith('qos_overrides.')]
         try:
-            config, rebuilt, changed = changed_config(self, changes, self._loop is not None)
+            config, rebuilt, changed = build_changed_config(self, changes, self._loop is not None)
             self._check_machine(config)
             if self._configured is not None:
                 take = self._configured.rebuild if rebuilt else self._configured.retune

@@ -30,7 +30,7 @@ from stickslip_monitor.monitor.input_faults import Graph, Publisher
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.session import Sink
 from stickslip_monitor.monitor.signals import Input
-from stickslip_monitor.ros.inputs import ROS_FAULTS, Lane, telemetry
+from stickslip_monitor.ros.inputs import ROS_FAULTS, Lane, make_input_qos
 
 
 def without_log_files(arguments: Sequence[str]) -> list[str]:
@@ -90,13 +90,13 @@ class RosGraph(Graph):
     def _asked_quality(self, name: str) -> QoSProfile:
         """Return the quality of service that the subscription asks for, after overrides.
 
-        Without a subscription it is that of :func:`.inputs.telemetry`.
+        Without a subscription it is that of :func:`.inputs.make_input_qos`.
         """
         node_key = self._node.get_name(), self._node.get_namespace()
         for info in self._node.get_subscriptions_info_by_topic(name):
             if (info.node_name, info.node_namespace) == node_key:
                 return info.qos_profile
-        return telemetry()
+        return make_input_qos()
 
 
 def node_name(info: Any) -> str:
@@ -108,7 +108,7 @@ def node_name(info: Any) -> str:
 
 def _override_clause(topic: str, profile: QoSProfile) -> str:
     """Return the clause on what a subscription asks for by overrides; best effort and volatile match all."""
-    usual = telemetry()
+    usual = make_input_qos()
     clauses = [
         f'qos_overrides.{topic}.subscription.{name} asks for {getattr(profile, name).name.lower()}'
         for name in ('reliability', 'durability')

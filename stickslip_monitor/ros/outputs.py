@@ -35,7 +35,7 @@ from stickslip_monitor.monitor.clip_recorder import ClipMessage, ClipRecorder, C
 from stickslip_monitor.monitor.parameters import BearingConfig, ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.statements import Event, Verdict
-from stickslip_monitor.ros.inputs import definition, message_type
+from stickslip_monitor.ros.inputs import import_message_type, write_definition
 from stickslip_monitor.ros.other_nodes import RosGraph
 from stickslip_monitor.state_file import Background, StateWriter
 
@@ -200,7 +200,9 @@ class Outputs(Sink):
         self._alarms = make(String, '~/alarms', _reliable_qos(ALARMS_KEPT, True), **own_qos)
         self._records = make(String, '~/bearings', _reliable_qos(), **own_qos)
         self._diagnostics = make(DiagnosticArray, '/diagnostics', _reliable_qos(), **own_qos)
-        kinds = {topic: message_type(kind) for topic, kind in output_topics(config.bearings, '~').items()}
+        kinds = {
+            topic: import_message_type(kind) for topic, kind in output_topics(config.bearings, '~').items()
+        }
         self._bearings = {
             bearing.name: [
                 (make(kinds[topic], topic, _reliable_qos()), kinds[topic](), partial(verdict_value, name))
@@ -317,7 +319,7 @@ class Clips(ClipRecorder):
     def tap(self, topic: str, kind: str, data: bytes, time_ns: int) -> None:
         """Record an encoded message of a type, with its time on the clock of the samples [ns]."""
         if kind not in self._known:
-            self._known[kind] = definition(kind)
+            self._known[kind] = write_definition(kind)
         self.add(ClipMessage(time_ns, topic, kind, data))
 
     def close(self, patience: float = 10.0) -> None:

@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.ros.inputs import ROS_FAULTS, message_type
+from stickslip_monitor.ros.inputs import ROS_FAULTS, import_message_type
 from stickslip_monitor.ros.other_nodes import without_log_files
 
 CLOCK_PERIOD = 0.02
@@ -48,7 +48,7 @@ class Player:
                 self.skipped[topic] = 'the player publishes a clock of its own'
                 continue
             try:
-                self._publishers[topic] = self.node.create_publisher(message_type(kind), topic, _QOS)
+                self._publishers[topic] = self.node.create_publisher(import_message_type(kind), topic, _QOS)
             except (RosError, *ROS_FAULTS) as error:
                 self.skipped[topic] = ' '.join(str(error).split())
 

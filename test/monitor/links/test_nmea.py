@@ -23,7 +23,7 @@ from stickslip_monitor.links.nmea import (
     clean,
     parse,
     sentence,
-    short_names,
+    shorten_names,
 )
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
@@ -154,9 +154,9 @@ def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
 
 
 def test_titles_tell_bearings_apart() -> None:
-    assert short_names(['aft_stern']) == ['AFT']
-    assert short_names(['aft_stern', 'aft_steering', 'fwd']) == ['AFT 1', 'AFT 2', 'FWD']
-    assert short_names(['starboard', 'starship']) == ['STARB', 'STARS']
+    assert shorten_names(['aft_stern']) == ['AFT']
+    assert shorten_names(['aft_stern', 'aft_steering', 'fwd']) == ['AFT 1', 'AFT 2', 'FWD']
+    assert shorten_names(['starboard', 'starship']) == ['STARB', 'STARS']
     alerts = Alerts(['aft_stern', 'aft_steering'], 'II', '', 10001, False)
     titles = {a.title for a in alerts._alerts.values()}
     assert len(titles) == 2 * len(AlarmKind)

@@ -302,7 +302,7 @@ async def test_a_certificate_must_fit(server: SmallServer, certificate: Path, tm
     for text in ('', 'no certificate'):
         (tmp_path / 'ca.pem').write_text(text)
         with pytest.raises(LinkError, match=r"ca_file = '.*ca\.pem' has no certificate"):
-            signalk_client.ssl_context(str(tmp_path / 'ca.pem'))
+            signalk_client.make_ssl_context(str(tmp_path / 'ca.pem'))
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.extremes import (
     ConditionInterval,
     Extremes,
-    coarsened,
+    coarsen_spells,
     condition_intervals,
     join_spells,
 )
@@ -65,7 +65,7 @@ def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
         ConditionInterval(500 * NS, 500 * NS + 10**6, STICK),
         ConditionInterval(500 * NS + 10**6, 501 * NS, NORMAL),
     ]
-    found = coarsened([*parts[:500], *brief, *parts[501:]], 100)
+    found = coarsen_spells([*parts[:500], *brief, *parts[501:]], 100)
     assert [spell.condition for spell in found] == [CAUTION, STICK, CAUTION]
     assert (found[0].start_ns, found[-1].end_ns) == (0, 1000 * NS)
     assert found[1].start_ns <= 500 * NS < found[1].end_ns

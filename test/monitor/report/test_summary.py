@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.extremes import ConditionInterval
 from stickslip_monitor.physics.probability import Belief, Tolerance
 from stickslip_monitor.report import summary
-from stickslip_monitor.report.summary import Course, Finding, facts, finding_of, overall
+from stickslip_monitor.report.summary import Course, Finding, facts, judge_all, judge_bearing
 
 Make = Callable[..., Course]
 
@@ -33,7 +33,7 @@ def sentences_of(finding: Finding) -> str:
 
 
 def test_clear(course: Make) -> None:
-    finding = finding_of(course([60.0] * 30))
+    finding = judge_bearing(course([60.0] * 30))
     assert finding.grade == 'clear'
     assert finding.sentences[0] == (
         'aft_stern: no stick-slip was predicted, and the bearing kept clear of it.'
@@ -54,7 +54,7 @@ def condition_spells(*parts: tuple[int, Condition]) -> list[ConditionInterval]:
 def test_stick_slip_comes_first(course: Make) -> None:
     in_and_out = condition_spells((13, Condition.NORMAL), (28, Condition.STICK_SLIP), (40, Condition.NORMAL))
     own = course([60.0] * 10 + [20.0] * 10 + [60.0] * 20)
-    finding = finding_of(replace(own, spells=in_and_out))
+    finding = judge_bearing(replace(own, spells=in_and_out))
     assert finding.grade == 'alarm'
     assert finding.sentences[0].replace('\N{NO-BREAK SPACE}', ' ') == (
         'aft_stern: stick-slip was predicted for 15 s, from 06:00:13 to 06:00:28 UTC on 2026-05-04.'
@@ -62,44 +62,44 @@ def test_stick_slip_comes_first(course: Make) -> None:
     # At 20 rpm first-order KBM has 0.52688 mm and the exact cycle 0.556755 mm.
     assert 'amplitude was 0.557 mm, at 20.0 rpm and 1 kN, below the limit' in sentences_of(finding)
     twice = [*in_and_out, *condition_spells((50, Condition.NORMAL), (77, Condition.STICK_SLIP))[1:]]
-    text = sentences_of(finding_of(replace(own, spells=twice)))
+    text = sentences_of(judge_bearing(replace(own, spells=twice)))
     assert 'stick-slip was predicted for 42 s in 2 spells, between 06:00:13 and' in text
 
 
 def test_close(course: Make) -> None:
     calm = course([60.0] * 40)
     near = condition_spells((12, Condition.NORMAL), (25, Condition.CAUTION), (40, Condition.NORMAL))
-    finding = finding_of(replace(calm, spells=near))
+    finding = judge_bearing(replace(calm, spells=near))
     assert finding.grade == 'warning'
     assert 'no stick-slip was predicted, but the bearing was within the caution margin' in sentences_of(
         finding
     )
     assert 'a disturbance' not in sentences_of(finding)
     inside = condition_spells((12, Condition.NORMAL), (24, Condition.BISTABLE), (40, Condition.NORMAL))
-    text = sentences_of(finding_of(replace(calm, spells=inside)))
+    text = sentences_of(judge_bearing(replace(calm, spells=inside)))
     assert 'for 12 s where a disturbance could have started it' in text
 
 
 def test_a_wrong_source_is_no_clear_verdict(course: Make) -> None:
     calm = course([60.0] * 30)
     doubted = replace(calm, sources=['speed on /a: two'], questions=['load on /b is it?'])
-    finding = finding_of(doubted)
+    finding = judge_bearing(doubted)
     assert (finding.grade, finding.word) == ('unknown', 'No verdict')
     assert finding.sentences[-2:] == ('In doubt: speed on /a: two.', 'Load on /b is it?')
-    assert finding_of(replace(doubted, sources=())).grade == 'clear'
-    assert finding_of(replace(course([20.0] * 30), sources=['a'])).grade == 'alarm'
+    assert judge_bearing(replace(doubted, sources=())).grade == 'clear'
+    assert judge_bearing(replace(course([20.0] * 30), sources=['a'])).grade == 'alarm'
 
 
 def test_lost_time_is_said_and_is_no_clear_verdict(course: Make) -> None:
     # The last samples at second 29 count for 5 s, so from 34 on an input is lost.
-    some = finding_of(course([60.0] * 30, seconds=40))
+    some = judge_bearing(course([60.0] * 30, seconds=40))
     assert some.grade == 'warning'
     assert 'An input was missing for 6.0 s (15 % of the time)' in sentences_of(some)
-    assert finding_of(course([60.0] * 30, seconds=300)).grade == 'unknown'
+    assert judge_bearing(course([60.0] * 30, seconds=300)).grade == 'unknown'
 
 
 def test_nothing_usable(course: Make) -> None:
-    finding = finding_of(course([], seconds=60))
+    finding = judge_bearing(course([], seconds=60))
     assert (finding.grade, finding.word) == ('unknown', 'No verdict')
     assert 'no verdict' in sentences_of(finding)
 
@@ -115,7 +115,7 @@ def test_nothing_usable(course: Make) -> None:
 )
 def test_the_worst_counts_overall(grades: list[str], grade: str, text: str) -> None:
     parts = [(f'bag{i}', Finding(g, (f'aft: {g}.',))) for i, g in enumerate(grades)]
-    finding = overall(parts)
+    finding = judge_all(parts)
     assert finding.grade == grade
     assert text in finding.sentences[0]
     assert len(finding.sentences) == 1 + sum(g != 'clear' for g in grades)

@@ -189,14 +189,14 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import JointState
 
-    from stickslip_monitor.ros.inputs import definition
+    from stickslip_monitor.ros.inputs import write_definition
 
     # On the player's clock: a stamp counts where it is at most a second older than its arrival.
     monitor = start(kit.node_parameters(kit.STAMPED, DELAYS), '-p', 'use_sim_time:=true')
     path = tmp_path / 'bag'
     with BagWriter(path) as writer:
         topic = monitor.input('shaft')
-        writer.add_topic(topic, kit.JOINT, definition(kit.JOINT))
+        writer.add_topic(topic, kit.JOINT, write_definition(kit.JOINT))
         for time, rpm, load in zip(*coast_down(40.0, 10.0), strict=True):
             message = JointState(velocity=[rpm], effort=[load])
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(int(time), 10**9)
