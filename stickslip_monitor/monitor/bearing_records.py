@@ -200,7 +200,8 @@ def bearings_json(states: Iterable[BearingState], time_ns: int) -> str:
 def bearing_record(state: BearingState) -> dict[str, Any]:
     """Return the record of a bearing as in docs/interfaces.md, which page, metrics and buses read.
 
-    Numbers are ``None`` without an operating point, while the bearing is not watched, or where not finite.
+    Numbers of the operating point are ``None`` without one, while the bearing is not watched, or where not
+    finite.
     """
     bearing, point, monitoring = state.bearing, state.point, state.monitoring
     time_ns, lost = bearing.now_ns or 0, bearing.lost()

@@ -139,7 +139,8 @@ def _replace_law(bearing: Bearing, values: Mapping[str, Any]) -> Bearing:
     """Return a bearing with damping and friction law of a calibration, by parameter name.
 
     Raises:
-        ConfigurationError: A parameter is missing or breaks its rule.
+        ConfigurationError: Damping or the law is missing, or a parameter breaks its rule.
+        TypeError: A parameter of the law is missing.
         PhysicsError: The law or the bearing refuses the values.
     """
     every = (*parameters.LINING_PARAMETERS, *parameters.FRICTION_PARAMETERS)

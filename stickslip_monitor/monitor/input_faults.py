@@ -229,7 +229,10 @@ def _may_jump(values: FloatArray) -> BoolArray:
 
 
 def mixed_sentence(config: BearingConfig, standing: Iterable[SourceFault | None]) -> str:
-    """Write the sentence on a speed or load that is a mix of two levels; empty for none."""
+    """Return the sentence on a speed or load that is a mix of two levels; '' where neither is.
+
+    ``standing`` are the faults of the sources of speed and load, in this order; the first mix is named.
+    """
     for quantity, fault in zip(QUANTITIES, standing, strict=False):
         if fault is not None and fault.is_mixed:
             return f'On {config.inputs[quantity].topic}, {fault_text(fault, config.inputs[quantity])}.'

@@ -57,7 +57,7 @@ def _declare_part(
         unit: Its unit.
         meaning: What it is, for the docs.
         size: How many numbers.
-        start_at: Another value at the start.
+        start_at: A value in place of ``start``; ``None`` for none.
     """
     start = start if start_at is None else start_at
     facts = {'meaning': meaning, 'unit': unit, 'size': size, 'range': (minimum, maximum)}

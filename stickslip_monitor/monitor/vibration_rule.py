@@ -60,7 +60,8 @@ def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
 def count_level(s: State, high: bool, low: bool, step: int) -> None:
     """Add up the net time of a level above or below its thresholds, and set ``s.vibrating`` after 3 s.
 
-    A vibration that ends within 15 s makes the next ten minutes doubtful.
+    A vibration that ends within 15 s makes the next ten minutes doubtful. Changes ``s.level_count`` and
+    ``s.doubt``, too, and sets ``s.high_for`` to 0 where the level is quiet.
 
     Args:
         s: The memory.
