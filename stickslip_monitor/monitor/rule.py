@@ -501,7 +501,6 @@ def comes(s: State, c: RuleNumbers, speed: float, ends: tuple[float, float]) -> 
     future = speed + slope * c.look_ahead
     future = future if speed > 0.0 else -future
     lower, limit = ends
-    # From above it leads through the range, from below into it.
     return limit > 0.0 and max(future, abs(speed)) >= lower and future < limit
 
 

@@ -177,8 +177,6 @@ _AFRESH = (
     *('stamp', 'came', 'now', 'began', 'vibrating', 'level_count'),
 )
 """What begins afresh after 0.2.0, which did not have it or meant something else by it."""
-
-
 _OF_WATER = 'water', 'viscosity_ratio'
 _EVERY_INPUT = 'stamp', 'came', 'gap', 'pace'
 """What has one number for each input, and up to 0.3.0 none for the temperature of the water."""
