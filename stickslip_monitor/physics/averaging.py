@@ -190,7 +190,10 @@ def stable_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> F
 
 
 def threshold_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:
-    """Amplitude of the smallest unstable cycle [m] of bistable points, each shape (n,)."""
+    """Return the amplitude of the smallest unstable cycle [m] of bistable points, each shape (n,).
+
+    At other points it is unspecified.
+    """
     law = bearing.friction
     velocity: FloatArray = averaged(law).threshold_amplitude(law, speed, bearing.damping, load)
     return velocity / bearing.natural_frequency

@@ -247,6 +247,10 @@ def integrate(
         compiled: Whether numba compiles the inner loops; by default, where it is installed. The
             results are the same.
 
+    Returns:
+        The motion. Where it could not be followed to the end, its ``outcome`` says why, and it has the
+        samples up to there.
+
     Raises:
         PhysicsError: Sample times or accuracy break their rule, or numba was asked for and is missing.
     """
