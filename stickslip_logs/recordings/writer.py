@@ -120,10 +120,11 @@ class BagWriter:
         Args:
             name: Its name.
             type: Its message type, e.g. ``std_msgs/msg/Float64``.
-            definition: The concatenated ``ros2msg`` definition of a type that is not built in.
+            definition: The concatenated ``ros2msg`` definition of a type that is not built in; of a type that
+                another topic has the first one counts.
 
         Raises:
-            BagError: The topic was added already, or the type needs a definition.
+            BagError: The topic was added already, the type needs a definition, or the disk does not take it.
         """
         if name in self._topics:
             raise BagError(f"topic '{name}' was added to bag '{self.path}' already")

@@ -31,7 +31,7 @@ def find_clocks(path: Path, table: TableColumns) -> tuple[Clock, ...]:
         table: The columns.
 
     Raises:
-        BagError: No column is a time.
+        BagError: As for :func:`.time_columns.find_clock`.
     """
     main = find_clock(path, table)
     return share_columns(table, main, [*_other_clocks(table, main)])

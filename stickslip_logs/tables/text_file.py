@@ -68,7 +68,12 @@ class _ZstdFile(io.RawIOBase):
         super().close()
 
     def readinto(self, buffer: Any) -> int:
-        """Fill a buffer, perhaps not all of it; return the number of bytes, 0 at the end of the file."""
+        """Fill a buffer, perhaps not all of it; return the number of bytes, 0 at the end of the file.
+
+        Raises:
+            EOFError: The file ends inside a frame.
+            zstandard.ZstdError: It is damaged.
+        """
         while not self._unpacked:
             self._packed = self._packed or self._file.read(_FEED)
             if not self._packed:
