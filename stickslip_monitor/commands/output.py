@@ -110,7 +110,7 @@ def _read_with(path: str) -> Iterator[Path]:
 
 
 def _find_texts(document: Any) -> Iterator[str]:
-    """Yield all texts in a document that could be names of files."""
+    """Yield all texts in a document of mappings and lists, at any depth, that could be names of files."""
     if isinstance(document, Mapping | list):
         for value in document.values() if isinstance(document, Mapping) else document:
             yield from _find_texts(value)

@@ -135,7 +135,7 @@ def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]
 
 
 def _name_inputs(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
-    """Return the configuration with the bus labels of inputs as their topics.
+    """Return the configuration with the labels of inputs on their bus as topics, for texts to people.
 
     Raises:
         ConfigurationError: An input has no bus, or a level is configured.

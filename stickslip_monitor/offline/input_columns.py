@@ -240,7 +240,10 @@ class ColumnBinding:
     def _bind_column(
         self, bearing: BearingConfig, quantity: str, source: InputConfig, column: LogColumn
     ) -> InputConfig:
-        """Return an input as read from a column; add to ``columns``, ``remarks`` and ``questions``."""
+        """Return an input as read from a column; add to ``columns``, ``remarks`` and ``questions``.
+
+        Topic, type, field and timeout are replaced by those that hold for the log.
+        """
         unit = _unit_of_column(column, quantity)
         unit = unit if unit in _units_of(quantity, source) else None
         # Over a bus comes what the sensor sent, and a scale beside a named column is meant.

@@ -140,7 +140,7 @@ def input_topics(bag: Recording, config: MonitorConfig) -> list[str]:
 
 
 def columns_of(messages: Iterator[Message]) -> Iterator[MessageColumn]:
-    """Read all messages of an iterator, and yield them grouped by topic and type."""
+    """Read all messages of an iterator, and yield a column for each topic and type; none without any."""
     columns: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
     for message in messages:
         rows = columns.setdefault((message.topic, message.type), [])

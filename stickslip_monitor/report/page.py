@@ -191,7 +191,7 @@ def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool)
 
 
 def _map_picture(part: BearingPart, course: Course) -> Picture:
-    """Draw the stability map of a bearing, wide and narrow."""
+    """Return the picture of the stability map of a bearing with its track, drawn wide and narrow."""
     text = (
         f'Stability map of {course.name} over shaft speed and bearing load, with the recorded'
         f' operating points on it. {part.finding.sentences[0]}'
@@ -204,7 +204,7 @@ def _map_picture(part: BearingPart, course: Course) -> Picture:
 
 
 def _timeline_picture(part: BearingPart, course: Course) -> Picture:
-    """Draw the course of a bearing over time, wide and narrow."""
+    """Return the picture of the course of a bearing over time, drawn wide and narrow."""
     timeline, events = Timeline(course.config, course.scan, course.spells), course.item.events
     text = (
         f'Shaft speed between its stability boundaries, bearing load, margins, predicted'
