@@ -40,7 +40,7 @@ MAX_LETTERS = 20
 _SHARED_TIMES = 1.5
 
 
-class TableColumns(Recording):
+class ColumnRecording(Recording):
     """A table as the recording that it stands for, without the way to its numbers.
 
     Its topics are its columns, or the names in a table of one value a line, until it is told which of them

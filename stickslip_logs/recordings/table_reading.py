@@ -18,7 +18,7 @@ from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.recordings.columns import LogColumn, SourceColumn
 from stickslip_logs.recordings.recording import Fault, Progress, Request, Scratch, Series, listed
-from stickslip_logs.recordings.table_columns import MAX_LETTERS, TableColumns
+from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
 from stickslip_logs.senders import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.dialect import with_unit
@@ -104,7 +104,7 @@ class TableReading:
 
     def __init__(
         self,
-        recording: TableColumns,
+        recording: ColumnRecording,
         requests: Sequence[Request],
         columns: Mapping[str, SourceColumn],
         progress: Progress | None,

@@ -14,12 +14,12 @@ import numpy as np
 from stickslip_logs.errors import BagError
 from stickslip_logs.recordings.columns import FLOAT64, SourceColumn
 from stickslip_logs.recordings.recording import Message, Progress, Request, TimeSpans, missing_topic
-from stickslip_logs.recordings.table_columns import TableColumns
+from stickslip_logs.recordings.table_columns import ColumnRecording
 from stickslip_logs.recordings.table_reading import TableReading
 from stickslip_logs.recordings.writer import encode_float64s
 
 
-class TableRecording(TableColumns):
+class TableRecording(ColumnRecording):
     """A table as the recording that it stands for."""
 
     def definition(self, topic: str) -> str:
