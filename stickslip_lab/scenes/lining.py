@@ -401,6 +401,8 @@ class Lining:
     def _extend_grid(self, end: float) -> FloatArray:
         """Extend the grid of the drive to ``end`` [s]; its last node is stored and begins the next one.
 
+        The random stream of the load advances.
+
         Returns:
             Time, speed and load from the last end to this one, with a node at each knock, shape (3, n).
         """

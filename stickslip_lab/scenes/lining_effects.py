@@ -355,7 +355,10 @@ class FollowedLining:
         return np.round(half_peak_to_peak(motion[0], motion[1], step), _PLACES)
 
     def apply(self, block: TimeBlock) -> None:
-        """Follow the lining through a block, and add to it all that is due.
+        """Follow the lining through a block; append its sticks and events by then to the block's truth.
+
+        Whoever asked for samples gets those by then; the last block gets all that is left, and an event
+        ``end``.
 
         Raises:
             SceneError: The integrator gave up.
@@ -374,7 +377,13 @@ class FollowedLining:
             take(block, *samples.due(due))
 
     def _follow_until(self, end: float) -> None:
-        """Follow the lining to ``end`` [s]; store samples, sticks and events until they are due."""
+        """Follow the lining to ``end`` [s]; store samples, sticks and events until they are due.
+
+        ``end`` is one that :meth:`.Lining.next_end` returned.
+
+        Raises:
+            SceneError: The integrator gave up.
+        """
         requested = [samples.until(end) for samples, _ in self._asked]
         times = np.unique(np.concatenate([np.empty(0), *requested]))
         motion, changes = self.lining.follow(end, times)

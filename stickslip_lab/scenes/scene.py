@@ -211,7 +211,8 @@ def _join_effects(settings: Settings, sensors: Settings | None) -> tuple[Setting
         sensors: The sensors file; None without one.
 
     Raises:
-        SceneError: The sensors file lists an effect that is not one of the sensors.
+        SceneError: The scene has no ``effects``, one of the lists breaks a rule of :func:`read_effects`, or
+            the sensors file lists an effect that is not one of the sensors.
     """
     own_effects = read_effects(settings.value('effects', 'the list of what happens'))
     if sensors is None or 'effects' not in sensors:
@@ -351,7 +352,7 @@ def _check_range(channel: Channel, time: FloatArray, value: FloatArray) -> None:
         value: Values in the units of :meth:`.Channel.factor`, of either sign, shape (n,); ``nan`` passes.
     """
     for bearing in channel.bearings:
-        size = np.abs(value) * channel.ratio(bearing.name)
+        size = np.abs(value) * channel.speed_ratio(bearing.name)
         maximum = bearing.inputs[channel.quantity].maximum
         beyond = np.flatnonzero(size > maximum)
         if beyond.size:

@@ -68,7 +68,7 @@ def low_pass(time_constant: float, step: float, value: float) -> Term:
     state = np.array([lag * value])
 
     def following(values: FloatArray) -> FloatArray:
-        """Return the next values filtered, of their shape (n,)."""
+        """Return the next values filtered, of their shape (n,); keep the filter's state for the next call."""
         nonlocal state
         filtered, state = lfilter(forward, back, values, zi=state)
         return np.asarray(filtered, float)
@@ -104,7 +104,10 @@ def moving_mean(window: float, step: float, value: float) -> Term:
     last = value
 
     def following(values: FloatArray) -> FloatArray:
-        """Return the means up to each of the next values, of their shape (n,), n >= 1."""
+        """Return the mean over the window up to each of the next values, of their shape (n,), n >= 1.
+
+        The running integral and the last value are kept for the next call.
+        """
         nonlocal integral, last
         pieces = 0.5 * (values + np.concatenate([[last], values[:-1]]))
         # One running sum through all blocks: their length does not change its rounding.

@@ -83,7 +83,9 @@ class SceneRun:
         self._claimed.add((owner, place))
 
     def pick(self, settings: Settings, quantity: str) -> Iterator[Channel]:
-        """Yield the channels of a quantity that serve an effect's ``bearing``, else all; claim each.
+        """Yield the channels of a quantity that serve an effect's ``bearing``, else all.
+
+        Each is claimed when it is yielded.
 
         Raises:
             SceneError: A channel is claimed twice by one effect, or the scene has no such bearing.

@@ -152,8 +152,11 @@ class Channel:
             )
         return self.bearings[0].bearing.speed.factor(unit)
 
-    def ratio(self, bearing: str) -> float:
-        """Return a bearing's speed for one of the channel's: journals may differ; 1 of other quantities."""
+    def speed_ratio(self, bearing: str) -> float:
+        """Return a bearing's surface speed over that of the channel's first bearing; 1 for no speed.
+
+        Journals on one shaft may differ in diameter.
+        """
         if self.quantity != 'speed':
             return 1.0
         diameter = {b.name: b.bearing.journal_diameter for b in self.bearings}
@@ -345,7 +348,7 @@ class Shaft:
             KeyError: The scene has no speed of it.
         """
         channel = self.channel(bearing, 'speed')
-        return self.value(channel.topic, time) * channel.ratio(bearing)
+        return self.value(channel.topic, time) * channel.speed_ratio(bearing)
 
     def load(self, bearing: str, time: FloatArray) -> FloatArray:
         """Return the load of a bearing at times [s], of their shape (n,) [N].
