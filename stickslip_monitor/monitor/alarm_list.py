@@ -61,7 +61,7 @@ class Flood:
         self._flooding = False
 
     def add(self, now_ns: int) -> None:
-        """Count an alarm that is raised now; more than ten within ten minutes begin a flood."""
+        """Count an alarm raised at a running time [ns]; more than ten within ten minutes begin a flood."""
         self._count_recent(now_ns)
         self._times.append(now_ns)
         self._flooding |= len(self._times) > FLOOD_ABOVE
@@ -115,8 +115,12 @@ class LiveAlarm:
     def record_cause(self, now_ns: int, time_ns: int) -> None:
         """Record that the cause has come now, also while the alarm is active.
 
-        Within ten minutes of the last time it counts as coming back; otherwise the first time, its text and
-        ``came_back`` start anew.
+        Within ten minutes of the last time it counts in ``came_back``; otherwise that, the first time and its
+        text start anew.
+
+        Args:
+            now_ns: The running time [ns].
+            time_ns: The stamp [ns].
         """
         if self.came_ns is None or now_ns - self.came_ns > WINDOW_NS:
             self.came_back, self.first_ns, self.first_text = 0, time_ns, self.text

@@ -165,7 +165,10 @@ class Causes:
         )
 
     def recall(self, kinds: Set[AlarmKind], now_ns: int) -> None:
-        """Let some causes and those recalled before, count as present for the on- and off-delay from now."""
+        """Let some causes, and those recalled before, count as present from a running time [ns] on.
+
+        That lasts for the on-delay and the off-delay together.
+        """
         alarm = self.config.alarm
         self.recalled = self.recalled | kinds
         self._recalled_until = now_ns + alarm.on_delay_ns + alarm.off_delay_ns
@@ -228,7 +231,10 @@ class Causes:
         self._acknowledged_ns, self.is_acknowledged = self._longest_ns, is_active
 
     def advance(self, now_ns: int) -> None:
-        """Let time pass without a sample, by which lost inputs, held causes, faults and rest may end."""
+        """Let the running time pass to ``now_ns`` [ns] without a sample.
+
+        Lost inputs, held causes, faults and rest may end by it.
+        """
         if now_ns >= self._lost_until:
             self._lost_until = 0
         if self._recalled_until is not None and now_ns >= self._recalled_until:

@@ -140,7 +140,10 @@ class _Assessed(Generic[_Number]):
             return restore(in_blocks(lambda *parts: (function(*parts),), *flat)[0], shape)
 
     def _margin_to(self, boundary: _Number) -> _Number:
-        """Return the margin to a boundary [-]; ``nan`` where the point is not finite."""
+        """Return :func:`margin` ``|V|/V_b - 1`` of the points to a boundary ``V_b`` [m/s].
+
+        ``nan`` where a point is not finite.
+        """
 
         def known(speed: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
             return np.where(code == NOT_FINITE, np.nan, margin(np.abs(speed), limit))
@@ -273,6 +276,7 @@ class _Assessed(Generic[_Number]):
 
     @cached_property
     def _fold_margins(self) -> tuple[_Number, _Number]:
+        """The 5 % and the 95 % quantile of the margin to the fold that decides; ``nan`` without a belief."""
         if self.belief is None:
             return (self.speed * np.nan,) * 2
         _, speed, load = self._reference

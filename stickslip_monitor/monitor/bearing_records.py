@@ -368,7 +368,7 @@ class NodeHealth:
 
     @property
     def losses(self) -> str:
-        """Samples and outputs lost, with the cause; empty where none was."""
+        """How many messages to the node were lost, and how many left out; '' where none was."""
         parts = (
             f'{plural(self.lost, "message")} lost on the way to the node' if self.lost else '',
             f'{plural(self.left_out, "message")} left out while the node was too busy'
@@ -379,7 +379,7 @@ class NodeHealth:
 
     @property
     def message(self) -> str:
-        """Text for a person, the worst first."""
+        """Sentences for a person on what is wrong, the worst first; ``Monitoring.`` where nothing is."""
         failures = f'{plural(self.failures, "callback")} failed, last {self.last_failure}'
         sentences = [
             failures if self.failing else '',

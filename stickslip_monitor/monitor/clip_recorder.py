@@ -58,7 +58,7 @@ class ClipStore(Protocol):
 
 
 def begins_clip(event: Event) -> bool:
-    """Return whether a change of the alarm begins a clip."""
+    """Return whether an event begins a clip: matters got worse, to a condition of severity ERROR."""
     return event.raised and event.after.severity is Severity.ERROR
 
 
@@ -83,9 +83,10 @@ class ClipRecorder:
         self._done: list[Clip] = []
 
     def add(self, message: ClipMessage) -> None:
-        """Take a message and its time, also into the clip that is being taken, which ends when it is full.
+        """Let time pass to that of a message, as :meth:`advance`; store it, also in the clip being taken.
 
-        Older messages are dropped as far as clips reach back and half a clip's size holds.
+        A clip that is full by it ends; :meth:`clips` returns it. Messages older than a clip reaches back,
+        or beyond half of its size, are dropped.
         """
         self.advance(message.time_ns)
         self._past.append(message)
@@ -98,7 +99,10 @@ class ClipRecorder:
                 self.finish()
 
     def note(self, event: Event) -> None:
-        """Begin a clip with an alarm, or lengthen the one that is being taken; other events do nothing."""
+        """Begin a clip by an event of :func:`begins_clip`, or lengthen the one that is being taken.
+
+        A new clip begins with the messages stored so far. Other events do nothing.
+        """
         if not begins_clip(event):
             return
         self._end_ns = event.time_ns + self.config.around_ns

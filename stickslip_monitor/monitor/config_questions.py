@@ -43,9 +43,9 @@ BREAKAWAY = 0.5
 
 
 def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
-    """Return the questions about a bearing at a load [N]: clauses under ``speed`` and ``load``, or none.
+    """Return the questions about a bearing at a load [N]: clauses under ``speed`` and under ``load``.
 
-    At a load of 0 or below only what needs no load is asked.
+    A list is empty where there is none. At a load of 0 or below only what needs no load is asked.
     """
     return {
         'speed': [*_average_questions(config.speed), *_speed_questions(config, load)],
@@ -156,7 +156,7 @@ def _friction_questions(config: BearingConfig, load: float) -> Iterator[str]:
             f'has a law that begins with {law.values[0]:g}, far below its next value'
             f' {law.values[1]:g}: is the first of friction.coefficient a measured breakaway?'
         )
-    yield from end_of_table(config.bearing, load)
+    yield from table_end_questions(config.bearing, load)
     at_rest = float(np.asarray(law.coefficient(np.zeros(1)))[0])
     sliding = float(np.min(np.asarray(law.coefficient(np.linspace(1e-3, 2.0, 200)))))
     if load > 0.0 and at_rest <= sliding and fold_of(config, FACTOR * load) == math.inf:
@@ -166,8 +166,8 @@ def _friction_questions(config: BearingConfig, load: float) -> Iterator[str]:
         )
 
 
-def end_of_table(bearing: Bearing, load: float) -> Iterator[str]:
-    """Yield a clause where the verdict at a load [N] rests on speeds at which friction was not measured.
+def table_end_questions(bearing: Bearing, load: float) -> Iterator[str]:
+    """Yield at most one clause: a verdict at a load [N] rests on speeds at which friction was not measured.
 
     Nothing is yielded of a law that is no table, nor at a load of 0 or below.
     """

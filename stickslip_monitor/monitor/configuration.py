@@ -558,7 +558,7 @@ class _Section:
 
         Raises:
             ConfigurationError: It or its threshold is invalid, or it is read from the field of another of the
-                ``sources``.
+                ``sources``, or from the topic of one as another message type.
         """
         if not self._is_measured('level', 'the measured vibration'):
             return None

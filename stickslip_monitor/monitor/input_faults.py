@@ -169,7 +169,10 @@ class SourceWatch:
         return True
 
     def standing(self, now_ns: int) -> SourceFault | None:
-        """Return the fault at a time [ns], else ``None``; a minute without evidence clears it."""
+        """Return the fault that stands, else ``None``; a minute without evidence has cleared it.
+
+        ``now_ns`` is on the clock of the arrivals that :meth:`see` takes.
+        """
         if now_ns - self._last_ns > HOLD_NS:
             self._weaken_evidence(self._count)
         return self._fault
@@ -476,21 +479,21 @@ class InputWatch:
     def take(
         self, bearing: str, place: int, value: float, now_ns: int, behind_ns: int, *, valid: bool
     ) -> SourceFault | None:
-        """Take a sample that came at a time of the steady clock, valid or not.
+        """Take a sample: a valid one stores its times, an invalid one nothing.
 
-        Remembers its times and, of a valid speed or load of a sensor, the value for
-        the checks of :mod:`.input_fitness`.
+        A valid speed or load of a sensor is taken by the watch of its source; the value is also kept for the
+        checks of :mod:`.input_fitness`, unless the source sends changes only.
 
         Args:
             bearing: Name of the bearing.
             place: Index of the input.
             value: The number in the message, in the unit of the input.
-            now_ns: Steady clock [ns].
+            now_ns: When it came, on the steady clock [ns].
             behind_ns: How far its stamp was behind its arrival [ns].
             valid: Whether the rule accepts it.
 
         Returns:
-            The fault of its source that stands; ``None`` for none.
+            The fault of its source that stands, as :meth:`SourceWatch.standing`; ``None`` for none.
         """
         track, live = self._tracks[bearing][place], self._bearings[bearing].settings.live
         if valid:

@@ -54,7 +54,10 @@ class _Changes:
     clause: str = ''
 
     def take(self, time_ns: IntArray, value: FloatArray) -> None:
-        """Take values at rising times [ns], shape (n,), n > 0; set ``clause`` by each dozen of new ones."""
+        """Take values at rising times [ns], shape (n,), n > 0; a value like the one before is not new.
+
+        Each dozen of new values sets ``clause``, on how slowly they come, leaves it, or clears it to ''.
+        """
         is_new = np.empty(value.size, np.bool_)
         np.not_equal(value[1:], value[:-1], out=is_new[1:])
         is_new[0] = not (self.value.size and value[0] == self.value[-1])

@@ -135,7 +135,7 @@ class State:
     viscosity_ratio: float = _number('', 'its viscosity over that at the measurement', start_at=1.0)
 
     def copy(self) -> State:
-        """Copy the memory."""
+        """Return a copy of the memory, which shares no list with it."""
         duplicate = State.__new__(State)
         for name in _NAMES:
             part = getattr(self, name)

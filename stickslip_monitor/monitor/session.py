@@ -298,7 +298,10 @@ class Session:
         self.note('node', text)
 
     def advance(self, name: str, time_ns: int, now: Moment) -> None:
-        """Let time pass for a bearing without a sample, up to a time [ns]; publish and save what follows."""
+        """Let time pass for a bearing without a sample, up to a time [ns]; publish and save what follows.
+
+        Values that still stand and are due are repeated, and a step of the clock is followed.
+        """
         self.follow(now)
         events = self._explain_events(self.monitor.bearings[name].advance(time_ns), now)
         self._publish_events(events)
@@ -377,7 +380,7 @@ class Session:
         self._sink.take_states(self.states(self.monitor.bearings, now), whole=True)
 
     def flush(self, now: Moment) -> None:
-        """Publish the state of each bearing that had an event since it was published last."""
+        """Publish the state of each bearing with an event since the last time, if any; forget which."""
         if self._changed:
             states = self.states(sorted(self._changed), now)
             self._changed.clear()

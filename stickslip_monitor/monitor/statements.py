@@ -261,7 +261,10 @@ class Event:
 
     @property
     def raised(self) -> bool:
-        """Whether matters got worse."""
+        """Whether matters got worse: an input is lost, stick-slip began, or the condition is worse.
+
+        Never where a lost input comes back.
+        """
         if Condition.INPUT_STALE in (self.before, self.after):
             return self.after is Condition.INPUT_STALE
         return self.onset or LADDER.index(self.after) > LADDER.index(self.before)
