@@ -163,7 +163,10 @@ class StampLayout:
         return time_ns, is_timed
 
     def _parse_stamp(self, text: str) -> int | None:
-        """Return a date with a time as ns since 1970; None for another text, and for no such day or hour."""
+        """Return a date with a time as ns since 1970, in UTC if it has no zone.
+
+        None for another text, for no such day or hour, and for a time too large.
+        """
         match = self._pattern.fullmatch(text.strip())
         if match is None:
             return None

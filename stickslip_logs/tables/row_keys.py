@@ -145,8 +145,9 @@ class KeySteps:
         self._steps = 0
 
     def add(self, time_ns: IntArray, texts: Mapping[int, Sequence[str]]) -> None:
-        """Add the next rows with a value; drop from ``places`` the columns whose text stays at a step back.
+        """Add the next rows with a value to ``texts``, and count their steps back in time.
 
+        Columns whose text stays the same at a step back are dropped from ``places``.
         A step back is one of more than a second; the first and the last row of two calls are compared too.
 
         Args:

@@ -169,7 +169,8 @@ def open_table(path: Path) -> NumberTable:
     A text is read to its end, to count its lines and to have its tail; of Parquet a head and a tail are read.
 
     Raises:
-        BagError: It is no table, may be read in two ways, or is damaged from its first bytes on.
+        BagError: It is no table, may be read in two ways, or is damaged from its first bytes on; or it is
+            Parquet, and pyarrow is not installed.
         OSError: It cannot be opened, or is no regular file.
     """
     with open_file(path) as file:
@@ -483,7 +484,7 @@ class _TextReading:
         """Remove rows that end before a wanted column, or fill them up with empty cells.
 
         A row is filled up if it reaches behind the columns of the first clock and, with a single clock,
-        behind half of the headings. Removed rows are counted, but for blank ones and remarks.
+        behind half of the headings. Removed rows are counted in ``short``, but for blank ones and remarks.
 
         Args:
             batch: The rows, at least one; changed.

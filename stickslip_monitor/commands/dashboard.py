@@ -272,7 +272,7 @@ def make_bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0
     Args:
         config: The bearing.
         speed: The least speed that the map goes to [m/s]; it goes past the fold in any case.
-        load: The load that it goes to [N]; 0 for what suits the bearing.
+        load: The load that it goes to [N], at least a tenth of what suits the bearing; 0 for the latter.
     """
     from stickslip_monitor.dashboard.seen_monitors import BearingView
 

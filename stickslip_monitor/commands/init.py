@@ -254,7 +254,7 @@ def _read_table(text: str | None) -> list[float]:
     """Return a table as speed [rpm], load, speed, load, ... in the unit of the load; [] for None.
 
     Raises:
-        ConfigurationError: The text is no list of pairs, or a load is not above 0.
+        ConfigurationError: The text is not 2 to 16 pairs of rising speed, or a load is not above 0.
     """
     if text is None:
         return []

@@ -55,7 +55,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read_track(path: str, bearing: BearingConfig) -> Track:
-    """Run the monitor over a recording and return its operating points and events."""
+    """Run the monitor over a recording and return its operating points and events.
+
+    Raises:
+        BagError: The recording cannot be read, is empty, or has not both speed and load of the bearing.
+    """
     # Imported only for a track: reading bags takes time to import.
     from stickslip_monitor.offline.check import Kept, check_recording
 

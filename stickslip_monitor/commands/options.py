@@ -249,7 +249,7 @@ def require_single_bearing(config: MonitorConfig) -> BearingConfig:
     """Return the only bearing of a configuration.
 
     Raises:
-        ConfigurationError: There are several.
+        ConfigurationError: There are several; the text names them.
     """
     if len(config.bearings) > 1:
         names = ', '.join(bearing.name for bearing in config.bearings)
@@ -258,7 +258,11 @@ def require_single_bearing(config: MonitorConfig) -> BearingConfig:
 
 
 def parse_speed_range(text: str | None, config: BearingConfig) -> Range | None:
-    """Return the surface speeds [m/s] of a text such as ``'5rpm:45rpm'``, as :func:`parse_range` does."""
+    """Return the surface speeds [m/s] of a text such as ``'5rpm:45rpm'``; ``None`` for no text.
+
+    Raises:
+        ConfigurationError: As :func:`parse_range`.
+    """
     conversion = config.bearing.speed
     return parse_range(text, 'speeds', lambda part: parse_speed(part, conversion, 'speeds'))
 

@@ -85,14 +85,18 @@ def _check_output(path: str, option: FileOption, inputs: Sequence[str], *, force
     marks = option.marks or {}
     mark = marks[ending(path, marks)]
     if Path(path).exists() and not (option.renews and mark and holds_mark(path, mark)):
-        for file in itertools.chain.from_iterable(map(_read_with, inputs)):
+        for file in itertools.chain.from_iterable(map(_find_input_paths, inputs)):
             if is_same(path, file):
                 raise OutputError(f"output '{path}' is the input '{file}': choose another name")
     check_replaceable(path, mark, force=force)
 
 
-def _read_with(path: str) -> Iterator[Path]:
-    """Yield the files of an input: itself, those in a folder, and those that its text names."""
+def _find_input_paths(path: str) -> Iterator[Path]:
+    """Yield the path of an input, and of the files in a folder; of YAML also each text as a path.
+
+    Such a path need not exist; it is yielded from the file's folder and from the current one. YAML that
+    cannot be read yields no texts.
+    """
     yield Path(path)
     if Path(path).is_dir():
         for folder, _, names in os.walk(path):
@@ -265,7 +269,7 @@ def make_table(title: str, headings: str, left: Collection[int] = (0,), caption:
 
 
 def _as_list(table: Table) -> Group:
-    """Lay a table out for a narrow screen: a block for each row, a line for each of its cells."""
+    """Lay a table out for a narrow screen: a block for each row, a line for each cell that is not empty."""
     from rich.console import Group
 
     headings = [str(column.header).replace('-\n', '').replace('\n', ' ') for column in table.columns]

@@ -240,9 +240,13 @@ class LinkStates:
 async def _watch_ship(
     args: argparse.Namespace, config: MonitorConfig, links: LinksConfig, board: DashboardState | None
 ) -> None:
-    """Run monitor, clients and page until one of them ends, then close the clients and cancel the rest.
+    """Run monitor, clients and page until one of them ends, then let the clients finish and cancel the rest.
 
-    What the one that ended has raised, passes through. A page gets states, actions and link states.
+    A page gets states, actions and link states.
+
+    Raises:
+        LinkError, RosError: A token or a port cannot be used, or ``--node`` is given without ROS 2.
+        Exception: What the one that ended has raised; the clients are then cancelled at once.
     """
     feed = Feed(() if board is None else board.monitors)
     report = LinkStates({} if board is None else board.links).report
@@ -275,7 +279,12 @@ async def _watch_ship(
 
 @contextmanager
 def _open_page(args: argparse.Namespace, config: MonitorConfig) -> Iterator[DashboardState | None]:
-    """Yield the state of the page with its event log; None without ``--port``."""
+    """Yield the state of the page with its event log; None without ``--port``.
+
+    Raises:
+        DashboardError: The extra 'dashboard' is not installed.
+        RosError: The event log cannot be used; see :func:`.dashboard.open_event_log`.
+    """
     if args.port is None:
         yield None
         return
@@ -398,7 +407,12 @@ def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
 
 
 def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
-    """Return the clients of the configured buses; warn of one that takes datagrams from anybody."""
+    """Return the clients of the configured buses; warn of one that takes datagrams from anybody.
+
+    Raises:
+        LinkError: The file of the token or of the certificate cannot be used.
+        ConfigurationError: Two bearings have one Signal K path.
+    """
     from stickslip_monitor.links.nmea_client import NmeaClient
     from stickslip_monitor.links.signalk import SignalKInputs
     from stickslip_monitor.links.signalk_client import SignalKClient

@@ -360,9 +360,10 @@ class BusInputs:
             self.log(f'{item.label}: values again')
 
     def take_silent(self, now: float) -> list[BusInput]:
-        """Return the inputs that have become silent, each once until it has values again.
+        """Return the inputs that have become silent, each once until it has values again; often none.
 
-        Silence counts from the first call, or from :meth:`start_waiting`. ``now`` is of the steady clock [s].
+        One is silent without a value for :data:`UNHEARD`, or its ``hold`` if that is longer, counted from the
+        first call or :meth:`start_waiting` at the earliest. ``now`` is of the steady clock [s].
         """
         if not self._heard:
             self.start_waiting(now)

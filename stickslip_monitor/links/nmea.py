@@ -264,7 +264,7 @@ class Alerts:
         return lines
 
     def standing_sentences(self) -> list[str]:
-        """Return ALF sentences, with text, for every alert that is not normal."""
+        """Return two ALF sentences, the second with text, for each alert not normal, and count them."""
         return [
             line for alert in self._standing_alerts() for line in self._alf_sentences(alert, with_text=True)
         ]

@@ -307,7 +307,10 @@ class NmeaClient(Sink):
         return Port(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
 
     def _report_link(self, name: str, works: bool | None, why: str) -> None:
-        """Report the state of a link; of one that works again, have the next tick send list and heartbeat."""
+        """Report the state of a link; of one that works anew, have the next tick send list and heartbeat.
+
+        ``works`` is None where nobody can know; ``why`` is '' unless it is False.
+        """
         if works is not False and self._down.get(name, True):
             self._listed = self._beaten = -math.inf
         self._down[name] = works is False

@@ -65,7 +65,8 @@ def _parse_stamp(stamp: object) -> float:
 def _own_values(frame: object, vessel: str, kind: str = 'values') -> Iterator[tuple[Update, str, str, Any]]:
     """Yield update, source, path and value of each value of the own vessel in a delta.
 
-    ``kind`` is the list that is read: ``values`` or ``meta``.
+    What is malformed is skipped; a value left out is None. ``kind`` is the list that is read: ``values`` or
+    ``meta``.
     """
     # Some servers greet without the word vessels.
     ours = vessel, f'vessels.{vessel}', 'vessels.self'

@@ -264,7 +264,11 @@ class SignalKClient(Sink):
             self._on_echo(frame)
 
     def _on_echo(self, frame: object) -> None:
-        """Report the outgoing link as working, send what echoes require, and pass on people's requests."""
+        """Handle our alarms in a frame: queue the updates that they require, and pass on people's requests.
+
+        An echo of ours reports the outgoing link as working. Requests are passed on only if the configuration
+        accepts actions.
+        """
         if self._alarms.is_echoed(frame, self._own):
             self._waiting_since = None
             self._side.report_link(OUT, True, '')

@@ -328,7 +328,10 @@ class MonitorNode(LifecycleNode):
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End the loop and destroy publishers and session, from any state; write clips and alarms."""
+        """End the loop and destroy publishers and session, from any state; write clips and alarms.
+
+        The new state is put on record.
+        """
         self._stop_listening()
         self._take_down()
         self._record_state('finalized')

@@ -110,7 +110,8 @@ class Configured:
         """Set :attr:`config`, and :attr:`clips` and ``outputs`` to those that it asks for.
 
         Raises:
-            Exception: As for a new object; nothing is set where clips cannot be taken.
+            Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; nothing is set where it is that
+            clips cannot be taken.
         """
         store = self._make_store(config.clips)
         self.config = config
@@ -139,7 +140,8 @@ class Configured:
         """Replace clips, publishers and session for another configuration; the alarms are taken over.
 
         Raises:
-            Exception: As for a new one; publishers and session stay as they were where clips cannot be taken.
+            Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; where clips cannot be taken,
+            all stays as it was.
         """
         before, outputs = self.session, self.outputs
         self._make_outputs(config)

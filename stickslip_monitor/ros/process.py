@@ -60,6 +60,9 @@ def _spin_node(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> No
         node: The node.
         signals: Signals noted so far, to which a handler adds.
         errors: File descriptor to which Python writes the frames of a crash.
+
+    Raises:
+        ConfigurationError: As :func:`make_executor`.
     """
     executor, manager = make_executor(), ServiceManager()
     faulthandler.enable(errors)  # the executor has it write where nobody hands on what is left
