@@ -14,7 +14,7 @@ MOST = {
     'stickslip_monitor': 3,
     'stickslip_monitor/commands': 1,
     'stickslip_monitor/dashboard': 2,
-    'stickslip_monitor/monitor': 6,
+    'stickslip_monitor/monitor': 5,
 }
 
 

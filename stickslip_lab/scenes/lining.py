@@ -442,6 +442,9 @@ class Lining:
             nodes: Time, speed and load in SI units, shape (3, m).
             times: Times to sample at, shape (n,) [s].
 
+        Returns:
+            The complete motion, sampled at the times.
+
         Raises:
             SceneError: The integrator gave up.
         """

@@ -312,12 +312,13 @@ class FollowedLining:
         self._add_event(0.0, 'start', 0.0)
 
     def ask(self, rate: float, take: Take, period: float = 0.0) -> None:
-        """Request the motion at a rate in every block.
+        """Request the motion at a rate in every block, before the first is followed.
 
         Args:
             rate: Rate of the instants [Hz].
             take: Gets what is due in each block.
-            period: Natural period for a window of samples before each instant [s]; 0 for one sample at it.
+            period: Natural period [s], for a window of :data:`.lining.PERIODS` of them up to each instant; 0
+                for one sample at it.
         """
         self._asked.append((Samples(rate, self._run.duration, period), take))
 

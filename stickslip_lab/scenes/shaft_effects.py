@@ -188,7 +188,7 @@ def effect(stage: str, *keys: str) -> Callable[[Builder], Builder]:
 def channel_effect(
     stage: str, quantities: Sequence[str], *keys: str, section: str = ''
 ) -> Callable[[ChannelEffect], ChannelEffect]:
-    """Return a decorator that declares an effect on each channel of some quantities.
+    """Return a decorator that declares an effect on each channel of some quantities, as :func:`effect`.
 
     The channels are those of its ``bearing``, or of all bearings. The decorated function is called once for
     each. It returns a function that changes the signal of each block in place, or ``None`` if the effect

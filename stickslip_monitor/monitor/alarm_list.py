@@ -258,7 +258,7 @@ class Annunciator:
             mixed: Whether two sources are mixed: then the alarms of the ladder that are active are held.
 
         Returns:
-            How the alarms changed.
+            How the alarms changed; an empty list where none did.
         """
         causes = self.causes[bearing]
         causes.take_fault(place, fault, self.now_ns)
@@ -271,7 +271,7 @@ class Annunciator:
         """Take the verdict on an operating point, and sound again where stick-slip has lasted long enough.
 
         Returns:
-            How the alarms changed.
+            How the alarms changed; an empty list where none did.
         """
         name, causes = verdict.bearing, self.causes[verdict.bearing]
         resting, changes = verdict.speed == 0.0, list[AlarmChange]()

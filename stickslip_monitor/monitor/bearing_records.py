@@ -368,7 +368,7 @@ class NodeHealth:
 
     @property
     def losses(self) -> str:
-        """How many messages to the node were lost, and how many left out; '' where none was."""
+        """Numbers of messages lost on their way and of those left out, as a clause; '' without any."""
         parts = (
             f'{plural(self.lost, "message")} lost on the way to the node' if self.lost else '',
             f'{plural(self.left_out, "message")} left out while the node was too busy'
