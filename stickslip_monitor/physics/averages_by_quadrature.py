@@ -51,8 +51,9 @@ _SAME = 1e-6
 _POINTS, _OUTSTANDING = 100, 160
 # Shares of the speed, to both sides, over which the steepest mean fall is looked for.
 _WINDOWS = np.geomspace(1e-3, 1.0, 61)
-# Speeds in a panel between two breakpoints at which the slope of a law is looked at.
-_PER_PANEL = 24
+# Speeds in a panel between two breakpoints at which the slope of a law is looked at; and share of three of
+# them within which its steepest fall is sought again.
+_PER_PANEL, _NARROWER = 24, 0.02
 # Amplitude coordinate below which S/a has lost more digits than the slope of steady sliding is off.
 _STILL = 1e-7
 # Friction has no scale outside this range [m/s]; inside it no amplitude over- or underflows.
@@ -320,7 +321,12 @@ def equilibrium_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
     speeds = np.append(np.geomspace(1e-9, 0.9, 40) * panels[0], panels)
     x, y = (np.stack([part[:-2], part[1:-1], part[2:]]) for part in (speeds, -law.slope(speeds)))
     top = (y[1] > y[0]) & (y[1] >= y[2])
-    speeds = np.unique(np.append(speeds, _find_vertex(x[:, top], y[:, top])))
+    steepest = _find_vertex(x[:, top], y[:, top])
+    # A second parabola, so much narrower, leaves 1e-11 of the height of a Gaussian law for 2e-8.
+    x = np.clip(
+        steepest + _NARROWER * np.diff(x[::2, top], axis=0) * [[-1.0], [0.0], [1.0]], x[0, top], x[2, top]
+    )
+    speeds = np.unique(np.concatenate([speeds, steepest, _find_vertex(x, -law.slope(x))]))
     return speeds, -law.slope(speeds)
 
 
