@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         BagError: It cannot be read, or has no messages to play.
-        RosError: ROS 2 is not there, or none of the topics can be played.
+        RosError: ROS 2 is not there, none of the topics can be played, or a subscriber does not keep up.
     """
     bag = open_bag(args.bag)
     if bag.start_ns is None or bag.end_ns is None:

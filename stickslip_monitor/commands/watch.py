@@ -300,6 +300,9 @@ async def _serve_until_signal(args: argparse.Namespace, board: DashboardState | 
     """Serve the page until a signal ends it; without a page (board None) wait for the signal.
 
     Actions on the page go to ``feed``.
+
+    Raises:
+        DashboardError: The address or the port cannot be used; or as :func:`.dashboard.read_page_access`.
     """
     if board is not None:
         from stickslip_monitor.dashboard.server import Server

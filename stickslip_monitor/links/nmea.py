@@ -122,8 +122,8 @@ class SentenceStream:
 def read_numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
     """Return the numbers for an input in the fields of a sentence of its formatter.
 
-    Empty where it is of another shaft, engine or transducer. A number that is marked as invalid, or cannot
-    be read, is NaN.
+    Empty where it is of another shaft, engine or transducer, or too short. A number that
+    is marked as invalid, or cannot be read, is NaN.
     """
     if item.sentence == 'XDR':
         unit = [item.kind, 'N', item.name]

@@ -93,7 +93,7 @@ class Port:
             self._close_port()
 
     def send(self, lines: Iterable[str]) -> None:
-        """Send lines without waiting; while the port is closed they are lost.
+        """Send lines, each with CR LF, without waiting; while the port is closed they are lost.
 
         One that cannot be sent makes :meth:`run` report, close and reopen the port.
         """

@@ -141,7 +141,7 @@ class Configured:
 
         Raises:
             Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; where clips cannot be taken,
-            all stays as it was.
+                all stays as it was.
         """
         before, outputs = self.session, self.outputs
         self._make_outputs(config)

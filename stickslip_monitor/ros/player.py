@@ -147,7 +147,10 @@ class Player:
 
 @contextmanager
 def open_player(types: dict[str, str]) -> Iterator[Player]:
-    """Yield a player, with ROS running until the block ends; ``types`` has the message type of each topic."""
+    """Yield a player, with ROS running until the block ends; ``types`` has the message type of each topic.
+
+    A topic that cannot be played raises nothing: see :attr:`Player.skipped`.
+    """
     rclpy.init(args=without_log_files(sys.argv))
     try:
         player = Player(types)
