@@ -322,7 +322,7 @@ def equilibrium_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
     x, y = (np.stack([part[:-2], part[1:-1], part[2:]]) for part in (speeds, -law.slope(speeds)))
     top = (y[1] > y[0]) & (y[1] >= y[2])
     steepest = _find_vertex(x[:, top], y[:, top])
-    # A second parabola, so much narrower, leaves 1e-11 of the height of a Gaussian law for 2e-8.
+    # A second parabola, so much narrower, leaves 3e-13 of the height of a Gaussian law in place of 2e-8.
     x = np.clip(
         steepest + _NARROWER * np.diff(x[::2, top], axis=0) * [[-1.0], [0.0], [1.0]], x[0, top], x[2, top]
     )
