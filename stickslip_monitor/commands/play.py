@@ -56,10 +56,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _play_recording(player: Player, bag: Recording, args: argparse.Namespace) -> None:
-    """Publish a recording as often as asked, and print what is skipped, played or damaged.
+    """Publish a recording as often as asked; say on the error stream what is skipped, played or damaged.
 
     Raises:
-        RosError: It has no topic that can be played.
+        RosError: It has no topic that can be played, or a subscriber does not keep up.
     """
     skipped = player.skipped | {
         t.name: f"its messages are '{t.encoding}', not CDR"

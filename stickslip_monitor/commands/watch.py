@@ -245,7 +245,8 @@ async def _watch_ship(
     A page gets states, actions and link states.
 
     Raises:
-        LinkError, RosError: A token or a port cannot be used, or ``--node`` is given without ROS 2.
+        LinkError, ConfigurationError: A token, certificate or port cannot be used; see :func:`_make_clients`.
+        RosError: ROS 2 is not there for ``--node``, or a state file cannot be used.
         Exception: What the one that ended has raised; the clients are then cancelled at once.
     """
     feed = Feed(() if board is None else board.monitors)
@@ -413,8 +414,8 @@ def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
     """Return the clients of the configured buses; warn of one that takes datagrams from anybody.
 
     Raises:
-        LinkError: The file of the token or of the certificate cannot be used.
-        ConfigurationError: Two bearings have one Signal K path.
+        LinkError: Others can read the file of the token, or the file of certificates has none.
+        ConfigurationError: The token cannot be read, or two bearings have one Signal K path.
     """
     from stickslip_monitor.links.nmea_client import NmeaClient
     from stickslip_monitor.links.signalk import SignalKInputs

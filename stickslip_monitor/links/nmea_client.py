@@ -33,7 +33,7 @@ _CONNECT_TIMEOUT = 5.0  # of a TCP connection [s]; on a ship's network one takes
 _MAX_READ_BYTES = 1 << 16  # of one read: no datagram is larger
 OnLine = Callable[[str], None]
 OnLink = Callable[[bool | None, str], None]
-"""Given whether a port works (None: nobody can know), and if not, why."""
+"""Given whether a port works (None: nobody can know), and why not or why unknown ('' if it works)."""
 
 
 class Port:
@@ -309,7 +309,7 @@ class NmeaClient(Sink):
     def _report_link(self, name: str, works: bool | None, why: str) -> None:
         """Report the state of a link; of one that works anew, have the next tick send list and heartbeat.
 
-        ``works`` is None where nobody can know; ``why`` is '' unless it is False.
+        ``works`` is None where nobody can know; ``why`` is '' where it is True.
         """
         if works is not False and self._down.get(name, True):
             self._listed = self._beaten = -math.inf
