@@ -140,6 +140,7 @@ def run(args: argparse.Namespace) -> int:
         ConfigurationError: Options do not go together, or the configuration is refused.
         BagError: There is no recording, or ``--mcap`` is refused.
         FleetError: The cluster of ``--scheduler`` cannot be used.
+        DrawingError, OutputError: The report cannot be written.
     """
     if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler):
         raise ConfigurationError(
@@ -167,6 +168,8 @@ def _check_bags(
 ) -> int:
     """Check recordings, print their results in the order of the arguments, and write the outputs.
 
+    No report is written of a single recording that cannot be checked.
+
     Args:
         args: The arguments.
         bags: The recordings.
@@ -178,6 +181,8 @@ def _check_bags(
 
     Raises:
         BagError: ``--mcap`` is given for several recordings, or its file exists or has a wrong ending.
+        FleetError: The cluster of ``--scheduler`` cannot be used.
+        DrawingError, OutputError: The report cannot be written.
     """
     task = _make_task(args, bags)
     # A folder's bags are a list, even where it holds one only.

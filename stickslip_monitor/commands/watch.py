@@ -223,7 +223,10 @@ class LinkStates:
         self._logged: dict[tuple[str, Works, str], float] = {}
 
     def report(self, name: str, works: Works, why: str) -> None:
-        """Take the state of a link, and if it does not work, why."""
+        """Store a changed state of a link, for the page too; log it, an error if the link does not work.
+
+        ``why`` says why it does not work, or why nobody can know; '' where it works.
+        """
         if self._states.get(name) == (works, why):
             return
         self._states[name] = works, why

@@ -393,7 +393,7 @@ class MonitorSide:
     # Takes bearing, input and number of a sample, and its sender's stamp where it has one [ns].
     take: Callable[..., None]
     act: Callable[[ActionRequest], None]  # takes what people ask for
-    # Given whether the link of that name works (None: nobody can know), and if not, why.
+    # Given whether the link of that name works (None: nobody can know), and why not or why unknown.
     report_link: Callable[[str, bool | None, str], None]
     log: Log  # where faults are logged
 

@@ -361,7 +361,7 @@ class NmeaClient(Sink):
             self._out.send(lines)
 
     def _on_line(self, line: str) -> None:
-        """Pass the samples of a sentence to the monitor; answer an ACN and pass on its request."""
+        """Pass the samples of a sentence to the monitor; answer an ACN and pass on any request in it."""
         for sample in self._inputs.take(line, time.monotonic()):
             self._side.take(*sample)
         answers, request = self._alerts.handle_acn(line, time.time_ns())
