@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> int:
         ConfigurationError: Options do not go together, or the configuration is refused.
         BagError: There is no recording, or ``--mcap`` is refused.
         FleetError: The cluster of ``--scheduler`` cannot be used.
-        DrawingError, OutputError: The report cannot be written.
+        ReportError, OutputError: The report cannot be made (Jinja2 is missing) or written.
     """
     if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler):
         raise ConfigurationError(
@@ -182,7 +182,7 @@ def _check_bags(
     Raises:
         BagError: ``--mcap`` is given for several recordings, or its file exists or has a wrong ending.
         FleetError: The cluster of ``--scheduler`` cannot be used.
-        DrawingError, OutputError: The report cannot be written.
+        ReportError, OutputError: The report cannot be made (Jinja2 is missing) or written.
     """
     task = _make_task(args, bags)
     # A folder's bags are a list, even where it holds one only.
@@ -356,7 +356,12 @@ def _as_result(task: Task, bag: Path, outcome: Any) -> CheckResult:
 
 
 def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) -> bytes:
-    """Return the report (HTML) of all parts in ``archive``, which must not be ``None``."""
+    """Return the report (HTML) of all parts in ``archive``, which must not be ``None``.
+
+    Raises:
+        ReportError: Jinja2 is not installed.
+        ConfigurationError: The file of the configuration cannot be read any more; so also OSError.
+    """
     from stickslip_monitor.report.page import html_page
 
     assert archive is not None
