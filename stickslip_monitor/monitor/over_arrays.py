@@ -99,7 +99,7 @@ def run(
         status, time, si = receive_sample(s, c, place, stamps[k], arrivals[k], values[k])
         if s.lost != lost:
             note = first + k, s.lost_since, before, condition(s), s.onsets - onsets, made
-            count = keep(states, changes, memories, count, note)
+            count = store_change(states, changes, memories, count, note)
             before = condition(s)
         if status == ACCEPTED and place < LEVEL:
             point = take_value(s, c, model, place, time, si)
@@ -117,11 +117,11 @@ def run(
         made += 1
         if s.onsets > onsets or condition(s) != before:
             note = first + k, s.now, before, condition(s), s.onsets - onsets, made
-            count = keep(states, changes, memories, count, note)
+            count = store_change(states, changes, memories, count, note)
     return end, count, made
 
 
-def keep(
+def store_change(
     states: Sequence[State],
     changes: Rows,
     memories: MutableSequence[State],
