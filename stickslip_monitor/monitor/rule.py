@@ -353,7 +353,7 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     sliding = speed != 0.0 and load > 0.0
     place = place_at(c.table_first, c.table_step, load / scale)
     lower = scale * boundary_at(model[1][2], c.table_growth[2], place)
-    limit, near, wide, inside, exists = judge_nearness(s, c, model, abs(speed), place, scale)
+    limit, near, wide, inside, exists = reach(s, c, model, abs(speed), place, scale)
     below = abs(speed) < lower  # friction still rises with the speed: no cycle exists
     if below:
         inside = exists = False
@@ -369,7 +369,7 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     inside_now = c.by_chance == 1 or abs(s.value[SPEED]) < limit or s.rate > 0.0
     update_stick_slip(s, c, measured_now(s, c) if may_tell else UNKNOWN, is_turning(s) and inside_now, fresh)
     running = s.sticking == 1
-    coming = running or (sliding and comes_into_range(s, c, speed, (lower, limit)))
+    coming = running or (sliding and comes(s, c, speed, (lower, limit)))
     near, wide = coming or (sliding and near), coming or (sliding and wide)
     inside = running or (sliding and inside)
     # A rise of the level raises it, and it stays for as long as the level is high.
@@ -420,7 +420,7 @@ def scale_of(s: State, c: RuleNumbers, load: float) -> float:
     return scale_at(c.at_load, c.load_exponent, s.viscosity_ratio, load)
 
 
-def judge_nearness(
+def reach(
     s: State, c: RuleNumbers, model: Model, size: float, place: float, scale: float
 ) -> tuple[float, bool, bool, bool, bool]:
     """Judge a point by the boundaries, or by the probabilities where these decide, and update these.
@@ -485,7 +485,7 @@ def growth_rate(c: RuleNumbers, law: Numbers, speed: float, load: float, scale: 
     return (drive - c.damping) * c.per_mass
 
 
-def comes_into_range(s: State, c: RuleNumbers, speed: float, ends: tuple[float, float]) -> bool:
+def comes(s: State, c: RuleNumbers, speed: float, ends: tuple[float, float]) -> bool:
     """Return whether the speed, on its slope, comes into the range with a cycle within the look-ahead.
 
     From above, a speed that leads through the range to its other side counts too; from below it must

@@ -57,13 +57,13 @@ def begin_at_24_e_folds(patch: pytest.MonkeyPatch) -> None:
 
 
 def do_not_look_ahead(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(rule, 'comes_into_range', lambda *_: False)
+    patch.setattr(rule, 'comes', lambda *_: False)
 
 
 def forget_in_the_bistable_range(patch: pytest.MonkeyPatch) -> None:
     """Let a cycle exist only where sliding is unstable."""
-    own: Callable[..., tuple[Any, ...]] = rule.judge_nearness
-    patch.setattr(rule, 'judge_nearness', lambda *point: (*own(*point)[:-1], False))
+    own: Callable[..., tuple[Any, ...]] = rule.reach
+    patch.setattr(rule, 'reach', lambda *point: (*own(*point)[:-1], False))
 
 
 def clear_under_mixed_sources(patch: pytest.MonkeyPatch) -> None:
