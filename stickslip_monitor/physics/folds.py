@@ -30,7 +30,13 @@ from stickslip_monitor.physics import averages_closed_form, averaging
 from stickslip_monitor.physics.averages_by_quadrature import average_curve
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import speed_scales
-from stickslip_monitor.physics.numerics import hermite, monotone_slopes, root_on_bracket, spline_slopes
+from stickslip_monitor.physics.numerics import (
+    hermite,
+    last_above,
+    monotone_slopes,
+    root_on_bracket,
+    spline_slopes,
+)
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
     LANDED,
@@ -617,8 +623,7 @@ def _last_crossing(speed: FloatArray, height: FloatArray, level: FloatArray) -> 
     Returns:
         Shape (n,); ``nan`` where it is below the level everywhere, or above it at the last speed.
     """
-    above = np.maximum.accumulate(height[::-1])[::-1]
-    i = np.searchsorted(-above, -level, side='left') - 1
+    i = last_above(height, level)
     k = np.clip(i, 0, speed.size - 2)
     place = speed[k] + (speed[k + 1] - speed[k]) * (height[k] - level) / (height[k] - height[k + 1])
     return np.where((i >= 0) & (i < speed.size - 1), place, np.nan)

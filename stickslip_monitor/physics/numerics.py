@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.arrays import FloatArray, IndexArray
 
 _LIMIT = 120
 _CLOSE = 2e-16
@@ -143,6 +143,17 @@ def _end_slope(h: float, beside: float, chord: float, next_chord: float) -> floa
     if slope * chord <= 0.0:
         return 0.0
     return 3.0 * chord if chord * next_chord <= 0.0 and abs(slope) > 3.0 * abs(chord) else slope
+
+
+def last_above(heights: FloatArray, level: FloatArray) -> IndexArray:
+    """Return the index of the last of m heights that exceeds each level; -1 where none does.
+
+    Args:
+        heights: Shape (m,).
+        level: Shape (n,), in the same unit.
+    """
+    from_right = np.maximum.accumulate(heights[::-1])[::-1]
+    return np.searchsorted(-from_right, -level, side='left') - 1
 
 
 def root_on_bracket(
