@@ -18,7 +18,8 @@ from threading import Thread
 from typing import Any
 
 import pytest
-from shared import ROOT, Stickslip, write_recording
+from made_logs import write_recording
+from shared import ROOT, Stickslip
 
 from stickslip_monitor import cli
 from stickslip_monitor.commands.options import FileOption

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from made_logs import START, write_recording  # noqa: F401
 
 from stickslip_monitor.links.nmea import parse, sentence
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated

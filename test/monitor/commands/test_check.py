@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from shared import CONFIG, ROOT, START, Stickslip, write_recording
+from made_logs import START, write_recording
+from shared import CONFIG, ROOT, Stickslip
 
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.writer import BagWriter

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_logs import START
 from sending import SECOND, change, points
 from shared import CONFIG as REFERENCE_FILE
-from shared import START
 
 from stickslip_monitor import Monitor
 from stickslip_monitor.arrays import FloatArray, IntArray

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shared import CONFIG, ROOT, START, write_recording
+from made_logs import START, write_recording
+from shared import CONFIG, ROOT
 
 from stickslip_monitor import Stream
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shared import CONFIG, ROOT, START
+from made_logs import START
+from shared import CONFIG, ROOT
 
 from stickslip_logs.recordings.writer import BagWriter, encode_float64s, encode_stamped
 from stickslip_monitor.arrays import IntArray

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_logs import START
 from mcap.writer import Writer
-from shared import CONFIG, START
+from shared import CONFIG
 
 from stickslip_logs.recordings.log_times import ask_for_time_unit
 from stickslip_logs.recordings.reader import open_bag

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shared import CONFIG, ROOT, write_recording
+from made_logs import write_recording
+from shared import CONFIG, ROOT
 
 from stickslip_logs.recordings import mcap_recording
 from stickslip_logs.recordings.reader import open_bag

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import pytest
+from made_logs import START
 from sending import points
 from shared import CONFIG as REFERENCE_FILE
-from shared import START
 
 from stickslip_monitor import Monitor
 from stickslip_monitor.monitor.assessment import REGIMES

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from shared import START
+from made_logs import START
 
 from stickslip_monitor import assess
 from stickslip_monitor.monitor.severity import Condition

@@ -299,12 +299,11 @@ def test_a_node_that_was_held_up_blames_no_input(start: Any) -> None:
     for number in range(2):
         monitor.process.send_signal(signal.SIGSTOP)
         end = time.monotonic() + 4.0
-        peer.until(sending(lambda: time.monotonic() > end), 'some seconds')  # noqa: B023
+        peer.until(sending(lambda end=end: time.monotonic() > end), 'some seconds')
         monitor.process.send_signal(signal.SIGCONT)
         told = f"'times held up': '{number + 1}'"
         peer.until(
-            sending(lambda: told in str(kit.latest_status(diagnostics, 'the node'))),  # noqa: B023
-            'the delay',
+            sending(lambda told=told: told in str(kit.latest_status(diagnostics, 'the node'))), 'the delay'
         )
     assert float(kit.latest_status(diagnostics, 'the node')['longest time held up [s]']) > 3.0
     assert monitor.output.count('the node was held up for') == 2

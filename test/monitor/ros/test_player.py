@@ -15,7 +15,7 @@ from typing import Any
 import kit
 import numpy as np
 import pytest
-from shared import write_recording
+from made_logs import write_recording
 
 from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.monitor.bearing_records import event_record
