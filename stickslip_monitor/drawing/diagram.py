@@ -314,7 +314,7 @@ def _draw_marks(axes: canvas.Axes, diagram: Diagram, rpm: float) -> None:
         marks = [mark for mark in diagram.marks if mark.kind == kind]
         text = f'{kind} {", ".join(f"{mark.speed / rpm:.4g}" for mark in marks)} rpm'
         if kind == 'fold' and marks:
-            text += f' by averaging (KBM), sticks up to {end / rpm:.4g} rpm'
+            text = f'KBM {text}, sticks up to {end / rpm:.4g} rpm'
         elif kind == 'fold' and diagram.speed[0] < end < diagram.speed[-1]:
             # Where averaging has none, the end of the exact branch stands in.
             marks = [BranchMark(kind, end, float(diagram.exact[np.isfinite(diagram.exact)][-1]))]

@@ -167,7 +167,7 @@ def test_the_picture_names_its_curves_and_says_where_hopf_and_fold_are() -> None
         'sliding limit a = V',
         'Hopf 30.74 rpm',
         # The exact fold of this bearing lies 8e-6 off that of averaging.
-        'fold 40.72 rpm by averaging (KBM), sticks up to 40.72 rpm',
+        'KBM fold 40.72 rpm, sticks up to 40.72 rpm',
     ]
     axes = figure.axes[0]
     assert [t.get_text() for t in axes.texts] == ['unstable', 'bistable', 'stable']
