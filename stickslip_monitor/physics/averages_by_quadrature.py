@@ -80,13 +80,13 @@ def crossing_angle(speed: FloatArray, amplitude: FloatArray, level: FloatArray |
 
 @lru_cache(maxsize=64)
 def _break_levels(law: FrictionLaw) -> FloatArray:
-    """Return the relative speeds at which the friction of a cycle is not smooth, ascending [m/s]."""
+    """Return the relative speeds at which the friction of a cycle is not smooth, ascending [m/s]; cached."""
     breaks = speed_scales(law)
     return np.array([*(-b for b in reversed(breaks)), 0.0, *breaks])
 
 
 def harmonic(law: FrictionLaw, speed: FloatArray, amplitude: FloatArray) -> FloatArray:
-    """``S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt``, split where the law is not smooth.
+    """Return ``S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt``, split where the law is not smooth.
 
     Sums run term by term: the value of an element never depends on what else is in the array.
 
@@ -265,7 +265,7 @@ class AverageCurve(NamedTuple):
     def at(self, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return peak and cusp at speeds, by lines between those of the curve, shape of ``speed`` [s/m].
 
-        Of a law without a scale both are 0.
+        Beyond its ends they are those of its ends; of a law without breakpoints both are 0.
         """
         if not self.speed.size:
             return np.zeros(speed.shape), np.zeros(speed.shape)
@@ -274,7 +274,10 @@ class AverageCurve(NamedTuple):
 
 @lru_cache(maxsize=32)
 def average_curve(law: FrictionLaw) -> AverageCurve:
-    """Scan a law from almost rest to far past its last breakpoint; a law without a scale has no speeds."""
+    """Scan the averaged slopes of a law from almost rest to far past its last breakpoint; cached.
+
+    Of a law without breakpoints the curve has no speeds.
+    """
     scales = np.array(speed_scales(law))
     if not scales.size:
         return AverageCurve(*np.zeros((3, 0)))
@@ -314,7 +317,7 @@ def _outstanding_speeds(law: FrictionLaw) -> FloatArray:
 def equilibrium_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
     """Return speeds up to the last breakpoint with the steepest falls among them [m/s], and ``rho(0)`` there.
 
-    Each of shape (n,), of a law with a breakpoint.
+    Each of shape (n,); cached. The law needs a breakpoint.
     """
     edges = np.append(0.0, speed_scales(law))
     share = np.arange(1, _PER_PANEL + 1) / _PER_PANEL
@@ -332,7 +335,7 @@ def equilibrium_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
 
 
 def peak_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
-    """``max_a rho(a; V)`` [s/m] for each speed."""
+    """Return ``max_a rho(a; V)`` [s/m] at speeds, shape (n,)."""
     return _find_peaks(law, np.clip(speed, _SLOWEST, _FASTEST))[0]
 
 
@@ -342,17 +345,23 @@ def cusp_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
 
 
 def hopf_load(law: FrictionLaw, speed: FloatArray, damping: float) -> FloatArray:
-    """``N_H = -c/mu'(V)`` [N]; ``nan`` where friction does not fall."""
+    """Return ``N_H = -c/mu'(V)`` [N], shape of ``speed``; ``nan`` where friction does not fall."""
     return load_for(-law.slope(speed), damping)
 
 
 def boundaries(law: FrictionLaw, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return Hopf and fold speed [m/s]; ``nan`` where there is none, ``inf`` for a fold without an end."""
+    """Return Hopf and fold speed [m/s], of the shape of ``q = c/N`` [s/m].
+
+    ``nan`` where there is none, ``inf`` for a fold without an end.
+    """
     return hopf_speed(law, q), fold_speed(law, q)
 
 
 def hopf_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
-    """Highest speed at which the equilibrium loses its stability [m/s]; ``nan`` without one."""
+    """Return the highest speed at which steady sliding loses its stability [m/s]; ``nan`` without one.
+
+    Of a law whose last stretch falls it is the end of that stretch. ``q`` is ``c/N``, shape (n,) [s/m].
+    """
     result = np.full_like(q, np.nan)
     if not speed_scales(law):
         return result
@@ -468,7 +477,7 @@ def cycles(
 
 
 def _all_cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return :func:`cycles` for the damping of a unit of load, ``q = c/N``, shape (n,) [s/m]."""
+    """Return what :func:`cycles` returns, from ``q = c/N``, shape (n,) [s/m]."""
     point, low, high, below, above = _cycle_brackets(law, speed, q)
     point = point.astype(np.intp)
     v, level = speed[point], q[point]
@@ -490,8 +499,8 @@ def _cycle_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> Float
     """Return the stretches of the amplitude coordinate within which ``rho`` passes ``q`` once.
 
     Returns:
-        The point that each belongs to, where it begins and ends, and ``rho - q`` there and there [s/m];
-        shape (5, stretches).
+        Rows of shape (stretches,): index of the point in ``speed``, amplitude coordinates of begin and end,
+        and ``rho - q`` at begin and end [s/m].
     """
     rows = slope_surface(law, GRID, speed[:, None]) - q[:, None]
     point, k = np.nonzero((rows[:, :-1] > 0.0) != (rows[:, 1:] > 0.0))

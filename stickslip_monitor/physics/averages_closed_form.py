@@ -44,7 +44,7 @@ _TINY, _HUGE, _MOST_DECLINE = 1e-300, 1e200, 690.0
 
 
 def _series_or_bessel(x: FloatArray, series: _Function, bessel: _Function) -> FloatArray:
-    """Evaluate the series for small arguments, Bessel functions for the others."""
+    """Evaluate ``series`` where ``x`` is up to :data:`_SERIES_LIMIT`, ``bessel`` elsewhere."""
     small = x <= _SERIES_LIMIT
     if not small.any():
         return bessel(x)
@@ -54,7 +54,7 @@ def _series_or_bessel(x: FloatArray, series: _Function, bessel: _Function) -> Fl
 
 
 def _log_excess(alpha: FloatArray) -> FloatArray:
-    """``ln(2 I1(alpha)/alpha)`` from the power series, for ``alpha <= 0.5``."""
+    """Return ``ln(2 I1(alpha)/alpha)`` from the power series, for ``alpha <= 0.5``."""
     quarter = 0.25 * alpha * alpha
     total = np.zeros_like(alpha)
     for k in range(8, 0, -1):
@@ -63,19 +63,19 @@ def _log_excess(alpha: FloatArray) -> FloatArray:
 
 
 def growth(alpha: FloatArray) -> FloatArray:
-    """``ln(2 I1(alpha)/alpha)`` for ``alpha`` >= 0, to full relative precision."""
+    """Return ``ln(2 I1(alpha)/alpha)`` for ``alpha`` >= 0, to full relative precision."""
     return _series_or_bessel(alpha, _log_excess, lambda large: np.log(2.0 * i1e(large) / large) + large)
 
 
 def decline(v: FloatArray) -> FloatArray:
-    """``-ln(2 exp(-v) I1(v)/v) = v - growth(v)``: rises from 0 with ``v``."""
+    """Return ``-ln(2 exp(-v) I1(v)/v) = v - growth(v)`` for ``v`` >= 0; it rises from 0 with ``v``."""
     return _series_or_bessel(
         v, lambda small: small - _log_excess(small), lambda large: np.log(0.5 * large / i1e(large))
     )
 
 
 def _growth_slope(alpha: FloatArray) -> FloatArray:
-    """``d growth / d alpha = I2(alpha)/I1(alpha)``, as precise as Newton's method needs it."""
+    """Return ``d growth / d alpha = I2(alpha)/I1(alpha)``, as precise as Newton's method needs it."""
     return _series_or_bessel(
         alpha,
         lambda small: small / 4.0 * (1.0 - small * small / 24.0),
@@ -84,13 +84,14 @@ def _growth_slope(alpha: FloatArray) -> FloatArray:
 
 
 def _decline_slope(v: FloatArray) -> FloatArray:
+    """Return ``d decline / dv = 1 - I2(v)/I1(v)``."""
     # I2/I1 tends to 1 - 1.5/v; past _FAR the difference from 1 has no digits left.
     return np.where(v < _FAR, 1.0 - _growth_slope(np.minimum(v, _FAR)), 1.5 / np.maximum(v, 1.0))
 
 
 @cache
 def _known_declines() -> tuple[FloatArray, FloatArray]:
-    """Logarithms of many declines, and of the speeds that have them."""
+    """Return the logarithms of declines and of the ``v`` that have them, rising, shape (n,) each; cached."""
     v = np.geomspace(1e-3, 1e5, _KNOWN)
     return np.log(decline(v)), np.log(v)
 
@@ -181,6 +182,7 @@ def harmonic(law: Stribeck, speed: FloatArray, amplitude: FloatArray) -> FloatAr
 
 
 def _total_fall(law: Stribeck) -> float:
+    """Return ``(mu_s - mu_k) beta``, the fall of friction at rest without the viscous rise [s/m]."""
     return (law.static - law.kinetic) * law.decay
 
 
@@ -194,7 +196,7 @@ def _hopf_number(law: Stribeck, q: FloatArray) -> FloatArray:
 
 
 def hopf_speed(law: Stribeck, q: FloatArray) -> FloatArray:
-    """``V_H = -ln(kappa)/beta`` [m/s]; ``nan`` where there is none, ``inf`` without damping."""
+    """Return ``V_H = -ln(kappa)/beta`` [m/s], shape of ``q``; ``nan`` for none, ``inf`` without damping."""
     return _hopf_number(law, q) / law.decay
 
 
@@ -214,7 +216,7 @@ def boundaries(law: Stribeck, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
-    """``N_H = -c/mu'(V)`` [N]; ``nan`` where friction does not fall.
+    """Return ``N_H = -c/mu'(V)`` [N], shape of ``speed``; ``nan`` where friction does not fall.
 
     Without viscous rise ``c exp(beta V)/(Delta beta)``: the law's slope itself underflows from
     ``beta V`` = 708 on, long before ``N_H`` overflows.
@@ -231,7 +233,7 @@ def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
 
 
 def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
-    """Largest averaged negative slope ``max_a 2 S/a``, reached at the sliding limit [s/m]."""
+    """Return the largest averaged negative slope ``max_a 2 S/a`` [s/m], which the sliding limit has."""
     v = np.clip(law.decay * speed, _TINY, _HUGE)
     return _total_fall(law) * 2.0 * i1e(v) / v - law.viscous
 
@@ -240,12 +242,15 @@ cusp_slope = peak_slope
 
 
 def has_cycle(law: Stribeck, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
-    """Return where a stable cycle exists, given the fold speed."""
+    """Return where a stable cycle exists: below ``fold``, the averaged one [m/s]; the rest is not used."""
     return speed < fold
 
 
 def is_unstable(law: Stribeck, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
-    """Return where a small disturbance of steady sliding grows: the Hopf speed cannot underflow."""
+    """Return where a small disturbance of steady sliding grows: below ``hopf`` [m/s].
+
+    Not from the slope of ``law``, which underflows; it and ``q`` are not used.
+    """
     return speed < hopf
 
 

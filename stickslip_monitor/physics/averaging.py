@@ -38,7 +38,7 @@ def averaged(law: FrictionLaw) -> Any:
 
 @gives_speed
 def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
-    """Hopf speed ``V_H`` [m/s] at a load [N]: below it steady sliding is unstable.
+    """Return the Hopf speed ``V_H`` [m/s] at a load [N]: below it steady sliding is unstable.
 
     The highest root of ``-N mu'(V) = c``; for Stribeck's law ``ln((mu_s - mu_k) beta N/c)/beta``. It
     is exact: averaging takes nothing away from a small vibration.
@@ -57,7 +57,7 @@ def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
 
 @gives_speed
 def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
-    """Fold speed ``V_F`` [m/s] at a load [N] by averaging: above it no stick-slip cycle exists.
+    """Return the averaged fold speed ``V_F`` [m/s] at a load [N]: above it no stick-slip cycle exists.
 
     There the unstable cycle meets the sliding limit ``omega A = V``; for Stribeck's law
     ``2 I1(v) exp(-v)/v = c/((mu_s - mu_k) beta N)`` with ``v = beta V``.
@@ -74,10 +74,10 @@ def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
 
 @gives_load
 def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
-    """Load [N] above which steady sliding at a surface speed [m/s] is unstable.
+    """Return the load [N] above which steady sliding at a surface speed [m/s] is unstable.
 
-    ``N_H = -c/mu'(V)``, the inverse of :func:`hopf_speed`; ``nan`` where friction does not fall. An
-    exponential law falls at every speed, so the load is ``inf`` only where it is too large for a float.
+    ``N_H = -c/mu'(V)``, the inverse of :func:`hopf_speed`, of the shape of ``speed``; ``nan`` where friction
+    does not fall, ``inf`` where the load is too large for a float.
 
     >>> round(hopf_load(bearing, hopf_speed(bearing, 1000.0)), 6)
     1000.0
@@ -88,9 +88,9 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
 
 @gives_load
 def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
-    """Load [N] above which a stick-slip cycle exists at a surface speed [m/s], by averaging.
+    """Return the load [N] above which a stick-slip cycle exists at a surface speed [m/s], by averaging.
 
-    The inverse of :func:`fold_speed`; ``nan`` where no load has a cycle.
+    The inverse of :func:`fold_speed`, of the shape of ``speed``; ``nan`` where no load has a cycle.
 
     >>> round(fold_load(bearing, fold_speed(bearing, 1000.0)), 6)
     1000.0
@@ -101,7 +101,7 @@ def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
 
 @at_points(lambda rate, _: rate)
 def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
-    """Growth rate of a small disturbance of steady sliding, ``(-N mu'(V) - c)/(2 m)`` [1/s].
+    """Return the growth rate of a small disturbance of steady sliding, ``(-N mu'(V) - c)/(2 m)`` [1/s].
 
     Args:
         bearing: The bearing.
@@ -139,7 +139,7 @@ def _rescale_amplitudes(amplitudes: StationaryAmplitudes, scale: Any) -> Station
 
 @at_points(_rescale_amplitudes)
 def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> StationaryAmplitudes:
-    """Amplitudes ``A`` > 0 at which ``dA/dt = 0``, with their stability.
+    """Return the amplitudes ``A`` > 0 at which ``dA/dt = 0``, with their stability.
 
     Args:
         bearing: The bearing.
@@ -200,7 +200,7 @@ def threshold_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -
 
 
 def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> FloatArray:
-    """``S(a; V)``, the in-phase harmonic of the friction coefficient over a cycle.
+    """Return ``S(a; V)``, the in-phase harmonic of the friction coefficient over a cycle.
 
     Args:
         law: Friction law.
@@ -218,7 +218,7 @@ def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> FloatA
 
 
 def amplitude_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike, amplitude: ArrayLike) -> FloatArray:
-    """Growth ``dA/dt`` of a vibration of displacement amplitude ``A`` under first-order KBM.
+    """Return the growth ``dA/dt`` of a vibration of displacement amplitude ``A`` under first-order KBM.
 
     Args:
         bearing: The bearing.

@@ -184,7 +184,11 @@ class Bearing:
         return np.asarray(load, dtype=float) * coefficient / self.stiffness
 
     def at_temperature(self, temperature: float) -> Bearing:
-        """Return the bearing in water of a temperature [C]; itself where friction depends on speed alone."""
+        """Return the bearing in water of a temperature [C]; itself where friction depends on speed alone.
+
+        Raises:
+            PhysicsError: The water temperature at which friction was measured is not known.
+        """
         lubrication = self.lubrication
         return self if lubrication is None else replace(self, lubrication=lubrication.at(temperature))
 
@@ -192,7 +196,7 @@ class Bearing:
 def damping_per_load(damping: float, load: FloatArray) -> FloatArray:
     """Return ``q = c/N`` [s/m], shape of ``load`` [N]; ``inf`` where it is not positive.
 
-    A load of 0 makes numpy warn, which means nothing.
+    numpy warns of a division by zero for a load of 0; the caller silences it.
     """
     return np.where(load > 0.0, damping / load, np.inf)
 

@@ -144,7 +144,7 @@ def _stated_estimate(name: str, item: Given) -> Estimate:
 
 
 def _derive_values(values: Mapping[str, Estimate], material: str) -> Iterator[Estimate]:
-    """Yield estimates that follow from others: area, shear modulus, density and damping ratio.
+    """Yield estimates that follow from those given: area, shear modulus, density and damping ratio.
 
     Of a loss factor ``eta``, ``zeta = eta/2`` at resonance: Nashif, Jones and Henderson, Vibration
     Damping, 1985.
@@ -155,6 +155,7 @@ def _derive_values(values: Mapping[str, Estimate], material: str) -> Iterator[Es
 
     Raises:
         ConfigurationError: A hardness lies outside the formula.
+        KeyError: The material is unknown, or a length has no diameter.
     """
     if length := values.get('length'):
         area = values['journal_diameter'].value * length.value
@@ -208,7 +209,7 @@ def bearing_of(values: Sequence[Estimate]) -> Bearing:
 
 
 def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
-    """Return what one standard deviation of each value does to the fold speed, the largest first.
+    """Return the shift of the fold speed by one standard deviation of each value, the largest first.
 
     The fold is the one that decides, at the mean load; an end without a fold counts as -1. Values that move
     it by less than 0.5 % are left out; :data:`LOAD_EXPONENT` is always among them.
@@ -232,7 +233,9 @@ def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
 
 
 def _load_exponent_shift(values: Sequence[Estimate], nominal: float) -> FoldShift:
-    """Return the shifts of the fold for friction measured at 1.5 times the load or its inverse, with ``g`` 1.
+    """Return the shift of the fold with a load exponent of 1, where friction was measured at another load.
+
+    ``below`` is that for 1.5 times the load, ``above`` that for its inverse.
 
     Args:
         values: The estimates.

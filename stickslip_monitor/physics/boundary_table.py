@@ -58,26 +58,29 @@ class BoundaryTable:
         return self._read_curve(0, load)
 
     def fold_kbm(self, load: FloatArray) -> FloatArray:
-        """Return the averaged fold, as :meth:`fold`."""
+        """Return the averaged fold at loads [N], shape (n,): ``nan`` where there is none [m/s]."""
         return self._read_curve(1, load)
 
     def highest_fold(self, load: FloatArray) -> FloatArray:
-        """Return the highest fold at any load up to each, shape (n,); ``nan`` where its own is [m/s]."""
+        """Return the highest fold that decides at any load up to each, shape (n,) [m/s].
+
+        ``nan`` at a load that has no fold itself.
+        """
         with np.errstate(all='ignore'):
             loads = np.exp(self.first + self.step * np.arange(len(self.pieces[0]) + 1))
             highest = np.fmax.accumulate(np.append(0.0, self.fold(loads)))
             return np.maximum(self.fold(load), highest[np.searchsorted(loads, load)])
 
     def lower_end(self, load: ArrayLike) -> Any:
-        """Return the lower end of stick-slip at loads [N]; 0 for none [m/s]."""
+        """Return the lower end of stick-slip at loads [N], of their shape; 0 for none [m/s]."""
         shape, (n,) = flatten(load)
         with np.errstate(all='ignore'):
             return restore(np.nan_to_num(self._read_curve(2, n)), shape)
 
     def _read_curve(self, which: int, load: FloatArray) -> FloatArray:
-        """Return the speed of a curve at loads [m/s]; ``nan`` below its first point or without one.
+        """Return a boundary at loads [N], shape (n,); ``nan`` below its first point or where it is 0 [m/s].
 
-        Beyond its last point it goes on with its growth.
+        ``which`` is its row in :attr:`pieces`. Beyond its last point it goes on with its growth.
         """
         place = np.where(load > 0.0, (np.log(load) - self.first) / self.step, -1.0)
         pieces = self.pieces[which]
@@ -115,7 +118,7 @@ def boundary_at(pieces: Any, growth: float, place: float) -> float:
 
 
 def _averaged_growth(last: FloatArray, step: float) -> float:
-    """Return the growth of the logarithm of the averaged fold in a step from the last of its pieces on.
+    """Return the growth of the logarithm of the averaged fold in a step beyond its ``last`` piece.
 
     Two thirds of the logarithm of the load where friction falls at slow speeds only, nothing where it
     rises beyond. Up to 8 times the last load that has the fold to 0.5 %, and to 40 % where it rises.
@@ -129,8 +132,9 @@ def _averaged_growth(last: FloatArray, step: float) -> float:
 def boundary_table(bearing: Bearing) -> BoundaryTable:
     """Tabulate the fold that decides, the averaged one and the lower end of stick-slip over the load.
 
-    They are those of friction as measured, at reference points (:mod:`.lubrication`). The table is
-    ``_NONE`` where friction does not fall or no load has a cycle; without damping both folds are ``inf``.
+    They are those of friction as measured, at reference points (:mod:`.lubrication`). Where friction does not
+    fall or no load has a cycle the table has no boundary, and :attr:`BoundaryTable.first` is ``inf``. Without
+    damping both folds are ``inf`` at every load.
     """
     bearing = as_measured(bearing)
     law = bearing.friction

@@ -129,7 +129,7 @@ class FoundCycles(NamedTuple):
 
     @classmethod
     def none(cls, kind: IndexArray) -> FoundCycles:
-        """Return what is found where there are no cycles, for a reason each."""
+        """Return rows without a cycle: numbers of :class:`CycleKind` as given, all else ``nan``."""
         return cls(kind.astype(float), *np.full((6, kind.size), np.nan))
 
     def put(self, rows: IndexArray, part: FoundCycles) -> None:
@@ -191,7 +191,7 @@ class Cycle:
 
 
 def _start_state(bearing: Bearing, speed: float, load: float, start: float, slips: bool) -> MotionState:
-    """Return the state in which a cycle begins, in SI units.
+    """Return the state in SI units in which a cycle begins, on its side of the belt.
 
     Args:
         bearing: The bearing.
@@ -250,9 +250,9 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
 
 @at_points(operator.mul)
 def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
-    """Amplitude of the exact stable cycle [m], that of :func:`exact_cycle` to 1e-9 at half the price.
+    """Return the amplitude of the exact stable cycle [m]: that of :func:`exact_cycle` to 1e-9.
 
-    Of a measured table it is right to 1e-6.
+    It takes half the time; of a measured table it is right to 1e-6.
 
     Args:
         bearing: The bearing.
@@ -327,6 +327,7 @@ def end_of_vibration(bearing: Bearing, load: ArrayLike) -> Any:
     """
 
     def ends(n: FloatArray) -> FloatArray:
+        """Return the ends of vibration at loads [N], shape (n,) [m/s]."""
         exact, kbm = (np.asarray(fold(bearing, n)) for fold in (exact_fold_speed, fold_speed))
         return deciding_fold(bearing, n, exact, kbm)
 
@@ -343,12 +344,23 @@ def _exact_fold_at(bearing: Bearing, load: float) -> float:
 
 
 def _rescale_cycle(cycle: Cycle, scale: Any) -> Cycle:
+    """Return a cycle of the reference point with its amplitude, and its waveform, multiplied by ``scale``."""
     return replace(cycle, amplitude=cycle.amplitude * scale, _scale=scale)
 
 
 @at_points(_rescale_cycle)
 def _make_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
-    """Return the stable cycles, or the smallest unstable ones, at points that broadcast [m/s, N]."""
+    """Return the stable cycles, or the smallest unstable ones.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed, of either sign [m/s].
+        load: Load [N]; broadcasts with ``speed``.
+        stable: Which of the two.
+
+    Returns:
+        ``nan`` with its kind where there is none; for scalar inputs numbers and a :class:`CycleKind`.
+    """
     shape, (v, n) = flatten(speed, load)
     cycles = _find_cycles(bearing, v, n, stable)
     kinds = restore(_decide_kinds(bearing, v, n, cycles, stable).astype(np.int8), shape)
@@ -369,10 +381,10 @@ def _make_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: boo
 def _decide_kinds(
     bearing: Bearing, speed: FloatArray, load: FloatArray, cycles: FoundCycles, stable: bool
 ) -> FloatArray:
-    """Return the kinds of the cycles found, with those that double precision does not decide.
+    """Return the kinds of the cycles found, among them those that double precision does not decide.
 
-    An unstable cycle that only rounding finds, beyond the end of every vibration, is taken out of ``cycles``,
-    in place.
+    These are ``TOO_UNSTABLE`` and ``AT_FOLD``. An unstable cycle that only rounding finds, beyond the end of
+    every vibration, is taken out of ``cycles``, in place.
     """
     kind = cycles.kind.copy()
     kind[(kind == CycleKind.PURE_SLIP) & (cycles.exponent > _UNSTABLE)] = CycleKind.TOO_UNSTABLE
@@ -394,7 +406,10 @@ def _decide_kinds(
 
 
 def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArray:
-    """Return the :class:`CycleKind` that says why no cycle can exist, ``STICK_SLIP`` where one can."""
+    """Return the :class:`CycleKind` that says why no cycle can exist, ``STICK_SLIP`` where one can.
+
+    Numbers of shape (n,), from speeds of either sign [m/s] and loads [N].
+    """
     kind = np.full(speed.size, CycleKind.STICK_SLIP)
     momentum = np.sqrt(bearing.mass) * np.sqrt(bearing.stiffness)
     with np.errstate(all='ignore'):
@@ -412,7 +427,8 @@ def _find_cycles(
 ) -> FoundCycles:
     """Find the stable cycles, or the smallest unstable ones; ``weigh`` asks for their multipliers.
 
-    Where there is none its kind says why, and all else is ``nan``.
+    Where there is none its kind says why, and all else is ``nan``. Speeds [m/s] and loads [N] may be any
+    numbers, shape (n,) each.
     """
     cycles = FoundCycles.none(_why_none(bearing, speed, load))
     rows = np.flatnonzero(cycles.kind == CycleKind.STICK_SLIP)
@@ -427,7 +443,8 @@ def _find_cycles(
 def _find_stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
     """Find the cycles that reach the belt's speed and, where there is none, the largest that stay slower.
 
-    The kind is ``NONE`` where there is neither; arguments are as of :func:`_find_cycles`.
+    The kind is ``NONE`` where there is neither, ``UNRESOLVED`` where the steps ran out. Arguments are as of
+    :func:`_find_cycles`.
     """
     cycles = _through_belt(field, weigh)
     rest = np.flatnonzero(cycles.kind == CycleKind.NONE)
@@ -438,9 +455,10 @@ def _find_stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bo
 
 
 def _find_unstable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
-    """Find the smallest unstable cycles about a stable steady sliding; ``NONE`` where there is none.
+    """Find the smallest unstable cycles about a stable steady sliding.
 
-    Arguments are as of :func:`_find_cycles`.
+    The kind is ``NONE`` where there is none, ``UNRESOLVED`` where the steps ran out. Arguments are as of
+    :func:`_find_cycles`.
     """
     rows = np.flatnonzero(_slides_steadily(field))
     cycles = FoundCycles.none(np.full(load.size, CycleKind.NONE))
@@ -461,7 +479,7 @@ def _may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolA
 
 
 def _slides_steadily(field: SlipField) -> BoolArray:
-    """Return where a small disturbance of steady sliding dies out."""
+    """Return where a small disturbance of steady sliding dies out, shape (n,)."""
     growth = -field.force * field.speed * np.asarray(field.law.slope(field.speed))
     return np.asarray(growth < field.damping)
 
@@ -541,9 +559,13 @@ def _find_overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundC
         field: What the linings slip in, n of them.
         first: Displacements > 0 at which the round that started at breakaway ended, shape (n,).
         weigh: Whether the Floquet multiplier is wanted.
+
+    Returns:
+        Cycles of shape (n,); the kind is ``UNRESOLVED`` where no round closed.
     """
 
     def gain(start: FloatArray, rows: IndexArray) -> FloatArray:
+        """Return by how much a round ends beyond the displacement at which it started [V/omega]."""
         return _follow_rounds(field.take(rows), start, False)[0].place - start
 
     rows, high, jump = np.arange(first.size), 2.0 * first, field.offset

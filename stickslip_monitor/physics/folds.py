@@ -248,7 +248,7 @@ class Grazing:
 
     @cached_property
     def _course(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Speeds, and slope and coefficient of friction there."""
+        """Rising speeds [m/s], and slope [s/m] and coefficient [-] of friction there, shape (700,) each."""
         v = np.geomspace(1e-4 * self.scales[0], 1e3 * self.scales[-1], 700)
         return v, np.asarray(self.law.slope(v)), np.asarray(self.law.coefficient(v))
 
@@ -275,9 +275,9 @@ class Grazing:
 
     @cached_property
     def _friction_gains(self) -> tuple[FloatArray, FloatArray]:
-        """Return speeds ``V``, shape (m,), and the largest friction below each less the least above it.
+        """Speeds ``V`` [m/s], and the largest friction below the next one less the least above each [-].
 
-        The second is what friction can feed a vibration with up to the next speed, shape (m,) [-].
+        The second is what friction can feed a vibration with between a speed and the next; shape (m,) each.
         """
         v, _, mu = self._course
         order = np.argsort(np.append(v, self.scales), kind='stable')
@@ -654,7 +654,7 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
 
 
 def _last_speeds(bearing: Bearing, load: FloatArray) -> FloatArray:
-    """Return the last speeds at which the lining sticks, of a bearing with damping [m/s].
+    """Return the last speeds at which the lining sticks, of a bearing with damping > 0 [m/s].
 
     The averaged fold where it is exact to 1e-10 (loads barely above the onset, slight forces), else solved.
 
@@ -695,7 +695,7 @@ class FoldRange(NamedTuple):
     rough: FloatArray
 
     def places(self, share: FloatArray) -> FloatArray:
-        """Speeds at shares of the way from the slowest to the fastest [m/s]."""
+        """Return the speeds at shares of the way from the slowest to the fastest, of their shape [m/s]."""
         begin, end = math.log1p(self.low / self.scale), math.log1p(self.high / self.scale)
         return self.scale * np.expm1(begin + (end - begin) * share)
 
@@ -769,7 +769,10 @@ class FoldCurve:
 
 @lru_cache(maxsize=64)
 def fold_curve(bearing: Bearing) -> FoldCurve | None:
-    """Solve the curve of a bearing with damping; ``None`` where no load has a cycle."""
+    """Solve the least loads with a cycle of a bearing with damping > 0; cached.
+
+    ``None`` where no load has a cycle.
+    """
     grazing = Grazing(bearing)
     span = _curve_range(grazing)
     if span is None:

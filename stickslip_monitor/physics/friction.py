@@ -50,10 +50,10 @@ class FrictionLaw(Protocol):
         """Speeds ``> 0`` between which the law is smooth, ascending [m/s]; see :func:`speed_scales`."""
 
     def coefficient(self, speed: ArrayLike) -> FloatArray:
-        """Coefficient of friction at a relative speed [m/s], an array of its shape."""
+        """Return the coefficient of friction at relative speeds [m/s], an array of their shape [-]."""
 
     def slope(self, speed: ArrayLike) -> FloatArray:
-        """Slope ``d mu / d|v|`` at a relative speed [m/s], an array of its shape [s/m]."""
+        """Return the slope ``d mu / d|v|`` at relative speeds [m/s], an array of their shape [s/m]."""
 
 
 # Speeds at which a law is looked at for its scale [m/s], and the change of slope times speed that is
@@ -64,10 +64,10 @@ _SCALES, _STEADY, _BEGINS = np.geomspace(1e-6, 1e4, 51), 1e-12, 1e-2
 
 @lru_cache(maxsize=64)
 def speed_scales(law: FrictionLaw) -> tuple[float, ...]:
-    """Return the speeds > 0 between which a law is scanned, ascending [m/s]; none for a constant one.
+    """Return the speeds > 0 between which a law is scanned, ascending [m/s]; ``()`` for a constant one.
 
-    They are its breakpoints. For a law that names none they are sought where its slope changes, at
-    every other power of 2.5: without them a law would have no speed at which it falls. Results are cached.
+    They are its breakpoints. For a law that names none they are places where its slope changes, 2.5 times
+    apart, or 1 m/s where it is straight: a law without any would never fall. Results are cached.
 
     >>> speed_scales(Stribeck(0.3, 0.1, 10.0)), speed_scales(Coulomb(0.3, 0.2))
     ((0.1, 0.4, 1.2, 4.0), ())
@@ -288,7 +288,7 @@ _FADED = 1e60
 
 
 def friction_drop(law: Exponential, origin: float, step: float) -> float:
-    """``mu(v) - mu(v + step)`` of sliding ahead [-], without cancellation for a small step.
+    """Return ``mu(v) - mu(v + step)`` of sliding ahead [-], without cancellation for a small step.
 
     ``(mu_s - mu_k) (exp(-(beta v)^delta) - exp(-(beta (v + step))^delta)) - nu step``; below
     ``v`` = 0 the law is continued smoothly for a distance of ``1/beta``.
@@ -313,7 +313,7 @@ def friction_drop(law: Exponential, origin: float, step: float) -> float:
 
 
 def friction_slope(law: Exponential, speed: float) -> float:
-    """``d mu / d|v|`` at a relative speed [s/m]; from the right at ``v`` = 0.
+    """Return ``d mu / d|v|`` at a relative speed [m/s], in s/m; from the right at ``v`` = 0.
 
     ``nu - (mu_s - mu_k) beta delta (beta |v|)^(delta - 1) exp(-(beta |v|)^delta)``
 
@@ -329,7 +329,7 @@ def friction_slope(law: Exponential, speed: float) -> float:
 
 
 def _stretched_exponent(law: Exponential, speed: float) -> float:
-    """``(beta v)^delta``, 0 below ``v`` = 0 [-]."""
+    """Return ``(beta v)^delta`` [-]; 0 below ``v`` = 0, and no more than that of ``beta v = _FADED``."""
     return min(law.decay * speed, _FADED) ** law.exponent if speed > 0.0 else 0.0
 
 

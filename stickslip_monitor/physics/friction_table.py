@@ -122,7 +122,7 @@ class Tabulated:
         return np.where((v == inside) & falls_or_rises, derivative, 0.0)
 
     def _find_interval(self, inside: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-        """Return the interval of speeds within the table, and the distance from its begin [m/s]."""
+        """Return the intervals of speeds within the table, and the distances from their begin [m/s]."""
         i = np.searchsorted(self._begins[1:], inside, side='right')
         return i, inside - self._begins[i]
 
@@ -172,18 +172,19 @@ class Cubics(NamedTuple):
 
 
 def _find_piece(law: Cubics, speed: float) -> int:
-    """Return the cubic that holds at a relative speed [m/s]; the first one below it."""
+    """Return the index of the cubic that holds at a relative speed [m/s]; 0 below the first."""
     return max(bisect_right(law.begin, speed) - 1, 0)
 
 
 def _cubic_coefficient(law: Cubics, speed: float) -> float:
+    """Return the coefficient [-] at a relative speed [m/s], by the cubic of :func:`_find_piece`."""
     i = max(bisect_right(law.begin, speed) - 1, 0)  # not by a call: it is asked twelve times a step
     s = speed - law.begin[i]
     return law.a[i] + s * (law.b[i] + s * (law.c[i] + s * law.d[i]))
 
 
 def friction_drop(law: Cubics, origin: float, step: float) -> float:
-    """``mu(v) - mu(v + step)`` of sliding ahead [-]; below ``v`` = 0 the first cubic goes on.
+    """Return ``mu(v) - mu(v + step)`` of sliding ahead [-]; below ``v`` = 0 the first cubic goes on.
 
     Args:
         law: Its numbers.
@@ -198,7 +199,7 @@ def friction_drop(law: Cubics, origin: float, step: float) -> float:
 
 
 def friction_slope(law: Cubics, speed: float) -> float:
-    """``d mu / d|v|`` at a relative speed [s/m]; from the right at ``v`` = 0.
+    """Return ``d mu / d|v|`` at a relative speed [m/s], in s/m; from the right at ``v`` = 0.
 
     >>> print(friction_slope(Tabulated([0.0, 1.0], [0.75, 0.25]).numbers, 0.5))
     -0.5

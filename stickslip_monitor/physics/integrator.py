@@ -79,11 +79,17 @@ class MotionState:
 
     @classmethod
     def moving(cls, displacement: float, velocity: float, drive: Drive) -> MotionState:
-        """Make a state of a displacement [m] and the lining's own velocity ``x'`` [m/s] as a drive begins."""
+        """Make the state of a displacement [m] and the lining's velocity ``x'`` [m/s] as a drive begins.
+
+        Its phase is ``None``: the one that follows from the numbers.
+
+        Raises:
+            PhysicsError: A number is not finite.
+        """
         return cls(displacement, float(drive.speed[0]) - velocity)
 
     def scaled(self, scale: float) -> MotionState:
-        """Return the state with all speeds and displacements multiplied."""
+        """Return a copy with displacement and relative speed multiplied by ``scale``."""
         return MotionState(self.displacement * scale, self.relative_speed * scale, self.phase, self.trial)
 
 
@@ -142,7 +148,10 @@ class Motion:
         return np.equal(self.phase, Phase.STICK)
 
     def scaled(self, scale: float) -> Motion:
-        """Return a copy with displacements, speeds and accelerations multiplied by ``scale``; times stay."""
+        """Return a copy with displacements, speeds and accelerations multiplied by ``scale``; times stay.
+
+        So are the states at start and end.
+        """
         return replace(
             self,
             displacement=self.displacement * scale,
@@ -176,12 +185,20 @@ class Drive:
 
     @classmethod
     def constant(cls, speed: float, load: float, duration: float, start: float = 0.0) -> Drive:
-        """Hold a speed [m/s] and a load >= 0 [N] for a duration > 0 [s] from a start on [s]."""
+        """Make a drive with one speed [m/s] and one load >= 0 [N] for a duration > 0 [s] from a start on [s].
+
+        Raises:
+            PhysicsError: A number breaks its rule.
+        """
         return cls.sampled([start, start + duration], [speed] * 2, [load] * 2)
 
     @classmethod
     def sampled(cls, time: ArrayLike, speed: ArrayLike, load: ArrayLike) -> Drive:
-        """Make a drive of anything that makes arrays."""
+        """Make a drive of sequences or arrays: times [s], speeds [m/s] and loads [N].
+
+        Raises:
+            PhysicsError: A sample breaks its rule.
+        """
         return cls(*(np.asarray(column, dtype=float) for column in (time, speed, load)))
 
     @property
@@ -271,7 +288,7 @@ def integrate(
     body = _make_body(bearing, drive, law_functions, accuracy)
 
     def columns(kind: type, *values: Any) -> Any:
-        """Return what the inner loops take: arrays if compiled, else lists, which are fast then."""
+        """Return each sequence as the inner loops take it: an array of ``kind`` if compiled, else a list."""
         arrays: list[NDArray[Any]] = [
             np.ascontiguousarray(values_of_column, dtype=kind) for values_of_column in values
         ]
@@ -314,6 +331,7 @@ def integrate(
 
 
 def _march_loop(law: ScalarLaw) -> Callable[..., Any]:
+    """Return :func:`.march.march` compiled for a law with functions of its own."""
     return jit.compiled('march', scalars, slip_step, march, law=law.module, inline=False)
 
 
@@ -346,7 +364,7 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
 
 
 def _make_body(bearing: Bearing, drive: Drive, law: LawInUse, accuracy: float) -> march.Body:
-    """Return the oscillator, with several times the steps that its fastest time scale can need."""
+    """Return the oscillator; its limit of steps is several times what its fastest time scale can need."""
     fastest = bearing.natural_frequency + bearing.damping / bearing.mass
     fastest += float(np.max(drive.load)) * law.steepest / bearing.mass
     steps = (drive.end - drive.start) * fastest / min(accuracy**0.125, 1.0)

@@ -287,7 +287,10 @@ def gives_load(function: LoadAtSpeed[_Bearing]) -> LoadAtSpeed[_Bearing]:
 
     @wraps(function)
     def scaled(bearing: _Bearing, speed: ArrayLike) -> Any:
-        """Return the loads [N] at speeds [m/s] with the lubrication, if the bearing has one."""
+        """Return the loads [N] at speeds [m/s], of their shape, by :func:`load_over_speed`.
+
+        Without lubrication they are those of ``function``.
+        """
         lubrication = bearing.lubrication
         if lubrication is None:
             return function(bearing, speed)
@@ -324,6 +327,7 @@ def load_over_speed(
     grid = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), size)
 
     def log_boundary(at: FloatArray) -> FloatArray:
+        """Return ``ln N`` of the boundary at ``ln V``, of its shape; ``inf`` where no load is within it."""
         with np.errstate(all='ignore'):
             load = np.log(np.asarray(boundary(np.exp(at)), dtype=float))
         return np.where(np.isnan(load), np.inf, load)
@@ -332,14 +336,14 @@ def load_over_speed(
         """Return by how much ``ln N'`` is above the boundary where the reference speed is ``exp(at)``."""
         return log_load - (1.0 / g - 1.0) * at - np.clip(log_boundary(at), -_FAR, _FAR)
 
-    log_speeds = np.clip(log_boundary(grid), -_FAR, _FAR)
+    log_loads = np.clip(log_boundary(grid), -_FAR, _FAR)
 
     def loads(v: FloatArray, ratio: FloatArray) -> FloatArray:
         """Return the least loads [N] at speeds [m/s] and ratios of viscosity, shape (n,) each."""
         # s = V/V', and N = N0 (s ratio)^(1/g): the faster the reference point, the less the load.
         log_v = np.log(np.maximum(np.abs(v), _RESTING))
         log_load = math.log(lubrication.load) + np.log(ratio) / g + (1.0 / g - 1.0) * log_v
-        above = log_load[:, None] - (1.0 / g - 1.0) * grid - log_speeds > 0.0
+        above = log_load[:, None] - (1.0 / g - 1.0) * grid - log_loads > 0.0
         last = size - 1 - np.argmax(above[:, ::-1], axis=1)
         is_found = above.any(axis=1)
         low, high = grid[last], grid[np.minimum(last + 1, size - 1)]

@@ -252,7 +252,7 @@ def friction_needed(medium: Medium, e: float) -> float:
 
 
 def rounding_of(law: LawInUse, medium: Medium, e: float) -> float:
-    """Return the rounding of the friction that sticking needs."""
+    """Return the rounding of the friction that sticking needs, in units of ``m omega``."""
     inner = abs(medium.drift_rate) + abs(medium.damping * medium.drift)
     return _ROUNDING * (inner + abs(e) + law.hold * abs(medium.force))
 
@@ -286,11 +286,11 @@ def stick_advance(law: LawInUse, medium: Medium, e: float, stalled: int, left: f
             first = first_excess(0.0 if abs(excess) <= slack else excess, rate, side * medium.drift_rate)
             if first <= left and (event == NOTHING or first < length):
                 length, event = first, kind
-    return Advance(length, event, stuck(medium, length), 0.0)
+    return Advance(length, event, move_with_belt(medium, length), 0.0)
 
 
-def stuck(medium: Medium, t: float) -> SlipState:
-    """Return the state of a lining that has moved with the belt for a while."""
+def move_with_belt(medium: Medium, t: float) -> SlipState:
+    """Return the state after sticking for a time ``t`` [1/omega], its displacement counted from the begin."""
     return SlipState(t * (medium.drift + 0.5 * medium.drift_rate * t), 0.0, 0.0)
 
 
@@ -310,13 +310,13 @@ def first_excess(value: float, rate: float, turn: float) -> float:
 def phase_after_contact(law: LawInUse, medium: Medium, e: float, sign: int) -> int:
     """Return the phase of a lining that has met the belt: 0 sticks, 1 slips behind it, -1 ahead of it.
 
-    It sticks where friction can hold it; it never goes on on the side from which it came.
+    It sticks where friction can hold it, and never continues on the side from which it came.
 
     Args:
         law: The law.
         medium: What the lining is in.
         e: Displacement at the contact.
-        sign: The side of the slip that ended.
+        sign: The side of the slip that ended, 1 or -1; 0 for none.
     """
     need = friction_needed(medium, e)
     limit = law.hold * max(medium.force, 0.0) + rounding_of(law, medium, e)
@@ -351,7 +351,7 @@ def write_samples(
         t = min(t, step.length)
         state = step.after
         if step.phase == 0:
-            state = stuck(medium, t)
+            state = move_with_belt(medium, t)
         elif t < step.length:
             state = slip_step(law_numbers, medium, step.begin, t).state
         samples.displacement[cursor] = (step.e + side * state.e) / omega

@@ -68,7 +68,7 @@ def hermite(x: FloatArray, y: FloatArray, slope: FloatArray, at: FloatArray) -> 
 
 
 def monotone_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Slopes of the cubic interpolant that is monotone where its points are.
+    """Return the slopes of the cubic interpolant that is monotone where its points are, shape (n,).
 
     Inside the weighted harmonic mean of the two chords, 0 where they differ in sign (F. N. Fritsch
     and J. Butland, SIAM J. Sci. Stat. Comput. 5, 1984); at the ends the parabola through three
@@ -93,7 +93,7 @@ def monotone_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def spline_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Slopes of the cubic spline whose second derivative is continuous.
+    """Return the slopes of the cubic spline whose second derivative is continuous, shape (n,).
 
     At the second and at the last but one point the third is too: "not a knot" (C. de Boor, A
     Practical Guide to Splines, Springer, 1978, chapter IV).
@@ -126,6 +126,7 @@ def spline_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _end_balance(h: float, beside: float, chord: float, next_chord: float) -> float:
+    """Return the right side of the "not a knot" equation at an end; arguments as of :func:`_end_slope`."""
     total = h + beside
     return ((h + 2.0 * total) * beside * chord + h * h * next_chord) / total
 
@@ -163,7 +164,7 @@ def root_on_bracket(
     ends: tuple[FloatArray, FloatArray],
     parameters: Sequence[NDArray[Any]] = (),
 ) -> FloatArray:
-    """Roots by Chandrupatla's method, one on each bracket whose ends differ in sign.
+    """Find the root on each bracket whose ends differ in sign, by Chandrupatla's method.
 
     Inverse quadratic interpolation where the last three points allow it, else bisection
     (T. R. Chandrupatla, Adv. Eng. Software 28, 1997, 145-149).
@@ -172,8 +173,8 @@ def root_on_bracket(
         function: ``(x, *parameters) -> value``; called with the elements still running.
         low: Lower ends, shape (n,).
         high: Upper ends, shape (n,).
-        ends: The values there.
-        parameters: Arrays of shape (n,) handed on to ``function``.
+        ends: The values at ``low`` and at ``high``, shape (n,) each.
+        parameters: Arrays of shape (n,); ``function`` is given the elements that are still running.
 
     Returns:
         The roots, shape (n,). Without a change of sign, the end with the smaller value.

@@ -105,7 +105,7 @@ class SlipField:
     origin: FloatArray
 
     def take(self, rows: Any) -> SlipField:
-        """Return the field of some orbits."""
+        """Return the field of the orbits at ``rows``, an index or a slice of the arrays."""
         columns = self.speed, self.force, self.offset, self.origin
         return SlipField(self.law, self.damping, self.drift, *(column[rows] for column in columns))
 
@@ -199,6 +199,9 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
         e: Displacements from breakaway in units of ``V/omega``, shape (n,).
         z: Speeds relative to the belt in units of ``V``, shape (n,).
         route: How they are followed; its ``last`` and ``direction`` may be of shape (n,).
+
+    Returns:
+        Their ends, as :func:`follow_one` has them.
     """
     n, scalar = e.size, scalar_law(field.law)
     columns = field.speed, field.force, field.offset, field.origin, e, z, route.last, route.direction

@@ -129,7 +129,7 @@ EXACT = Tolerance()
 
 
 def _least_coefficient(law: FrictionLaw) -> float:
-    """Return the least coefficient of sliding that a law states."""
+    """Return the least coefficient of sliding that a law states [-]; 0 where it states none."""
     return float(getattr(law, 'kinetic', min(getattr(law, 'values', (0.0,)))))
 
 
@@ -426,7 +426,7 @@ def _boundary_rows(total: FloatArray, nodes: _Nodes, ln_v: FloatArray, load: Flo
 
 
 def _point_loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
-    """Return a loop of this module: compiled for many points where numba is installed, else as it is.
+    """Return a loop of this module: compiled from ``_MANY_POINTS`` on if numba is installed, else as it is.
 
     Args:
         plain: The loop.

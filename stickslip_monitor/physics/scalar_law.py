@@ -98,7 +98,7 @@ class _Plain:
 
 
 def _guard_overflow(drop: Any, law_numbers: Any, origin: float, step: float) -> float:
-    """Guard a function as compiled loops are: a step to where the law overflows is refused."""
+    """Return ``drop(law_numbers, origin, step)``; ``nan`` where it overflows, so that the step is refused."""
     try:
         return drop(law_numbers, origin, step)
     except OverflowError:
@@ -106,6 +106,14 @@ def _guard_overflow(drop: Any, law_numbers: Any, origin: float, step: float) -> 
 
 
 def _drop_of(law: FrictionLaw, rise: float, origin: float, step: float) -> float:
+    """Return :func:`friction_drop` of a law without functions of its own.
+
+    Args:
+        law: The law.
+        rise: Its slope from the right at rest, by which it is continued below a speed of 0 [s/m].
+        origin: Sliding speed at which the step begins [m/s].
+        step: Change of the sliding speed [m/s].
+    """
     v = origin + step
     top, now = law.coefficient(np.array([max(origin, ALMOST_REST), max(v, ALMOST_REST)])).tolist()
     return top - now - (rise * v if v < 0.0 and math.isfinite(rise) else 0.0)
@@ -160,7 +168,8 @@ def scalar_law(law: FrictionLaw) -> ScalarLaw:
 def own_module(law: FrictionLaw) -> ModuleType | None:
     """Return the module with a law's ``friction_drop`` and ``friction_slope``, for compiling.
 
-    ``None`` where a subclass computes otherwise or the module has no file.
+    ``None`` for a law without ``numbers`` or without these functions, one whose subclass computes otherwise,
+    and a module without a file.
 
     >>> own_module(Stribeck(0.3, 0.1, 10.0)).__name__
     'stickslip_monitor.physics.friction'
@@ -174,7 +183,15 @@ def own_module(law: FrictionLaw) -> ModuleType | None:
 
 
 def _largest_slope(law: FrictionLaw, sign: float) -> float:
-    """Return the largest ``sign * slope`` >= 0 between breakpoints, and on a panel beyond [s/m]."""
+    """Return the largest ``sign * slope`` between breakpoints and up to four times the last one [s/m].
+
+    Args:
+        law: The law.
+        sign: 1 for the steepest rise, -1 for the steepest fall.
+
+    Returns:
+        A bound, larger by a rounding; 0 where there is no such slope, or no breakpoint.
+    """
     breaks = speed_scales(law)
     if not breaks:
         return 0.0

@@ -107,13 +107,13 @@ _DENSE = 2.0
 
 
 def acceleration(law_numbers: Any, medium: Medium, e: float, z: float) -> float:
-    """``z'`` at the begin of a step, at a displacement ``e`` and a relative speed ``z``, all without unit."""
+    """Return ``z'`` as a step begins at a displacement ``e`` and a relative speed ``z``, in its units."""
     drop = friction_drop(law_numbers, medium.origin, medium.speed * z)
     return e + medium.offset - medium.damping * z + medium.force * drop
 
 
 def bend(law_numbers: Any, medium: Medium, state: SlipState, t: float = 0.0) -> float:
-    """``z''`` of a state at a time ``t`` since the step began [1/omega]."""
+    """Return ``z''`` of a state at a time ``t`` since the step began [1/omega], in the units of the step."""
     v = medium.origin + medium.speed * state.z
     friction = (medium.force + medium.force_rate * t) * medium.speed * friction_slope(law_numbers, v)
     value = medium.drift + medium.drift_rate * t - state.z + medium.offset_rate
@@ -221,14 +221,14 @@ def slip_step(law_numbers: Any, medium: Medium, begin: SlipState, step: float) -
 
 
 def measured(quantity: float, state: SlipState) -> float:
-    """Return the displacement, the relative speed or the rate of a state."""
+    """Return what ``quantity`` names of a state: ``PLACE``, ``RELATIVE_SPEED`` or ``RATE``."""
     return state.e if quantity == PLACE else state.z if quantity == RELATIVE_SPEED else state.rate
 
 
 def cut_step(
     law_numbers: Any, medium: Medium, begin: SlipState, h: float, quantity: float, level: float
 ) -> tuple[float, SlipState]:
-    """Return the length at which a step passes a level, and the state there.
+    """Return the length at which a step passes a level, and the state there; ``h`` where it does not.
 
     Newton's method, kept between a length before the level and one behind.
 
