@@ -59,11 +59,11 @@ UNITS = (
     Unit('pressure', 'MPa', 1e6),
     Unit('voltage', 'V', 1.0, 'v'),
     Unit('ratio', 'dB', 1.0, 'db'),
-    Unit('temperature', 'C', 1.0, beside_quantity='C °C ℃ degC degc Celsius celsius', zero=273.15),
-    Unit('temperature', 'K', 1.0, beside_quantity='K degK Kelvin kelvin'),
-    Unit(
-        'temperature', 'F', 5.0, beside_quantity='F °F ℉ degF degf Fahrenheit', divisor=9.0, zero=459.67 / 1.8
-    ),
+    Unit('coefficient', '1', 1.0, beside_quantity='1 - n/n'),
+    Unit('coefficient', '%', 1e-2, beside_quantity='% percent'),
+    Unit('temperature', 'C', 1.0, beside_quantity='c °c ℃ degc celsius', zero=273.15),
+    Unit('temperature', 'K', 1.0, beside_quantity='k degk kelvin'),
+    Unit('temperature', 'F', 5.0, beside_quantity='f °f ℉ degf fahrenheit', divisor=9.0, zero=459.67 / 1.8),
 )
 # Between the parts of a unit, as in 'm s^-1' and 'm⋅s-1'.
 _JOINERS = dict.fromkeys(map(ord, '^·⋅'))
@@ -138,8 +138,10 @@ def find_unit(text: str, quantity: str = '') -> Unit | None:
     'rpm'
     """
     plain = ''.join(text.strip(' []()').translate(_JOINERS).split())
-    unit = _BY_SPELLING.get(plain) or _BY_SPELLING.get(plain.lower())
-    return unit or _BESIDE_QUANTITY.get((quantity, plain))
+    for form in (plain, plain.lower()):
+        if unit := _BY_SPELLING.get(form) or _BESIDE_QUANTITY.get((quantity, form)):
+            return unit
+    return None
 
 
 def conversion_from_text(text: str, target: str) -> float | None:

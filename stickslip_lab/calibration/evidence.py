@@ -108,10 +108,10 @@ def _parse_report(where: str, row: dict[str, str], bearings: Sequence[str]) -> V
             f"{where}: bearing '{row['bearing']}' is not configured; there are: {', '.join(bearings)}"
         )
     if row['state'].lower() not in STATES:
-        raise CalibrationError(f"{where}: state '{row['state']}' must be squeal or quiet")
+        raise refused(f'{where}: state', row['state'], f'one of {", ".join(STATES)}', CalibrationError)
     start, end = (_parse_time(f'{where}: {name}', row[name]) for name in ('start', 'end'))
     if end <= start:
-        raise CalibrationError(f"{where}: end '{row['end']}' must be after start '{row['start']}'")
+        raise refused(f'{where}: end', row['end'], f"after start '{row['start']}'", CalibrationError)
     tolerance, trust = (_parse_number(where, row, rule) for rule in _REPORT_NUMBERS)
     squeal = STATES[row['state'].lower()]
     return VibrationReport(row['bearing'], start, end, squeal, tolerance, trust, where)
@@ -128,9 +128,9 @@ def _parse_time(where: str, text: str) -> int:
     try:
         moment = datetime.fromisoformat(re.sub('[zZ]$', '+00:00', whole))
     except ValueError:
-        raise CalibrationError(f"{where} '{text}' must be a time such as 2026-05-04T06:01:10Z") from None
+        raise refused(where, text, 'a time such as 2026-05-04T06:01:10Z', CalibrationError) from None
     if moment.tzinfo is None:
-        raise CalibrationError(f"{where} '{text}' has no zone: end it in Z or +02:00, say")
+        raise refused(where, text, 'a time with a zone: end it in Z or +02:00, say', CalibrationError)
     passed = moment - _EPOCH
     digits = fraction.group(2)[:9].ljust(9, '0') if fraction else '0'
     return (passed.days * 86400 + passed.seconds) * 10**9 + int(digits)

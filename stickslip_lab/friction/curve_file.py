@@ -13,11 +13,11 @@ import numpy as np
 from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_logs.tables.dialect import parse_heading, unit_of
 from stickslip_logs.tables.whole_table import TableRow, read_table
-from stickslip_logs.units import factors_of, find_unit, names_of
+from stickslip_logs.units import affine_conversion, conversion, find_unit, names_of
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import FitError, plural
 from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, refused
-from stickslip_monitor.physics.bearing import SPEED_UNITS, BearingSpeed
+from stickslip_monitor.physics.bearing import BearingSpeed
 from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE
 
 NAMES = {
@@ -45,17 +45,13 @@ _RULES = {
     'temperature': Parameter('temperature', 'float', REQUIRED, '', 'C', MIN_TEMPERATURE, MAX_TEMPERATURE),
 }
 """The rule of each quantity, in SI units and C."""
-_SPEED_FACTORS = factors_of(*names_of('speed'))
-# Units of temperature in lower case: factor and summand that make C.
-_TEMPERATURE_SCALES = {
-    **dict.fromkeys(('', 'c', '°c', 'degc', 'deg c', 'celsius'), (1.0, 0.0)),
-    **dict.fromkeys(('k', 'kelvin'), (1.0, -273.15)),
-    **dict.fromkeys(('f', '°f', 'degf', 'deg f'), (5.0 / 9.0, -160.0 / 9.0)),
-}
-# Units of a coefficient in lower case, which is force over load.
-_SHARE_SCALES = {
-    **dict.fromkeys(('', '-', '1', 'n/n'), (1.0, 0.0)),
-    **dict.fromkeys(('%', 'percent'), (0.01, 0.0)),
+# What the units of a quantity measure, the unit that its numbers are turned into, and advice on any other.
+_MEASURES = {
+    'speed': (('turning', 'speed'), 'm/s', ''),
+    'load': (('force',), 'N', ': of a pressure, times the projected area'),
+    'temperature': (('temperature',), 'C', ''),
+    'coefficient': (('coefficient',), '1', ': a coefficient is force over load'),
+    'std': (('coefficient',), '1', ': that of the coefficient'),
 }
 
 # A number in whose groups of three a point or a comma may part thousands.
@@ -109,15 +105,23 @@ def read_curve(
     headings = {quantity: rows[0].cells[index] for quantity, index in chosen.items()}
     _require_one_decimal_sign(path, rows[1:], chosen.values(), delimiter)
     unit, unit_source = _find_speed_unit(where, headings['speed'], unit)
-    if unit not in _SPEED_FACTORS and journal_diameter is None:
-        raise FitError(
-            f"{path}: speeds in {unit} need the journal's diameter: give --journal-diameter in"
-            ' m (or --config)'
-        )
-    factor = _SPEED_FACTORS.get(unit) or float(BearingSpeed(journal_diameter or 0.0).factor(unit))
+    factor = conversion(unit, 'm/s')
+    if factor is None:
+        if journal_diameter is None:
+            raise FitError(
+                f"{path}: speeds in {unit} need the journal's diameter: give --journal-diameter in"
+                ' m (or --config)'
+            )
+        factor = BearingSpeed(journal_diameter).factor(unit)
     values = {}
     for quantity, index in chosen.items():
-        scale = (factor, 0.0) if quantity == 'speed' else _require_scale(where, quantity, headings[quantity])
+        scale = factor, 0.0
+        if quantity == 'weight':
+            scale = 1.0, 0.0
+        elif quantity != 'speed':
+            si_unit = _MEASURES[quantity][1]
+            written = _require_unit(where, quantity, headings[quantity])
+            scale = affine_conversion(written or si_unit, si_unit) or scale
         numbers = [_parse_number(path, row, rows[0], index, quantity, scale, delimiter) for row in rows[1:]]
         values[quantity] = np.array(numbers)
     std = values.get('std', np.ones(len(rows) - 1))
@@ -161,10 +165,10 @@ def _split_heading(heading: str) -> tuple[list[str], str]:
     for count in (2, 1):  # 'velocity m s-1', 'velocity m/s', 'load kN', and a heading that is only a unit
         last = ''.join(plain[-count:])
         of_condition = (quantity := _find_quantity(words[:-count])) in ('load', 'temperature')
-        if not unit and (_speed_unit(last) or last == '%' or (of_condition and _scale_of(quantity, last))):
+        if not unit and (_is_clear(last) or (of_condition and _find_unit(quantity, last))):
             return words[:-count], last
     if not unit:  # 'speed [rpm] of the shaft'
-        unit = next((text for text in _BRACKETED.findall(heading) if _speed_unit(text) or text == '%'), '')
+        unit = next(filter(_is_clear, _BRACKETED.findall(heading)), '')
     if _find_quantity([unit.lower()]) == 'coefficient':
         unit = ''  # 'Coefficient of friction (COF)'
     return words, unit
@@ -185,51 +189,36 @@ def _find_quantity(words: Iterable[str]) -> str:
     return '' if present & _OTHER_QUANTITIES else name
 
 
-def _speed_unit(text: str) -> str | None:
-    """Return a unit of speed or turning as this program writes it; None for any other text."""
-    unit = unit_of(text)
-    return unit if unit in _SPEED_FACTORS or unit in SPEED_UNITS else None
+def _is_clear(text: str) -> bool:
+    """Return whether a text is a unit of speed or '%', which stand for nothing else in a heading."""
+    return text == '%' or _find_unit('speed', text) is not None
 
 
-def _scale_of(quantity: str, unit: str) -> tuple[float, float] | None:
-    """Return factor and summand to N, C or a plain number; ``None`` for a unit of another quantity.
-
-    Args:
-        quantity: ``load``, ``temperature``, or any other for a plain number.
-        unit: The unit as it is written; '' for N, C or 1.
-    """
-    if quantity == 'temperature':
-        return _TEMPERATURE_SCALES.get(unit.lower())
-    if quantity != 'load':
-        return _SHARE_SCALES.get(unit.lower())
-    force = find_unit(unit or 'N', 'force')
-    return (force.factor / force.divisor, 0.0) if force and force.quantity == 'force' else None
+def _find_unit(quantity: str, text: str) -> str | None:
+    """Return the name of the unit that a text spells; ``None`` for any that does not measure the quantity."""
+    kinds = _MEASURES[quantity][0]
+    unit = find_unit(text, kinds[0])
+    return unit.name if unit and unit.quantity in kinds else None
 
 
-def _require_scale(where: str, quantity: str, heading: str) -> tuple[float, float]:
-    """Return factor and summand that turn the numbers of a column into N, C or plain numbers.
-
-    Weights have no unit: theirs are 1 and 0.
+def _require_unit(where: str, quantity: str, heading: str) -> str:
+    """Return the name of the unit in the heading of a column; '' where it has none.
 
     Args:
         where: File and line, for the error.
-        quantity: Quantity of the column, other than the speed.
-        heading: Its heading, which may have a unit.
+        quantity: Quantity of the column, other than a weight.
+        heading: Its heading.
 
     Raises:
-        FitError: The unit is not one of the quantity.
+        FitError: The unit does not measure the quantity.
     """
-    unit = _split_heading(heading)[1]
-    if quantity == 'weight':
-        return 1.0, 0.0
-    scale = _scale_of(quantity, unit)
-    if scale is None:
-        rule = {
-            'load': f'one of {", ".join(names_of("force"))}: of a pressure, times the projected area',
-            'temperature': 'C, K or F',
-        }.get(quantity, '%, or none: a coefficient is force over load')
-        raise FitError(f"{where}, column '{heading}': unit '{unit}' must be {rule}")
-    return scale
+    written = _split_heading(heading)[1]
+    unit = _find_unit(quantity, written)
+    if written and unit is None:
+        kinds, _, advice = _MEASURES[quantity]
+        rule = f'one of {", ".join(name for kind in kinds for name in names_of(kind))}{advice}'
+        raise refused(f"{where}, column '{heading}': unit", written, rule, FitError)
+    return unit or ''
 
 
 def _choose_columns(where: str, cells: list[str], columns: Mapping[str, str | None]) -> dict[str, int]:
@@ -316,12 +305,8 @@ def _find_speed_unit(where: str, heading: str, option: str | None) -> tuple[str,
     Raises:
         FitError: The unit of the heading is no speed's, or differs from the option.
     """
-    written = _split_heading(heading)[1]
-    unit = _speed_unit(written)
-    if written and unit is None:
-        units = ', '.join(dict.fromkeys((*SPEED_UNITS, *_SPEED_FACTORS)))
-        raise FitError(f"{where}, column '{heading}': unit '{written}' must be one of {units}")
-    if option is not None and unit is not None and option != unit:
+    unit = _require_unit(where, 'speed', heading)
+    if option is not None and unit and option != unit:
         raise FitError(
             f"{where}, column '{heading}' is in {unit}, and --speed-unit says {option}: they must agree"
         )
@@ -387,4 +372,4 @@ def _parse_number(
         number = float(text if delimiter == ',' else text.replace(',', '.')) * scale[0] + scale[1]
         return float(rule.checked(where, {where: number}))
     except ValueError:
-        raise FitError(str(refused(where, text, rule.rule()))) from None
+        raise refused(where, text, rule.rule(), FitError) from None

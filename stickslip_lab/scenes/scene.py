@@ -33,6 +33,7 @@ from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import ConfigurationError, SceneError
 from stickslip_monitor.monitor.parameter_file import load_config, load_yaml
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.value_check import refused
 
 SCHEMA = 'stickslip_monitor/scene/1'
 KEYS = (
@@ -124,7 +125,7 @@ def _read_document(path: str | Path, kind: str, meaning: str, schema: str) -> An
     if not isinstance(document, dict) or kind not in document:
         raise SceneError(f"{path}: not a {meaning}: it must begin with '{kind}: {schema}'")
     if document[kind] != schema:
-        raise SceneError(f"{path}: {kind} = {document[kind]!r} must be '{schema}'")
+        raise refused(f'{path}: {kind}', document[kind], repr(schema), SceneError)
     return document
 
 
@@ -154,7 +155,7 @@ def _build_scene(path: Path, document: Any, seed: int | None, sensors: str | Pat
     for channel in channels:
         if start_ns + round(duration * 1e9) >= channel.stamps_end_ns:
             rule = f'in 2038 the time stamps in the headers of topic {channel.topic} end'
-            raise settings.broken('start', f'must lie, with the whole scene, before that: {rule}')
+            raise settings.broken('start', f'before that, with the whole scene: {rule}')
     effects, wrong = _join_effects(settings, given), read_parameter_error(errors)
     place = path.parent, config_path, config
     scene = Scene(description, duration, start_ns, seed, *place, channels, effects, wrong)
@@ -174,7 +175,7 @@ def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
         return path
     candidates = sorted(path.glob('*.yaml'))
     if not candidates:
-        raise settings.broken('config', 'is a folder without a .yaml file')
+        raise settings.broken('config', 'a folder with a .yaml file')
     return candidates[seed % len(candidates)]
 
 
@@ -221,7 +222,7 @@ def _join_effects(settings: Settings, sensors: Settings | None) -> tuple[Setting
     given = read_effects(sensors.value('effects', 'what the sensors do'))
     for name in (effect.name for effect in given):
         if name not in SENSOR_EFFECTS:
-            raise SceneError(f"effect '{name}' of the sensors must be one of {', '.join(SENSOR_EFFECTS)}")
+            raise refused('effect of the sensors', name, f'one of {", ".join(SENSOR_EFFECTS)}', SceneError)
     return in_order([*own_effects, *(effect for effect in given if effect.name not in named)])
 
 
@@ -235,7 +236,7 @@ def read_effects(listed: Any) -> tuple[Settings, ...]:
             is looked at.
     """
     if not isinstance(listed, list):
-        raise SceneError(f'effects = {listed!r} must be a list')
+        raise refused('effects', listed, 'a list', SceneError)
     return in_order(_effect_settings(number, entry) for number, entry in enumerate(listed, 1))
 
 
@@ -251,10 +252,8 @@ def _effect_settings(number: int, entry: Any) -> Settings:
         SceneError: It is no mapping as :func:`read_effects` wants, or the effect or a key is unknown.
     """
     if not isinstance(entry, Mapping) or not ('effect' in entry or len(entry) == 1):
-        raise SceneError(
-            f'effects: entry {number} = {entry!r} must be {{name: {{settings}}}} or'
-            ' {effect: name, settings}'
-        )
+        rule = '{name: {settings}} or {effect: name, settings}'
+        raise refused(f'effects: entry {number}', entry, rule, SceneError)
     if 'effect' in entry:
         name, content = entry['effect'], {k: v for k, v in entry.items() if k != 'effect'}
     else:
@@ -279,16 +278,16 @@ def _start_ns(settings: Settings, duration: float) -> int:
             dt.date.fromisoformat(value[:10]), dt.time.fromisoformat(value[11:16])
             time = dt.datetime.fromisoformat(value.replace('Z', '+00:00'))
         except ValueError:
-            raise settings.broken('start', f'must be {meaning}') from None
+            raise settings.broken('start', meaning) from None
         zoned = time if time.tzinfo else time.replace(tzinfo=dt.timezone.utc)
         value = (zoned - _EPOCH) // dt.timedelta(microseconds=1) * 1000
     if isinstance(value, bool) or not isinstance(value, int):
-        raise settings.broken('start', f'must be {meaning}')
+        raise settings.broken('start', meaning)
     for unit, factor in (('seconds', 10**9), ('milliseconds', 10**6), ('microseconds', 1000)):
         if _EPOCHS[0] <= value * factor < _EPOCHS[1]:
-            raise settings.broken('start', f'looks like {unit}: nanoseconds since 1970 are {value * factor}')
+            raise settings.broken('start', f'{value * factor}: nanoseconds since 1970, not {unit}')
     if not 0 <= value <= _LATEST_NS - round(duration * 1e9):
-        raise settings.broken('start', 'must lie, with the whole scene, between 1970 and 2262')
+        raise settings.broken('start', 'between 1970 and 2262, with the whole scene')
     return value
 
 

@@ -21,8 +21,8 @@ import numpy as np
 from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_logs.tables.whole_table import read_table
 from stickslip_monitor.arrays import BoolArray, FloatArray
-from stickslip_monitor.errors import ConfigurationError, SceneError, did_you_mean
-from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, shown
+from stickslip_monitor.errors import ConfigurationError, SceneError, StickslipError, did_you_mean
+from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, refused, shown
 
 # Far beyond every sensor and sea; products of a few such numbers are still finite.
 LARGEST = 1e15
@@ -37,7 +37,7 @@ class Settings:
     def __init__(self, name: str, content: Any, keys: Iterable[str]) -> None:
         self.name = name
         if not isinstance(content, Mapping):
-            raise SceneError(f'{name or "the scene"} = {content!r} must be a mapping of keys')
+            raise refused(name or 'the scene', content, 'a mapping of keys', SceneError)
         self._content = content
         allowed = list(keys)
         for key, value in content.items():
@@ -71,7 +71,7 @@ class Settings:
         """
         value = self.value(key, meaning)
         if not isinstance(value, str) or not value.strip():
-            raise self.broken(key, f'must be a text: {meaning}')
+            raise self.broken(key, f'a text: {meaning}')
         return value
 
     def choice(self, key: str, options: Sequence[str]) -> str:
@@ -146,7 +146,7 @@ class Settings:
         """
         listed = self.value(key, meaning)
         if not isinstance(listed, list) or not listed:
-            raise self.broken(key, f'must be {meaning}')
+            raise self.broken(key, meaning)
         return [(f'{self.label(key)}: {name} {k}', row) for k, row in enumerate(listed, 1)]
 
     def section(self, key: str, keys: Iterable[str], meaning: str) -> Settings:
@@ -162,9 +162,9 @@ class Settings:
         """
         return Settings(self.label(key), self.value(key, meaning), keys)
 
-    def broken(self, key: str, rule: str) -> SceneError:
-        """Return, not raise, the error that the value of a key breaks a rule."""
-        return SceneError(f'{self.label(key)} = {shown(self._content[key])} {rule}')
+    def broken(self, key: str, rule: str) -> StickslipError:
+        """Return, not raise, the SceneError for a key's value that breaks a rule; that follows 'must be'."""
+        return refused(self.label(key), self._content[key], rule, SceneError)
 
 
 def suggestion(key: Any, candidates: Sequence[str]) -> str:
@@ -289,7 +289,7 @@ def _check_pair(name: str, pair: Any, meaning: str) -> None:
     """Raise SceneError unless a value is a list of two numbers, which ``meaning`` describes."""
     if not _is_pair(pair):
         size = too_large(*pair) if isinstance(pair, list) else ''
-        raise SceneError(f'{name} = {pair!r} must be a pair of numbers, {meaning}{size}')
+        raise refused(name, pair, f'a pair of numbers, {meaning}{size}', SceneError)
 
 
 def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
@@ -328,7 +328,7 @@ def _table_rows(path: Path) -> list[tuple[str, Any]]:
         try:
             time, value = map(float, cells)
         except ValueError:
-            raise SceneError(f"{name} = '{','.join(cells)}' must be two numbers: time in s, value") from None
+            raise refused(name, ','.join(cells), 'two numbers: time in s, value', SceneError) from None
         named.append((name, [time, value]))
     return named
 
@@ -436,9 +436,8 @@ def _draw_between(limits: Any, seed: int, place: str) -> float:
         SceneError: They are not two numbers, the lower first.
     """
     if not _is_pair(limits) or limits[0] > limits[1]:
-        raise SceneError(
-            f'{place.lstrip(".")} = {{{BETWEEN}: {limits!r}}} must be two numbers, the lower first'
-        )
+        rule = 'two numbers, the lower first'
+        raise refused(f'{place.lstrip(".")}.{BETWEEN}', limits, rule, SceneError)
     low, high = map(float, limits)
     share = float(random_stream(seed, BETWEEN, place).random())
     return low + (high - low) * share

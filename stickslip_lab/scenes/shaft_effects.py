@@ -40,6 +40,7 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, LOAD_UNITS, BearingConfig
 from stickslip_monitor.monitor.signals import INPUTS, WATER
+from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 
 # Beside the units of a configuration those that fit a scene to any bearing, see Channel.factor.
@@ -403,7 +404,7 @@ def _read_orders(
     rows = settings.rows('orders', 'order', 'a list of orders [time in s, order]')
     for name, order in rows:
         if not isinstance(order, list) or len(order) != 2:
-            raise SceneError(f"{name} = {order!r} must be a pair, [time in s, 'slow ahead']")
+            raise refused(name, order, "a pair, [time in s, 'slow ahead']", SceneError)
         if not isinstance(order[1], str) or order[1] not in speeds:
             hint = suggestion(order[1], list(speeds))
             raise SceneError(f'{name} is {order[1]!r}, which has no speed in this scene; {hint}')

@@ -30,6 +30,7 @@ from stickslip_monitor.monitor.parameters import (
     MonitorConfig,
 )
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, WATER
+from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.physics.averages_by_quadrature import equilibrium_table
 from stickslip_monitor.physics.averaging import fold_speed, hopf_load
 from stickslip_monitor.physics.friction import speed_scales
@@ -133,10 +134,8 @@ class Channel:
             return 1.0
         if self.quantity == 'level':
             if unit != self.input.unit:
-                raise SceneError(
-                    f'unit {unit} of the level on {self.topic} must be that of the configuration,'
-                    f' {self.input.unit}'
-                )
+                rule = f'{self.input.unit}, as in the configuration'
+                raise refused(f'unit of the level on {self.topic}', unit, rule, SceneError)
             return 1.0
         if unit in ('nominal', 'fold'):
             config = self.bearings[0]

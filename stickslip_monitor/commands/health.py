@@ -15,9 +15,10 @@ import time
 from typing import Any
 
 from stickslip_monitor.commands import options
-from stickslip_monitor.errors import ConfigurationError, DashboardError, RosError, cause, no_ros
+from stickslip_monitor.errors import DashboardError, RosError, cause, no_ros
 from stickslip_monitor.files import printable, read_token
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Severity
+from stickslip_monitor.monitor.value_check import refused
 
 _LONGEST = 600
 ALONE = 1.5
@@ -87,7 +88,7 @@ def _ask_page(args: argparse.Namespace) -> int:
     from urllib.request import Request, urlopen
 
     if not args.page.startswith(('http://', 'https://')):
-        raise ConfigurationError(f"--page = '{args.page}' must be an address such as http://127.0.0.1:8370/")
+        raise refused('--page', args.page, 'an address such as http://127.0.0.1:8370/')
     token = None if args.token_file is None else read_token(args.token_file)
     try:
         request = Request(f'{args.page.rstrip("/")}/metrics')

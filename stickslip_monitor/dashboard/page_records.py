@@ -21,6 +21,7 @@ from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarms import TABLE, AlarmState
 from stickslip_monitor.monitor.bearing_records import POINT_NUMBERS
 from stickslip_monitor.monitor.signals import INPUTS, Status
+from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.state_file import StateWriter
 
 # The latest date of a browser [ms], and the highest whole number that it holds exactly.
@@ -289,7 +290,7 @@ def _kept_entries(document: Any) -> list[Any]:
         return []
     log: dict[str, Any] = document if isinstance(document, dict) else {}
     if log.get('schema') != LOG_SCHEMA:
-        raise AlarmStateError(f'schema = {log.get("schema")!r} must be {LOG_SCHEMA!r}')
+        raise refused('schema', log.get('schema'), repr(LOG_SCHEMA), AlarmStateError)
     if not isinstance(entries := log.get('entries'), list):
         raise AlarmStateError("it has no list of 'entries'")
     return entries

@@ -7,7 +7,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -30,6 +29,7 @@ from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
 from stickslip_monitor.host import end_signals
 from stickslip_monitor.monitor.alarm_records import ActionRequest, parse_request
+from stickslip_monitor.monitor.value_check import Parameter
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.replay import Replay
@@ -387,14 +387,10 @@ def _parse_course(document: Any) -> tuple[bool | None, float | None]:
     """
     if not isinstance(document, dict):
         raise ConfigurationError('a request must be a JSON object')
-    paused, place = document.get('paused'), document.get('at')
-    if paused is not None and not isinstance(paused, bool):
-        raise ConfigurationError(f'paused = {paused!r} must be true or false')
-    if place is None:
-        return paused, None
-    if isinstance(place, bool) or not isinstance(place, (int, float)) or not math.isfinite(place):
-        raise ConfigurationError(f'at = {place!r} must be a time in seconds')
-    return paused, float(place)
+    given = {name: value for name, value in document.items() if value is not None}
+    rows = Parameter('paused', 'bool', None, ''), Parameter('at', 'float', None, '', 's')
+    paused, place = (row.checked(row.name, given) for row in rows)
+    return paused, place
 
 
 def _answer_text(done: bool, text: str) -> str:

@@ -20,6 +20,7 @@ from stickslip_monitor.monitor.alarm_list import (
     LiveAlarm,
 )
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState
+from stickslip_monitor.monitor.value_check import refused
 
 ALARM_SCHEMA = 'stickslip_monitor/alarm/1'
 STATE_SCHEMA = 'stickslip_monitor/alarm_state/1'
@@ -199,7 +200,7 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
     """
     kept_ns = _require_entry(document, 'time', (int,), 'the document')
     if (schema := _require_entry(document, 'schema', (str,), 'the document')) != STATE_SCHEMA:
-        raise AlarmStateError(f'schema = {schema!r} must be {STATE_SCHEMA!r}')
+        raise refused('schema', schema, repr(STATE_SCHEMA), AlarmStateError)
     bearings = _require_entry(document, 'bearings', (dict,), 'the document')
     assert isinstance(document, dict)  # it has a time
     # Those of 0.2.0 may have no memories: the alarms are taken over all the same.
@@ -301,7 +302,7 @@ def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
     if not isinstance(document, dict):
         raise ConfigurationError('a request must be a JSON object')
     if document.get('schema') != ACTION_SCHEMA:
-        raise ConfigurationError(f"schema must be '{ACTION_SCHEMA}'")
+        raise refused('schema', document.get('schema'), repr(ACTION_SCHEMA))
     bearing = _parse_choice(document, 'bearing', {name: name for name in bearings})
     kind = _parse_choice(document, 'alarm', {kind.value: kind for kind in AlarmKind})
     actions = {action.value: action for action in Action}
@@ -310,13 +311,11 @@ def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
         raise ConfigurationError(f'action = {document["action"]!r} no longer exists: {successor}')
     action = _parse_choice(document, 'action', actions)
     if action is None:
-        raise ConfigurationError('action = null must be one of ' + ', '.join(actions))
+        raise refused('action', None, f'one of {", ".join(actions)}')
     by, reason = require_person_name(document.get('by')), document.get('reason')
     reason = '' if reason is None else reason
     if not isinstance(reason, str) or len(reason) > LONGEST_REASON or not reason.isprintable():
-        raise ConfigurationError(
-            f'reason = {_shorten_value(reason)} must be at most {LONGEST_REASON} printable characters'
-        )
+        raise refused('reason', reason, f'at most {LONGEST_REASON} printable characters')
     return ActionRequest(action, by, bearing, kind, reason.strip())
 
 
@@ -328,11 +327,9 @@ def require_person_name(name: object) -> str:
     """
     text = name.strip() if isinstance(name, str) else ''
     if not text or len(text) > LONGEST_NAME or not text.isprintable():
-        raise ConfigurationError(
-            f'by = {_shorten_value(name)} must be a name of 1 to {LONGEST_NAME} printable characters'
-        )
+        raise refused('by', name, f'a name of 1 to {LONGEST_NAME} printable characters')
     if text.casefold() in RESERVED:
-        raise ConfigurationError(f'by = {text!r} is not a name of a person')
+        raise refused('by', text, 'the name of a person')
     return text
 
 
@@ -346,11 +343,5 @@ def _parse_choice(document: dict[str, Any], field: str, choices: dict[str, _T]) 
     if value is None:
         return None
     if not isinstance(value, str) or value not in choices:
-        raise ConfigurationError(f'{field} = {_shorten_value(value)} must be one of {", ".join(choices)}')
+        raise refused(field, value, f'one of {", ".join(choices)}')
     return choices[value]
-
-
-def _shorten_value(value: object) -> str:
-    """Return a value as a message shows it, cut after 40 characters."""
-    text = repr(value)
-    return text if len(text) <= LONGEST_NAME else f'{text[:LONGEST_NAME]}...'

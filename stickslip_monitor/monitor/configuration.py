@@ -47,7 +47,7 @@ def check_topic(whose: str, topic: str) -> None:
         ConfigurationError: It is not; the text begins with ``whose``.
     """
     if not _TOPIC.fullmatch(topic):
-        raise ConfigurationError(f'{whose} {topic!r} must be a ROS topic name')
+        raise refused(whose, topic, 'a ROS topic name')
 
 
 def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> MonitorConfig:
@@ -118,13 +118,11 @@ def bearing_names(values: Mapping[str, Any]) -> tuple[str, ...]:
     """
     names: tuple[str, ...] = parameters.BEARINGS.checked('bearings', values)
     if not names:
-        raise ConfigurationError('bearings = [] must name at least one bearing')
+        raise refused('bearings', [], 'one or more names of bearings')
     for name in names:
         if not _NAME.fullmatch(name):
-            raise ConfigurationError(
-                f'bearings: {name!r} must be a name of lower-case letters, digits and underscores'
-                ' that starts with a letter, because it becomes part of topic names'
-            )
+            rule = 'a name of lower-case letters, digits and underscores that starts with a letter'
+            raise refused('bearings', name, f'{rule}, because it becomes part of topic names')
         if names.count(name) > 1:
             raise ConfigurationError(f"bearings: '{name}' is listed twice; names must differ")
     return names
@@ -491,7 +489,7 @@ class _Section:
             rule = 'pairs of a column of a log and its text, as in {shaft: port}'
             raise refused(f'{name}.where', values[f'{quantity}.where'], rule)
         if topic:
-            check_topic(f'{name}.topic =', topic)
+            check_topic(f'{name}.topic', topic)
         if not _TYPE.fullmatch(values[f'{quantity}.type']):
             raise ConfigurationError(
                 f'{self._text_of(f"{quantity}.type")} must be written package/msg/Type, e.g.'

@@ -20,6 +20,7 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS, BearingConfig
 from stickslip_monitor.monitor.signals import INPUTS, Input
+from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
 from stickslip_monitor.physics.lubrication import MIN_TEMPERATURE, Lubrication, as_measured, viscosity
@@ -213,7 +214,7 @@ def _check_saved(part: Any, saved: Any) -> Any:
     if part.name in _EVERY_INPUT and isinstance(saved, list) and len(saved) == size - 1:
         saved_numbers = [*saved, part.default_factory()[-1]]
     if len(saved_numbers) != max(size, 1) or isinstance(saved, list) != bool(size):
-        raise ValueError(f'{part.name} = {saved!r} must be {size or "a"} number{"s"[:size]}')
+        raise refused(part.name, saved, f'{size or "a"} number{"s"[:size]}')
     whole, (minimum, maximum) = 'int' in part.type, part.metadata['range']
     numbers = []
     for value in saved_numbers:
@@ -221,7 +222,7 @@ def _check_saved(part: Any, saved: Any) -> Any:
         if type(number) not in ((int,) if whole else (int, float)) or (
             not minimum <= number <= maximum and value is not None
         ):
-            raise ValueError(f'{part.name} = {value!r} must be from {minimum:g} to {maximum:g}')
+            raise refused(part.name, value, f'from {minimum:g} to {maximum:g}')
         numbers.append(number if whole else float(number))
     return numbers if size else numbers[0]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
-from stickslip_monitor.errors import ConfigurationError, did_you_mean
+from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
 
 REQUIRED = object()
 """The default of a parameter that must be given."""
@@ -141,9 +141,11 @@ def _convert_value(kind: str, value: Any) -> Any:
         return None
 
 
-def refused(name: str, value: Any, rule: str) -> ConfigurationError:
-    """Return, not raise, the error of a value that breaks its rule; ``rule`` follows 'must be'."""
-    return ConfigurationError(f'{name} = {shown(value)} must be {rule}')
+def refused(
+    name: str, value: Any, rule: str, kind: type[StickslipError] = ConfigurationError
+) -> StickslipError:
+    """Return, not raise, the error of that kind for a value that breaks its rule, which follows 'must be'."""
+    return kind(f'{name} = {shown(value)} must be {rule}')
 
 
 def require_rule(is_kept: object, name: str, value: Any, rule: str) -> None:

@@ -128,10 +128,10 @@ CALM = [
             },
             'without the effect lining_motion it is unknown whether the lining sticks',
         ),
-        ({'duration': between(9, 3)}, 'duration = {between: [9, 3]} must be two numbers, the lower first'),
+        ({'duration': between(9, 3)}, 'duration.between = [9, 3] must be two numbers, the lower first'),
         ({'parameter_error': {'dampin': 0.1}}, "did you mean 'damping'?"),
         ({'parameter_error': {'mass': 2.0}}, 'mass = 2.0 must be a finite number between 0 and 0.9'),
-        ({'config': '.'}, 'is a folder without a .yaml file'),
+        ({'config': '.'}, 'must be a folder with a .yaml file'),
     ],
 )
 def test_bad_input_is_one_sentence(

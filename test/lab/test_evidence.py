@@ -44,7 +44,7 @@ def test_reports_are_read_as_spreadsheets_write_them(tmp_path: Path) -> None:
     ('rows', 'words'),
     [
         ('bow,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,quiet,,', "line 2: bearing 'bow' is not"),
-        ('aft,2026-05-04T06:01:10,2026-05-04T06:03:40Z,quiet,,', 'has no zone'),
+        ('aft,2026-05-04T06:01:10,2026-05-04T06:03:40Z,quiet,,', 'a time with a zone'),
         ('aft,2026-05-04T06:03:40Z,2026-05-04T06:01:10Z,quiet,,', 'must be after start'),
         ('aft,2026-05-04T06:01:10Z,2026-05-04T06:01:10Z,quiet,,', 'must be after start'),
         (

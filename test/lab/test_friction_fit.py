@@ -445,7 +445,7 @@ def test_a_column_of_another_quantity_is_no_part_of_the_curve(write: Write, othe
 
 
 def test_a_unit_of_the_coefficient_that_is_none(write: Write) -> None:
-    with pytest.raises(FitError, match=r"unit 'N' must be %, or none"):
+    with pytest.raises(FitError, match=r"unit = 'N' must be one of 1, %: a coefficient"):
         read_curve(write('speed,friction [N]\n0.1,300\n'))
 
 
@@ -467,7 +467,7 @@ def test_a_unit_of_the_coefficient_that_is_none(write: Write) -> None:
         ('speed [rpm];mu\n1.200;0,15\n', ": '1.200' (line 2) has a point and '0,15' (line 2) a comma"),
         ('speed [rpm]\tmu\n1,200\t0.15\n', ": '0.15' (line 2) has a point and '1,200' (line 2) a com"),
         ('speed (rpm) x1000,mu\n1,2\n', ", line 1, column 'speed (rpm) x1000': whether the numbers"),
-        ('speed [kn],mu\n1,2\n', ", line 1, column 'speed [kn]': unit 'kn' must be one of rpm"),
+        ('speed [kn],mu\n1,2\n', ", line 1, column 'speed [kn]': unit = 'kn' must be one of rpm"),
         ('speed [rpm],mu\n1,2\n', ": speeds in rpm need the journal's diameter"),
         (b'\xff\xfe\x00', ' has headings (line 1) but no points'),
     ],

@@ -36,13 +36,13 @@ SCENES = parse_refusals("""
 {duration: 0} => duration = 0 must be a finite number above 0
 {duration: true} => duration = True must be
 {start: 2026-05-04} => start = '2026-05-04' must be an ISO time
-{start: 1777874400} => looks like seconds: nanoseconds since 1970 are 1777874400000000000
+{start: 1777874400} => must be 1777874400000000000: nanoseconds since 1970, not seconds
 {telemetry: 3} => telemetry = 3 must be a mapping of keys
 {telemetry: {speed: {rate: 1}, load: {rate: 1}, level: {rate: 1}}}
   => telemetry.level: the configuration has no aft.level.topic
 {start: noon} => start = 'noon' must be an ISO time
-{start: 1969-12-31 23:59:00} => start = '1969-12-31 23:59:00' must lie
-{start: 9223372036854775807} => must lie, with the whole scene, between
+{start: 1969-12-31 23:59:00} => start = '1969-12-31 23:59:00' must be between
+{start: 9223372036854775807} => must be between 1970 and 2262, with the whole scene
 {seed: -1} => seed = -1 must be a whole number not below 0
 {telemetry: {speed: {rate: 1}}} => key 'telemetry.load' is missing
 {telemetry: {speed: {rate: 1}, load: {rate: 1}, torque: {}}}

@@ -100,7 +100,7 @@ REFUSED = [
     # A misspelt key is named before the one that it leaves missing.
     ({'aft.mass': MISSING, 'aft.masss': 50.0}, "...'aft.masss' = 50.0; did you mean"),
     ({'forward.mass': 50.0}, "section 'forward' is not a bearing: add it to bearings, which lists aft"),
-    ({'bearings': []}, '...must name at least one bearing'),
+    ({'bearings': []}, '...must be one or more names of bearings'),
     ({'bearings': ['aft', 'aft']}, "...'aft' is listed twice"),
     ({'bearings': ['Aft']}, "...'Aft' must be a name of lower-case letters"),
     ({'bearings': ['aft/x']}, "...'aft/x' must be a name"),
