@@ -304,8 +304,8 @@ def hardware_id(node: str, bearing: str) -> str:
 
 DOUBLE = 'Another node has the same full name: services and parameters reach either of them.'
 CLOCKS = 'Several nodes publish /clock, so time jumps to and fro:'
-FAILURE_PERIOD = 60.0
-"""For so long [s] a failure is what the node has to say."""
+LATELY_NS = 60 * 10**9
+"""For so long [ns] a failure, or the loss of a message, is what the node has to say."""
 NODE_STATUS = 'the node'
 """Stands for the bearing in the name of the node's own status."""
 
@@ -342,14 +342,22 @@ class NodeHealth:
     calibration_faults: tuple[str, ...] = ()  # why calibrations are not used
     changed: dict[str, tuple[object, object]] = field(default_factory=dict)
     """What was changed over ROS and not acknowledged: value before and now, by parameter."""
-    _failed_at: float = math.inf
-    _failures_seen: int = 0
+    # Of failures and of losses: how many were seen, and when the last was new [ns].
+    _seen: list[tuple[int, float]] = field(default_factory=lambda: [(0, -math.inf)] * 2)
 
-    def update_failing(self, steady: float) -> None:
-        """Set ``failing`` at a time of the steady clock [s]: a failure counts for a minute."""
-        if self.failures > self._failures_seen:
-            self._failures_seen, self._failed_at = self.failures, steady
-        self.failing = bool(self.failures) and steady - self._failed_at < FAILURE_PERIOD
+    def update(self, steady_ns: int) -> bool:
+        """Set ``failing`` and ``losing`` at a time of the steady clock [ns].
+
+        Returns:
+            Whether messages were lost or left out since the last call.
+        """
+        before, counts = self._seen, (self.failures, self.lost + self.left_out)
+        self._seen = [
+            (count, steady_ns if count > seen else at)
+            for count, (seen, at) in zip(counts, before, strict=True)
+        ]
+        self.failing, self.losing = (count > 0 and steady_ns - at < LATELY_NS for count, at in self._seen)
+        return counts[1] > before[1][0]
 
     def record_change(self, name: str, before: object, after: object) -> None:
         """Record a changed parameter in ``changed``; remove one that is back at its first value."""

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,7 +20,7 @@ from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange
 from stickslip_monitor.monitor.alarm_records import ROS_SERVICE, ActionRequest, parse_request
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
-from stickslip_monitor.monitor.bearing_records import CLOCKS
+from stickslip_monitor.monitor.bearing_records import CLOCKS, LATELY_NS
 from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
 from stickslip_monitor.ros.inputs import ROS_FAULTS, Inputs, Number
@@ -36,8 +35,6 @@ LAG_NS = 500_000_000
 """Delay of the watchdog's time [ns]: a sample delivered within it keeps the time of its stamp."""
 SHOW_NS = 10**9
 """Time between two publications of the state of all bearings [ns]."""
-LOSS_PERIOD = 60.0
-"""Time for which lost messages are reported in the health, and between two lines of the log [s]."""
 LATE_NS = 2 * 10**8
 """Time between two turns beyond which the node was stalled, and its inputs are not to blame [ns]."""
 HELD_UP_NS = 10**9
@@ -97,10 +94,10 @@ class NodeLoop:
             raise
         now = clock()
         self._watchdog, self._passing = Watchdog(self._session), PassingTime(simulated, now)
-        self._running_ns = self._looks = self._lost = 0
+        self._running_ns = self._looks = 0
         self._turned_ns = self._ticked_ns = now.steady_ns
         self._late, self._latest = False, True
-        self._set_ns, self._shown_ns, self._lost_at = now.set_ns, -SHOW_NS, -math.inf
+        self._set_ns, self._shown_ns = now.set_ns, -SHOW_NS
         # A timer of the steady clock: those of ROS time stall when a replay steps back.
         self._ticker = node.create_timer(
             TURN_PERIOD, survived(self.turn), clock=Clock(clock_type=ClockType.STEADY_TIME)
@@ -189,7 +186,7 @@ class NodeLoop:
         self._own.tick_clips()
         if now.steady_ns - self._shown_ns >= SHOW_NS:
             self._shown_ns = now.steady_ns
-            self._update_health(now.steady_ns * 1e-9)
+            self._update_health(now.steady_ns)
             self._session.show(now)
         self._session.flush(now)
 
@@ -219,24 +216,20 @@ class NodeLoop:
             self._health.changed.clear()
         return self._session.act(request)
 
-    def _update_health(self, steady: float) -> None:
+    def _update_health(self, steady_ns: int) -> None:
         """Update the node's own health: files, lost messages, doubles; log new faults. Called once a second.
 
         Args:
-            steady: Time of the steady clock [s].
+            steady_ns: Time of the steady clock [ns].
         """
         health = self._health
-        health.update_failing(steady)
         self._own.check_files()
         lanes = self.inputs.lanes
         health.lost = sum(lane.lost for lane in lanes)
         health.left_out = sum(lane.left_out for lane in lanes)
-        lost = health.lost + health.left_out
-        if lost > self._lost:
-            self._lost, self._lost_at = lost, steady
+        if health.update(steady_ns):
             text = f'since the node was configured: {health.losses}'
-            self._log.warning(text, throttle_duration_sec=LOSS_PERIOD)
-        health.losing = steady - self._lost_at < LOSS_PERIOD
+            self._log.warning(text, throttle_duration_sec=LATELY_NS * 1e-9)
         if self._looks % _DOUBLE_LOOKS == 0:
             self._look_for_doubles()
         self._looks += 1

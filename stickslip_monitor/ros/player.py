@@ -96,7 +96,7 @@ class Player:
             self._run_clock(begin, first, time_ns, rate)
             if progress is not None:
                 progress(time_ns)
-            self._publish_message(self._publishers[topic], data)
+            publish_message(self._publishers[topic], data)
             played += 1
         for topic, publisher in self._publishers.items():
             if not publisher.wait_for_all_acked(Duration(seconds=_PATIENCE)):
@@ -121,28 +121,29 @@ class Player:
         self._publish_clock(target)
 
     def _publish_clock(self, time_ns: int) -> None:
-        """Publish a time on /clock; raise as :meth:`_publish_message`."""
+        """Publish a time on /clock; raise as :func:`publish_message`."""
         message = Clock()
         message.clock.sec, message.clock.nanosec = divmod(time_ns, 10**9)
-        self._publish_message(self._clock, message)
+        publish_message(self._clock, message)
 
-    def _publish_message(self, publisher: Any, message: Any) -> None:
-        """Publish a message; while the queue is full, wait for its readers, for up to a second.
 
-        Raises:
-            RosError: A subscriber does not keep up.
-            KeyboardInterrupt: ROS was shut down.
-        """
-        for _ in range(200):
-            try:
-                publisher.publish(message)
-                return
-            except rclpy_implementation.RCLError:
-                if not rclpy.ok():
-                    raise KeyboardInterrupt from None
-                # The reliable queue is full: give the readers a moment.
-                time.sleep(0.005)
-        raise RosError(f'a subscriber of {publisher.topic_name} does not keep up: play slower')
+def publish_message(publisher: Any, message: Any) -> None:
+    """Publish a message; while the queue is full, wait for its readers, for up to a second.
+
+    Raises:
+        RosError: A subscriber does not keep up.
+        KeyboardInterrupt: ROS was shut down.
+    """
+    for _ in range(200):
+        try:
+            publisher.publish(message)
+            return
+        except rclpy_implementation.RCLError:
+            if not rclpy.ok():
+                raise KeyboardInterrupt from None
+            # The reliable queue is full: give the readers a moment.
+            time.sleep(0.005)
+    raise RosError(f'a subscriber of {publisher.topic_name} does not keep up: play slower')
 
 
 @contextmanager

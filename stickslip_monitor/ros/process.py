@@ -51,7 +51,7 @@ def make_executor() -> Executor:
     return EventsExecutor()
 
 
-def _spin_node(node: MonitorNode, signals: Sequence[int], errors: int = 2) -> None:
+def _spin_node(node: MonitorNode, signals: Sequence[int], errors: int) -> None:
     """Spin the node until a signal has been noted or ROS is shut down; report exceptions of callbacks.
 
     The service manager is notified of the start, of life, and of the end.

@@ -205,10 +205,23 @@ def test_the_node_names_its_losses_and_changes() -> None:
     assert health.changed == {}
 
 
-def test_a_failure_counts_for_a_minute() -> None:
-    health = NodeHealth(monitoring=True, failures=1, last_failure='x')
-    failing = []
-    for steady in (100.0, 159.0, 161.0):
-        health.update_failing(steady)
-        failing.append((health.failing, health.severity))
-    assert failing == [(True, Severity.ERROR), (True, Severity.ERROR), (False, Severity.OK)]
+@pytest.mark.parametrize(
+    ('what', 'severity'), [('failures', Severity.ERROR), ('lost', Severity.WARN), ('left_out', Severity.WARN)]
+)
+def test_a_failure_or_a_loss_counts_for_a_minute(what: str, severity: Severity) -> None:
+    health, told = NodeHealth(monitoring=True, last_failure='x'), []
+    for second, count in ((40, 0), (100, 1), (159, 1), (161, 1), (170, 3), (229, 3), (231, 3)):
+        setattr(health, what, count)
+        told.append((health.update(second * 10**9), health.severity))
+    losses = [what != 'failures' and second in (100, 170) for second in (40, 100, 159, 161, 170, 229, 231)]
+    minute = [Severity.OK, severity, severity, Severity.OK, severity, severity, Severity.OK]
+    assert told == list(zip(losses, minute, strict=True))
+
+
+def test_a_node_that_is_configured_anew_has_lost_nothing() -> None:
+    health = NodeHealth(monitoring=True, lost=5)
+    health.update(0)
+    health.lost = 0
+    assert (health.update(10**9), health.losing) == (False, False)
+    health.lost = 2
+    assert (health.update(2 * 10**9), health.losing) == (True, True)

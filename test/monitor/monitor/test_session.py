@@ -105,6 +105,14 @@ def test_a_mix_of_two_quantities_clears_no_alarm_of_stick_slip(ship: Ship) -> No
     assert not alarms['stick_slip']
 
 
+def test_a_second_level_that_is_rare_holds_no_alarm(ship: Ship) -> None:
+    """Every fiftieth value is on it: verdicts can be relied on, and the alarm clears when stick-slip ends."""
+    ship.sail(10.0, rpm=20.0)
+    assert ship.sail(300.0, rpm=lambda k: 20.0 if k % 50 == 0 else 1000.0)['reason'] == 'normal'
+    alarms = {a['alarm']: a['active'] for a in ship.published[-1]['alarms']}
+    assert (alarms['stick_slip'], alarms['input_implausible']) == (False, True)
+
+
 def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:
     ship.sail(20.0, rpm=20.0)
     told = len(ship.events)

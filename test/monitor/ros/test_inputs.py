@@ -172,6 +172,18 @@ def test_what_is_missing_between_two_numbers_is_counted(held: bool, counts: tupl
     assert lane.lost == 4 + counts[0] + 1
 
 
+def test_without_a_name_or_number_nothing_is_counted() -> None:
+    """What ROS 2 tells of a message has grown from version to version."""
+    node = _Node()
+    _, inputs = two_bearings_inputs(node, 'std_msgs/msg/Float64', 'data')
+    for number in (1, 7):
+        for missing in ('publisher_gid', 'publication_sequence_number'):
+            node.put('speed', Float64(data=1.0), number)
+            node.queues['speed'][-1][1][missing] = None
+    inputs.fetch(False)
+    assert (lane_of(inputs, 'speed').lost, lane_of(inputs, 'speed').senders) == (0, {})
+
+
 def test_of_a_flood_every_so_many_are_left_out_and_the_last_is_not() -> None:
     node = _Node()
     _, inputs = two_bearings_inputs(node, 'std_msgs/msg/Float64', 'data')

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import kit
@@ -18,6 +19,7 @@ import pytest
 from made_logs import write_recording
 
 from stickslip_logs.recordings.writer import BagWriter
+from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.bearing_records import event_record
 from stickslip_monitor.monitor.configuration import build_config
 from stickslip_monitor.offline.check import check_recording
@@ -60,6 +62,27 @@ class Heard:
 
 def clock_ns(message: Any) -> int:
     return int(message.clock.sec) * 10**9 + int(message.clock.nanosec)
+
+
+@pytest.mark.parametrize(
+    ('runs', 'error'), [(False, KeyboardInterrupt), (True, RosError)], ids=['ended', 'full']
+)
+def test_a_message_that_cannot_be_sent(
+    monkeypatch: pytest.MonkeyPatch, runs: bool, error: type[BaseException]
+) -> None:
+    """ROS was shut down, which ends the player, or a queue stays full."""
+    from rclpy.impl.implementation_singleton import rclpy_implementation
+
+    from stickslip_monitor.ros.player import publish_message
+
+    def refuse(_: Any) -> None:
+        raise rclpy_implementation.RCLError('no room')
+
+    monkeypatch.setattr('rclpy.ok', lambda: runs)
+    monkeypatch.setattr('time.sleep', lambda _: None)
+    publisher: Any = SimpleNamespace(publish=refuse, topic_name='/a')
+    with pytest.raises(error, match='/a does not keep up' if runs else ''):
+        publish_message(publisher, None)
 
 
 @pytest.mark.slow
