@@ -109,6 +109,11 @@ class BusInput:
             return f'Signal K {self.path}'
         return f'NMEA {self.sentence} {self.name or f"{self.kind} {self.number}"}'
 
+    @property
+    def max_silence(self) -> float:
+        """Time without a value from which the input is reported as silent [s]."""
+        return max(UNHEARD, self.hold)
+
 
 INPUT_PARAMETERS = rows(BusInput)
 """The parameters of one input of a bearing, under ``<bearing>.speed`` and ``<bearing>.load``."""
@@ -345,34 +350,34 @@ class BusInputs:
             (items, SourceAdmission(items[0].label, items[0].timeout, items[0].only, log))
             for items in by_source.values()
         ]
-        self.log, self._told = log, set[BusInput]()
-        self._heard: dict[BusInput, float] = {}
+        self.log, self._reported = log, set[BusInput]()
+        self._received_at: dict[BusInput, float] = {}
 
     def start_waiting(self, now: float) -> None:
         """Count the silence of every input from a time of the steady clock [s]."""
-        self._heard = {items[0]: now for items, _ in self.groups}
+        self._received_at = {items[0]: now for items, _ in self.groups}
 
     def note_received(self, item: BusInput, now: float) -> None:
         """Note when an input had a value, by the steady clock [s]; log that of one reported as silent."""
-        self._heard[item] = now
-        if item in self._told:
-            self._told.discard(item)
+        self._received_at[item] = now
+        if item in self._reported:
+            self._reported.discard(item)
             self.log(f'{item.label}: values again')
 
     def take_silent(self, now: float) -> list[BusInput]:
         """Return the inputs that have become silent, each once until it has values again; often none.
 
-        One is silent without a value for :data:`UNHEARD`, or its ``hold`` if that is longer, counted from the
-        first call or :meth:`start_waiting` at the earliest. ``now`` is of the steady clock [s].
+        One is silent without a value for its :attr:`~BusInput.max_silence`, counted from the first call or
+        :meth:`start_waiting` at the earliest. ``now`` is of the steady clock [s].
         """
-        if not self._heard:
+        if not self._received_at:
             self.start_waiting(now)
         new = [
             item
-            for item, at in self._heard.items()
-            if now - at >= max(UNHEARD, item.hold) and item not in self._told
+            for item, at in self._received_at.items()
+            if now - at >= item.max_silence and item not in self._reported
         ]
-        self._told.update(new)
+        self._reported.update(new)
         return new
 
 
@@ -380,7 +385,7 @@ TICK = 0.1
 """Period in which inputs are checked for silence [s]."""
 BEHIND_NS = 500_000_000
 """Delay of the time that is passed on [ns]: a sample delivered later than that is overtaken."""
-HELD_UP_NS = 3 * 10**8
+STALL_NS = 3 * 10**8
 """Time between two ticks from which this process was stalled, and no input is to blame [ns]."""
 _SHOWN_EVERY_NS = 10**9
 
@@ -471,7 +476,7 @@ class LiveMonitor:
         """Return the time now; leave a stall of this process out of the age of every input."""
         now = self._now()
         held_ns = now.steady_ns - self._ticked_ns
-        if held_ns > HELD_UP_NS:
+        if held_ns > STALL_NS:
             self._session.excuse(held_ns)
             self._ticked_ns = now.steady_ns
         return now

@@ -16,7 +16,7 @@ from functools import reduce
 from operator import xor
 from typing import Any
 
-from stickslip_monitor.links.buses import UNHEARD, BusInput, BusInputs
+from stickslip_monitor.links.buses import BusInput, BusInputs
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
@@ -197,11 +197,13 @@ class NmeaInputs(BusInputs):
         """
         for item in self.take_silent(now):
             counts = Counter({text: n for text, n in self._others[item].items() if text}) + Counter(unused)
-            named = ', '.join(f'{count} x {text}' for text, count in counts.most_common(4))
+            named = ', '.join(f'{text} ({count})' for text, count in counts.most_common(4))
             if other_count := self._others[item]['']:
-                named = named or f'{other_count} sentences of other kinds'
-            received = f'heard: {named}' if named else 'nothing is heard'
-            self.log(f'{item.label}: no number with a good checksum in {UNHEARD:g} s; {received}')
+                named = named or f'other sentences ({other_count})'
+            received = (
+                f'received instead: {named}' if named else 'nothing received: check the line and the port'
+            )
+            self.log(f'{item.label}: no valid number for {item.max_silence:g} s; {received}')
 
 
 @dataclass(slots=True)

@@ -110,7 +110,7 @@ class Port:
                 continue
             # What the other end does not take is not kept for it.
             if sent < len(data):
-                self._set_fault('the other end takes nothing')
+                self._set_fault('the other end does not take what is sent')
 
     def _close_port(self) -> None:
         """Close the port, if it is open, and read it no more."""
@@ -156,7 +156,7 @@ class Port:
             termios.tcsetattr(descriptor, termios.TCSANOW, settings)
         except termios.error as error:
             os.close(descriptor)
-            raise OSError('it is no serial line') from error
+            raise OSError('it is not a serial line') from error
         return descriptor
 
     async def _open_socket(self) -> int:
@@ -224,7 +224,7 @@ class Port:
             return
         if not data and self.url.scheme != 'udp':
             serial = self.url.scheme == 'serial'
-            self._set_fault('the line is closed' if serial else 'the other end closed the connection')
+            self._set_fault('the line has gone' if serial else 'the other end closed the connection')
             return
         self._heard_at = self._loop.time()
         self._on_link(True, '')
@@ -276,9 +276,9 @@ class NmeaClient(Sink):
         )
         self._ports: list[Port] = []
         self._out: Port | None = None
-        self._listed = self._beaten = -math.inf
+        self._listed_at = self._beat_at = -math.inf
         self._begun = math.inf
-        self._there: bool | None = None  # as the last heartbeat said
+        self._was_present: bool | None = None  # as the last heartbeat said
         self._down: dict[str, bool] = {}  # whether a link was down when it was reported last
 
     async def open_ports(self) -> None:
@@ -312,7 +312,7 @@ class NmeaClient(Sink):
         ``works`` is None where nobody can know; ``why`` is '' where it is True.
         """
         if works is not False and self._down.get(name, True):
-            self._listed = self._beaten = -math.inf
+            self._listed_at = self._beat_at = -math.inf
         self._down[name] = works is False
         self._side.report_link(name, works, why)
 
@@ -333,12 +333,12 @@ class NmeaClient(Sink):
         now = time.monotonic()
         if self._has_inputs:
             self._inputs.log_silent(now, self._ports[0].stream.unused)
-        if now - self._listed >= self._link.list_period:
-            self._listed = now
+        if now - self._listed_at >= self._link.list_period:
+            self._listed_at = now
             self._send_lines(self._alerts.make_list())
         self._begun = min(self._begun, now)
         if self._is_beat_due(now, is_present):
-            self._beaten, self._there = now, is_present
+            self._beat_at, self._was_present = now, is_present
             self._send_lines([self._alerts.make_heartbeat(self._link.heartbeat, is_present)])
 
     def _is_beat_due(self, now: float, is_present: bool) -> bool:
@@ -346,9 +346,9 @@ class NmeaClient(Sink):
 
         The first one waits for the first record, which a monitor may need some time for.
         """
-        if self._there is None and not is_present:
+        if self._was_present is None and not is_present:
             return now - self._begun >= FIRST_BEAT
-        return is_present is not self._there or now - self._beaten >= self._link.heartbeat
+        return is_present is not self._was_present or now - self._beat_at >= self._link.heartbeat
 
     async def finish(self) -> None:
         """Send a last heartbeat, which says that the monitor is gone; the ports stay open."""

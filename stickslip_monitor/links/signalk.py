@@ -247,6 +247,7 @@ class _Alarm:
 
 
 def _make_update(source: str, path: str, value: Mapping[str, Any]) -> Update:
+    """Return the update that sends one value of a path from a source."""
     return {'$source': source, 'values': [{'path': path, 'value': value}]}
 
 
@@ -268,12 +269,13 @@ class Notifications:
         self.pattern = f'notifications.{prefix}.*'
         self._run, self._count = run, 0
 
-        def begun(*key: str) -> _Alarm:
+        def make_alarm(*key: str) -> _Alarm:
+            """Make a normal notification for a bearing's alarm, or for the monitor itself."""
             path = '.'.join(['notifications', prefix, *map(to_camel_case, key)])
             token = f'{run}-0'
             return _Alarm(key, path, token, {**NORMAL, 'data': {'occurrence': token}})
 
-        notifications = [begun(name, kind.value) for name in bearings for kind in AlarmKind]
+        notifications = [make_alarm(name, kind.value) for name in bearings for kind in AlarmKind]
         self._by_key = {alarm.key: alarm for alarm in notifications}
         self._alarms = {alarm.path: alarm for alarm in notifications}
         for alarm in notifications:
@@ -282,7 +284,7 @@ class Notifications:
                     f"bearings '{alarm.key[0]}' and '{twin.key[0]}' have one Signal K path,"
                     f' {alarm.path}: rename one'
                 )
-        self._monitor = begun(MONITOR)
+        self._monitor = make_alarm(MONITOR)
 
     def take_alarms(self, record: Mapping[str, Any]) -> list[Update]:
         """Return the updates for the alarms that differ from what was sent, and note them as sent."""

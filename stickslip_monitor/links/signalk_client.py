@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 import aiohttp
 
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.links.buses import UNHEARD, MonitorSide, SignalKLink, is_loopback
+from stickslip_monitor.links.buses import UNHEARD, BusInput, MonitorSide, SignalKLink, is_loopback
 from stickslip_monitor.links.signalk import (
     SAFE_ACTIONS,
     Notifications,
@@ -181,8 +181,8 @@ class SignalKClient(Sink):
             inner = error.certificate_error
             why = getattr(inner, 'verify_message', '') or str(inner)
             raise _Unusable(
-                f"signalk.url = '{self._link.url}': its certificate does not fit; give that of its"
-                f' signer as signalk.ca_file ({why})'
+                f"signalk.url = '{self._link.url}': TLS certificate not trusted ({why}): set"
+                ' signalk.ca_file to the certificate of its signer'
             ) from error
         except aiohttp.WSServerHandshakeError as error:
             if error.status >= 500 or error.status in _WAIT_FOR:
@@ -196,7 +196,7 @@ class SignalKClient(Sink):
         if status in (401, 403):
             problem = 'the token is refused: it is wrong, revoked or expired'
             return f"signalk.token_file = '{self._link.token_file}': {problem} ({status})"
-        return f"signalk.url = '{self._link.url}' is no Signal K server: it answers {status}"
+        return f"signalk.url = '{self._link.url}' is not a Signal K server: it answers {status}"
 
     async def _receive_hello(self, socket: aiohttp.ClientWebSocketResponse) -> dict[str, Any]:
         """Receive the greeting of the server.
@@ -213,7 +213,9 @@ class SignalKClient(Sink):
         with suppress(ValueError):
             hello = json.loads(message.data)
         if not is_hello(hello):
-            raise _Unusable(f"signalk.url = '{self._link.url}' is no Signal K server")
+            raise _Unusable(
+                f"signalk.url = '{self._link.url}' is not a Signal K server: it does not greet as one"
+            )
         local = is_loopback(urlsplit(self._link.url).hostname)
         if self._link.accept_actions and version_of(hello) < SAFE_ACTIONS and not local:
             raise _Unusable(
@@ -317,14 +319,14 @@ class SignalKClient(Sink):
         ``now`` is of the steady clock [s].
         """
         for item in self._inputs.take_silent(now):
-            task = asyncio.create_task(self._log_silence(item.path))
+            task = asyncio.create_task(self._log_silence(item))
             self._silence_tasks.add(task)
             task.add_done_callback(self._silence_tasks.discard)
 
-    async def _log_silence(self, path: str) -> None:
-        """Ask the server for its present value of a path; log why the path is silent, as a warning."""
+    async def _log_silence(self, item: BusInput) -> None:
+        """Ask the server for its present value of an input; log why its path is silent, as a warning."""
         assert self._session is not None
-        url = f'{self._link.url}/signalk/v1/api/vessels/self/{path.replace(".", "/")}'
+        url = f'{self._link.url}/signalk/v1/api/vessels/self/{item.path.replace(".", "/")}'
         try:
             limit = aiohttp.ClientTimeout(total=UNHEARD)
             async with self._session.get(url, headers=self._headers, ssl=self._ssl, timeout=limit) as answer:
@@ -332,7 +334,7 @@ class SignalKClient(Sink):
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
             status, value = 0, failure_reason(error)
         why = _explain_silence(status, value, bool(self._headers))
-        self._side.log.warning(f'Signal K {path}: no value for {UNHEARD:g} s: {why}')
+        self._side.log.warning(f'{item.label}: no value for {item.max_silence:g} s: {why}')
 
     async def finish(self) -> None:
         """Send null values and that the monitor was stopped; the alarms stay at the server.
@@ -366,7 +368,7 @@ def _explain_silence(status: int, value: str, has_token: bool) -> str:
         document = json.loads(value)
     if status == 200 and isinstance(document, dict) and 'timestamp' in document:
         return f'its source is silent; the last value is of {str(document["timestamp"])[:40]}'
-    return f'the server answers {status or value} to a look at it'
+    return f'asked for it the server answers {status or value}'
 
 
 async def _send_update(socket: aiohttp.ClientWebSocketResponse, update: Update) -> None:

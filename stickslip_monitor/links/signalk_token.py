@@ -55,7 +55,7 @@ async def save_requested_token(link: SignalKLink | None, log: Callable[[str], ob
     if not path.parent.is_dir():
         raise LinkError(f"signalk.token_file = '{path}': there is no folder {path.parent}")
     if path.exists() and not _is_replaceable(path):
-        raise LinkError(f"signalk.token_file = '{path}' is there and holds no token: it is not overwritten")
+        raise LinkError(f"signalk.token_file = '{path}' exists and holds no token: name another file")
     # The same for the same machine and file, so that the officer sees one device, not many.
     client_id = str(uuid.uuid5(uuid.NAMESPACE_URL, f'{socket.gethostname()}{path}'))
     token = await request_token(link, client_id, log)

@@ -122,7 +122,7 @@ def test_what_is_not_used_is_counted() -> None:
     assert stream.unused['no checksum'] == 1
 
 
-def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
+def test_a_silent_input_is_logged_with_what_was_received_instead() -> None:
     said: list[str] = []
     inputs = NmeaInputs([SPEED, LOAD], said.append)
     inputs.log_silent(0.0, {})
@@ -133,10 +133,10 @@ def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
     for _ in range(2):
         inputs.log_silent(5.0, {'bad checksum': 16})
     assert said == [
-        'NMEA RPM S 1: no number with a good checksum in 5 s; heard: 16 x bad checksum, 2 x RPM,E,1,'
-        ' 1 x invalid by its talker',
-        'NMEA XDR AFTLOAD: no number with a good checksum in 5 s; heard: 16 x bad checksum,'
-        ' 1 x XDR AFTLOAD as type N in K, and only type N in N is used',
+        'NMEA RPM S 1: no valid number for 5 s; received instead: bad checksum (16), RPM,E,1 (2),'
+        ' invalid by its talker (1)',
+        'NMEA XDR AFTLOAD: no valid number for 5 s; received instead: bad checksum (16),'
+        ' XDR AFTLOAD as type N in K, and only type N in N is used (1)',
     ]
     assert list(inputs.take(sentence('RCRPM,S,1,74.6,30.0,A'), 6.0))
     assert said[2:] == ['NMEA RPM S 1: values again']
@@ -145,11 +145,11 @@ def test_an_input_that_brings_nothing_says_what_is_heard() -> None:
     assert list(inputs.take(sentence('IIXDR,N,1.2,N,AFTLOAD'), 12.0))
     inputs.log_silent(17.0, {})
     # What came before the last number is not heard any more.
-    what = 'no number with a good checksum in 5 s'
+    what = 'no valid number for 5 s'
     assert said[3:] == [
         'NMEA XDR AFTLOAD: values again',
-        f'NMEA RPM S 1: {what}; heard: 4 sentences of other kinds',
-        f'NMEA XDR AFTLOAD: {what}; nothing is heard',
+        f'NMEA RPM S 1: {what}; received instead: other sentences (4)',
+        f'NMEA XDR AFTLOAD: {what}; nothing received: check the line and the port',
     ]
 
 

@@ -133,7 +133,9 @@ async def test_what_the_other_end_does_not_take_is_not_kept() -> None:
         await at_work(end.port)
         await wait_until(lambda: end.states == [True])
         end.port.send([RPM * 1000] * 1000)
-        await wait_until(lambda: end.reasons[-1] == 'the other end takes nothing', lambda: end.reasons)
+        await wait_until(
+            lambda: end.reasons[-1] == 'the other end does not take what is sent', lambda: end.reasons
+        )
 
 
 async def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> None:
@@ -196,7 +198,7 @@ async def test_what_cannot_be_opened_at_the_start_is_an_error(tmp_path: Path) ->
         for address, reason in (
             (taken, 'Address already in use'),
             (f'serial://{tmp_path}/none', 'No such file or directory'),
-            (f'serial://{no_line}', 'it is no serial line'),
+            (f'serial://{no_line}', 'it is not a serial line'),
         ):
             text = f"nmea.listen = '{address}' cannot be opened: {reason}"
             with pytest.raises(LinkError, match=re.escape(text)):

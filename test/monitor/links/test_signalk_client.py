@@ -205,8 +205,8 @@ async def test_what_is_not_taken_is_told(server: SmallServer, monkeypatch: pytes
             False,
             'its source is silent; the last value is of 2026-11-25T10:00:00Z',
         ),
-        (200, '[]', False, 'the server answers 200 to a look at it'),
-        (0, 'Connection refused', False, 'the server answers Connection refused'),
+        (200, '[]', False, 'asked for it the server answers 200'),
+        (0, 'Connection refused', False, 'asked for it the server answers Connection refused'),
     ],
 )
 def test_why_a_path_brings_nothing(status: int, value: str, token: bool, why: str) -> None:
@@ -261,7 +261,7 @@ async def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault(server: 
 @pytest.mark.parametrize('greeting', ['no JSON {', '3', '{"name": "another"}'])
 async def test_another_program_is_no_signal_k_server(server: SmallServer, greeting: str) -> None:
     server.greeting = greeting
-    with pytest.raises(LinkError, match='is no Signal K server'):
+    with pytest.raises(LinkError, match='is not a Signal K server'):
         await Ship(server).client.run()
 
 
@@ -294,7 +294,7 @@ async def test_a_certificate_must_fit(server: SmallServer, certificate: Path, tm
     context.load_cert_chain(certificate / 'cert.pem', certificate / 'key.pem')
     await server.stop()
     await server.start(context)
-    with pytest.raises(LinkError, match=r'its certificate does not fit; .* signalk\.ca_file'):
+    with pytest.raises(LinkError, match=r'TLS certificate not trusted .* signalk\.ca_file'):
         await Ship(server, 'https').client.run()
     ca_file = str(certificate / 'cert.pem')
     async with connected_client(Ship(server, 'https', ca_file=ca_file)) as ship:
