@@ -275,11 +275,15 @@ class Lane:
         self.senders: dict[bytes, Sender] = {}
         self.undecodable = False
         self._came = 0
-        # Senders that have sent nothing since the node was held up.
+        # Senders that have sent nothing since the node was stalled.
         self._excused: set[bytes] = set()
 
     def subscribe(self) -> None:
-        """Create the subscription."""
+        """Create and store the subscription.
+
+        Raises:
+            Exception: One of :data:`ROS_FAULTS`: it cannot be made.
+        """
         self.subscription = self._node.create_subscription(
             self._class,
             self._topic,
@@ -496,7 +500,7 @@ def number_reader(
     number = NumberField(path)
 
     def read(message: Any) -> float | None:
-        """Return the number, or ``nan`` or ``None`` as said above."""
+        """Return the number, ``nan`` where it is missing, ``None`` where only other elements are named."""
         try:
             return number.read(message)
         except NoSuchElementError as error:

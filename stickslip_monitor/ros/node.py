@@ -45,7 +45,7 @@ _FIXED = 'cannot be set: a running node keeps it; restart it with another parame
 _READ_ONLY = 'cannot be set: it is read-only while the node is active; deactivate it first'
 
 
-def descriptor(row: Parameter) -> ParameterDescriptor:
+def make_descriptor(row: Parameter) -> ParameterDescriptor:
     """Make the ROS descriptor of a parameter; its rule is enforced by the configuration too."""
     ranges = []
     if row.kind == 'float' and (row.minimum > -math.inf or row.maximum < math.inf):
@@ -62,7 +62,7 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
     )
 
 
-def declare(node: Node) -> None:
+def declare_parameters(node: Node) -> None:
     """Declare every parameter of the table anew: with its descriptor, and its default where it has no value.
 
     The node has declared what the parameter file and the command line gave.
@@ -70,13 +70,13 @@ def declare(node: Node) -> None:
     Raises:
         ConfigurationError: The list of bearings breaks its rule.
     """
-    for name, row in parameters_of(bearing_names(values(node))).items():
+    for name, row in parameters_of(bearing_names(parameter_values(node))).items():
         value = None if row.default is REQUIRED or row.is_optional else row.default
         if node.has_parameter(name):
             given = _as_written(name, node.get_parameter(name).value)
             value = value if given is None else given
             node.undeclare_parameter(name)
-        node.declare_parameter(name, value, descriptor(row), ignore_override=True)
+        node.declare_parameter(name, value, make_descriptor(row), ignore_override=True)
 
 
 def _as_written(name: str, value: Any) -> Any:
@@ -94,7 +94,7 @@ def _as_written(name: str, value: Any) -> Any:
     return list(value) if hasattr(value, '__iter__') and not isinstance(value, str) else value
 
 
-def values(node: Node) -> dict[str, Any]:
+def parameter_values(node: Node) -> dict[str, Any]:
     """Return the values by name of the node's own parameters that are set, without those of ROS itself."""
     written = {
         name: _as_written(name, parameter.value)
@@ -119,7 +119,7 @@ def build_changed_config(
     Raises:
         ConfigurationError: A value breaks its rule, or may not change while the node is active.
     """
-    parameters, rebuilt, changed = values(node), False, Changed()
+    parameters, rebuilt, changed = parameter_values(node), False, Changed()
     rows = parameters_of(bearing_names(parameters))
     for change in changes:
         name, value = change.name, _as_written(change.name, change.value)
@@ -227,7 +227,7 @@ class MonitorNode(LifecycleNode):
         simulated = self.get_parameter(USE_SIM_TIME).value
         # ROS itself only logs that it is wrong.
         require_rule(isinstance(simulated, bool), USE_SIM_TIME, simulated, 'true or false')
-        self.config = build_config(values(self), is_live=True)
+        self.config = build_config(parameter_values(self), is_live=True)
         questions = chain.from_iterable(map(write_questions, self.config.bearings))
         for note in (*self.config.notes, *self.config.faults, *questions):
             self.get_logger().warning(note)
@@ -235,13 +235,13 @@ class MonitorNode(LifecycleNode):
             self.get_logger().warning(note)
         self._check_machine(self.config)
         self.make_store(self.config.clips)
-        declare(self)
+        declare_parameters(self)
         self.add_on_set_parameters_callback(self._on_parameters)
         self._refuse_unknown_types()
 
     @property
     def subscriptions(self) -> Iterator[Subscription[Any]]:
-        """Subscriptions that executors serve: all but the inputs, see :class:`.Inputs`."""
+        """Subscriptions that executors serve: all but the inputs, which :class:`.Inputs` reads."""
         lanes = () if self._loop is None else self._loop.inputs.lanes
         input_ids = {id(lane.subscription) for lane in lanes}
         return (one for one in super().subscriptions if id(one) not in input_ids)
@@ -254,46 +254,47 @@ class MonitorNode(LifecycleNode):
         """
         for name in ('configure', 'activate'):
             if getattr(self, f'trigger_{name}')() != TransitionCallbackReturn.SUCCESS:
-                raise RosError(f'the node cannot {name}: {self._failure or "a fault that the log names"}')
+                raise RosError(f'the node cannot {name}: {self._failure or "see its log"}')
 
-    def survived(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback wrapped so that an exception in it is reported by :meth:`survive`, not raised."""
+    def guard_callback(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a callback wrapped so that an exception in it goes to :meth:`report_exception`, not out."""
 
         def call(*arguments: Any) -> Any:
             """Return the result of the callback; ``None`` where it raised, which is reported."""
             try:
                 return callback(*arguments)
             except Exception as error:
-                self.survive(error)
+                self.report_exception(error)
 
         # rclpy looks at it before each call: to work it out takes longer than the call itself.
         call.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined]
         return call
 
-    def survive(self, error: Exception) -> None:
+    def report_exception(self, error: Exception) -> None:
         """Log an unexpected exception, count it in the health, and put the first one on record."""
         frames = traceback.extract_tb(error.__traceback__)
         place = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
-        text = f'{type(error).__name__}: {sentence(error)}{place}'
+        text = f'{type(error).__name__}: {ros_error_text(error)}{place}'
         self.health.failures += 1
         at = datetime.now(timezone.utc)
         self.health.last_failure, self.health.failing = f'at {at:%H:%M:%S} UTC: {text}', True
-        self.get_logger().error(f'a callback failed and is survived: {text}', throttle_duration_sec=5.0)
+        self.get_logger().error(f'a callback failed, the node continues: {text}', throttle_duration_sec=5.0)
         if self.health.failures == 1:
             self._put_on_record('node', f'a callback failed: {text}')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the session from the parameters and create the publishers, with a new health.
 
-        Returns ``FAILURE``, and logs why, where that is impossible.
+        The saved alarms are restored, and the state file is locked. Returns ``FAILURE``, and logs why, where
+        that is impossible.
         """
         self.health = NodeHealth(changed=self.health.changed, calibration_faults=self.config.faults)
         bearings = plural(len(self.config.bearings), 'bearing')
-        self.get_logger().info(f'working out the boundaries of {bearings}')
+        self.get_logger().info(f'computing the boundaries of {bearings}')
         try:
             self._configured = Configured(self, self.config, self.health, self.make_store)
         except (*ROS_FAULTS, StickslipError) as error:
-            return self._fail_transition(f'it cannot be set up: {sentence(error)}')
+            return self._fail_transition(f'it cannot be set up: {ros_error_text(error)}')
         self._record_state('configured, inactive')
         return super().on_configure(state)
 
@@ -306,9 +307,9 @@ class MonitorNode(LifecycleNode):
         simulated = self.get_parameter(USE_SIM_TIME).value is True
         try:
             clock = node_clock(self, simulated)
-            loop = NodeLoop(self, self._configured, self.survived, clock, simulated)
+            loop = NodeLoop(self, self._configured, self.guard_callback, clock, simulated)
         except ROS_FAULTS as error:
-            return self._fail_transition(f'its inputs cannot be subscribed to: {sentence(error)}')
+            return self._fail_transition(f'its inputs cannot be subscribed to: {ros_error_text(error)}')
         result = super().on_activate(state)
         self._record_state('active')
         self._log_inputs(self._configured.session.config)
@@ -317,20 +318,20 @@ class MonitorNode(LifecycleNode):
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End the loop; session, alarms and publishers stay."""
+        """End the loop, if there is one, and log that; session, alarms and publishers stay."""
         self._stop_listening()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Destroy the publishers and the session with its alarms; write clips and alarms."""
+        """Write clips and alarms, and destroy the publishers and the session; log the new state."""
         self._take_down()
         self._record_state('unconfigured')
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End the loop and destroy publishers and session, from any state; write clips and alarms.
+        """End the loop, write clips and alarms, and destroy publishers and session, from any state.
 
-        The new state is put on record.
+        The new state is logged.
         """
         self._stop_listening()
         self._take_down()
@@ -411,7 +412,11 @@ class MonitorNode(LifecycleNode):
             self._configured = None
 
     def _check_machine(self, config: MonitorConfig) -> None:
-        """Check message types, fields and folders, which only this machine knows; raise ``RosError``."""
+        """Check what only this machine knows: message types, fields, and the state file.
+
+        Raises:
+            RosError: One of them cannot be used.
+        """
         check_inputs(resolve_topics(self, config), output_names(self, config))
         if config.state_file:
             StateFile(config.state_file).check()
@@ -433,13 +438,13 @@ class MonitorNode(LifecycleNode):
         except StickslipError as error:
             return SetParametersResult(successful=False, reason=str(error))
         except Exception as error:
-            self.survive(error)
-            return SetParametersResult(successful=False, reason=f'it failed: {error}')
+            self.report_exception(error)
+            return SetParametersResult(successful=False, reason=f'a fault of the node, see its log: {error}')
         for name, (before, after) in changed.items():
             text = f'parameter {name}: {before!r} -> {after!r}'
             self.get_logger().info(text)
             self._put_on_record('parameter', text)
-            if name.partition('.')[0] in bearing_names(values(self)):
+            if name.partition('.')[0] in bearing_names(parameter_values(self)):
                 self.health.record_change(name, before, after)
         return SetParametersResult(successful=True)
 
@@ -469,6 +474,6 @@ class MonitorNode(LifecycleNode):
                 service.callback = functools.partial(refusing, service.callback)
 
 
-def sentence(error: Exception) -> str:
-    """Return the message of an exception of ROS, without places in ROS's sources."""
+def ros_error_text(error: Exception) -> str:
+    """Return the message of an exception of ROS on one line, without places in ROS's sources."""
     return ' '.join(re.sub(r',? at /\S+', '', str(error)).split())

@@ -37,7 +37,7 @@ SHOW_NS = 10**9
 """Time between two publications of the state of all bearings [ns]."""
 LATE_NS = 2 * 10**8
 """Time between two turns beyond which the node was stalled, and its inputs are not to blame [ns]."""
-HELD_UP_NS = 10**9
+LONG_STALL_NS = 10**9
 """Length of a stall from which it is reported [ns]."""
 STILL_NS = 10**9
 """Time without a step after which a simulated clock counts as stopped, not slow [ns]."""
@@ -48,7 +48,7 @@ TRIGGERS = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Act
 SWITCHES = {'out_of_service': (Action.REMOVE, Action.RESTORE)}
 """Services of type std_srvs/SetBool, with what true and false do."""
 Guard = Callable[[Callable[..., Any]], Callable[..., Any]]
-"""Makes a callback whose exceptions are logged and survived."""
+"""Makes a callback whose exceptions are reported, and do not end the node."""
 ReadClock = Callable[[], Moment]
 
 
@@ -68,7 +68,7 @@ class NodeLoop:
 
     Args:
         configured: What it has: session, publishers, clips.
-        survived: Guards the callback of the timer.
+        guard: Makes the callback of the timer, and that of a number.
         clock: Reads the steady clock and the time by which the node measures.
         simulated: Whether ROS time follows /clock.
 
@@ -77,11 +77,11 @@ class NodeLoop:
     """
 
     def __init__(
-        self, node: LifecycleNode, configured: Configured, survived: Guard, clock: ReadClock, simulated: bool
+        self, node: LifecycleNode, configured: Configured, guard: Guard, clock: ReadClock, simulated: bool
     ) -> None:
         self._node, self._own, self._simulated = node, configured, simulated
         self._session, self._health = configured.session, configured.health
-        self._log, self._take, self._now = node.get_logger(), survived(self._take_number), clock
+        self._log, self._take, self._now = node.get_logger(), guard(self._take_number), clock
         tap = None if configured.clips is None else configured.clips.tap
         self.inputs = Inputs(node, configured.config, clock, simulated, tap)
         configured.graph.lanes = {lane.name: lane for lane in self.inputs.lanes}
@@ -100,7 +100,7 @@ class NodeLoop:
         self._set_ns, self._shown_ns = now.set_ns, -SHOW_NS
         # A timer of the steady clock: those of ROS time stall when a replay steps back.
         self._ticker = node.create_timer(
-            TURN_PERIOD, survived(self.turn), clock=Clock(clock_type=ClockType.STEADY_TIME)
+            TURN_PERIOD, guard(self.turn), clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def begin(self) -> None:
@@ -144,25 +144,24 @@ class NodeLoop:
             self._take(number)
         now = self._now()
         if not late and now.steady_ns - begun_ns > LATE_NS:
-            return  # held up amid the turn: the next one excuses it, before time passes
+            return  # stalled amid the turn: the next one discounts it, before time passes
         if not self._latest:
             self._session.catch_up(now)
         if late or now.steady_ns - self._ticked_ns >= WATCHDOG_NS:
             self._let_time_pass(now)
         self._session.flush(now)
-        # A turn that was long itself is no hold-up.
+        # A turn that was long itself is no stall.
         self._turned_ns, self._set_ns = now.steady_ns, now.set_ns
 
     def _take_number(self, number: Number) -> None:
         """Give a number to the session, and note it for the watchdog if it is a valid speed or load.
 
-        Its age counts from its arrival, after a stall from now on. Since a clock that was set, its arrival
-        tells no time.
+        Its age counts from its arrival; after a stall, or once the clock was set, from now on.
         """
         name, place, time_ns, arrival_ns, value = number
         now = self._now()
-        # Of what came before the clock was set it tells no time; and of what waited while we were
-        # held up some was left out, so that the arrivals of the rest have gaps that are ours.
+        # Arrivals before the clock was set are on another time. Of the messages that waited during a stall
+        # some were left out, so that the arrivals of the rest have gaps that are ours.
         if now.set_ns != self._set_ns:
             time_ns = now.time_ns if time_ns == arrival_ns else time_ns
         elif not self._late:
@@ -198,12 +197,12 @@ class NodeLoop:
         self._session.excuse(held_ns)
         # The alarms' time has passed, that of the inputs has not.
         self._running_ns += self._passing.passed(now)
-        if held_ns <= HELD_UP_NS:
+        if held_ns <= LONG_STALL_NS:
             return
         held = held_ns * 1e-9
         self._health.delays += 1
         self._health.longest_delay = max(self._health.longest_delay, held)
-        text = f'the node was held up for {held:.3g} s: answers were late, inputs are not to blame'
+        text = f'the node was stalled for {held:.3g} s (overload, suspend?): inputs are not blamed for it'
         self._log.warning(text)
         self._session.note('node', text)
 
@@ -231,10 +230,10 @@ class NodeLoop:
             text = f'since the node was configured: {health.losses}'
             self._log.warning(text, throttle_duration_sec=LATELY_NS * 1e-9)
         if self._looks % _DOUBLE_LOOKS == 0:
-            self._look_for_doubles()
+            self._check_doubles()
         self._looks += 1
 
-    def _look_for_doubles(self) -> None:
+    def _check_doubles(self) -> None:
         """Update the health on nodes of the same name and publishers of /clock; report new doubles as errors.
 
         On the system's time nothing reads /clock, so its publishers are not looked for.
@@ -243,7 +242,8 @@ class NodeLoop:
         node_key, clocks = (node.get_name(), node.get_namespace()), ''
         double = node.get_node_names_and_namespaces().count(node_key) > 1
         if double and not health.double:
-            self._report_error(f'another node is called {node.get_fully_qualified_name()}, too')
+            name = node.get_fully_qualified_name()
+            self._report_error(f'another node is called {name} too: stop one of them')
         infos = node.get_publishers_info_by_topic('/clock') if self._simulated else ()
         if len(infos) > 1:
             clocks = ', '.join(sorted(map(node_name, infos)))
@@ -308,7 +308,7 @@ class Actions:
             self._node.get_logger().info(f'{action} of all bearings asked for by a {ROS_SERVICE} call')
             changes = self._carry_out(ActionRequest(action, ROS_SERVICE))
             names = ', '.join(f'{change.bearing}/{change.kind}' for change in changes)
-            nothing = f'there is nothing to {action}' if on is off else 'it is so already'
+            nothing = f'there is nothing to {action}' if on is off else 'no change: it is so already'
             response.success = bool(changes) or on is not off
             response.message = f'{action}: {names}' if names else nothing
             return response
@@ -356,13 +356,13 @@ class Watchdog:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._silent = dict.fromkeys(session.monitor.bearings, 0)  # for how long [ns]
-        self._heard: set[str] = set()
+        self._sampled: set[str] = set()  # bearings with a valid sample since the last tick
         # Those whose time went on while ROS time was unknown.
         self._timeless: set[str] = set()
 
     def note(self, name: str) -> None:
         """Note that a bearing had a valid sample: it counts at the next tick."""
-        self._heard.add(name)
+        self._sampled.add(name)
 
     def tick(self, now: Moment, passed_ns: int) -> None:
         """Follow the clock if it was set, and advance each bearing that had no sample since the last tick.
@@ -373,13 +373,13 @@ class Watchdog:
         """
         self._session.follow(now)
         for name, bearing in self._session.monitor.bearings.items():
-            before, has_sample = self._silent[name], now.time_ns and name in self._heard
+            before, has_sample = self._silent[name], now.time_ns and name in self._sampled
             silent = self._silent[name] = 0 if has_sample else before + passed_ns
             elapsed = max(silent - LAG_NS, 0)
             time_ns = self._time_without_sample(bearing, now, elapsed, elapsed - max(before - LAG_NS, 0))
             if silent and time_ns:
                 self._session.advance(name, time_ns, now)
-        self._heard.clear()
+        self._sampled.clear()
 
     def _time_without_sample(self, bearing: BearingMonitor, now: Moment, elapsed: int, more: int) -> int:
         """Return the time that a bearing without a sample has reached [ns]; 0 while it has none.

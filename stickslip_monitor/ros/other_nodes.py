@@ -169,15 +169,17 @@ class Watcher:
         try:
             listen(DiagnosticArray, diagnostics, self._on_diagnostics, _RELIABLE)
             for name, listener in listeners.items():
-                listen(String, f'{name}/alarms', partial(self._on_alarms, listener), _ALARMS)
-                listen(String, f'{name}/bearings', partial(self._on_bearings, listener), _RELIABLE)
+                listen(String, f'{name}/alarms', partial(self._on_alarms, listener, name), _ALARMS)
+                listen(String, f'{name}/bearings', partial(self._on_bearings, listener, name), _RELIABLE)
                 self._actions[name] = node.create_publisher(String, f'{name}/actions', _RELIABLE)
         except ROS_FAULTS as error:
             text = str(error).splitlines()[0].rstrip(':')
             raise RosError(f"node '{name}': {text}") from error
 
     def act(self, monitor: str, request: ActionRequest) -> None:
-        """Send a request to a listened-to monitor, by its full name; nobody tells whether it was carried out.
+        """Send a request to one of the listened-to monitors, by its full name.
+
+        Its list of alarms shows later whether the request was carried out.
 
         Raises:
             RosError: The monitor receives no requests at present, or this one cannot be sent.
@@ -202,23 +204,23 @@ class Watcher:
                 for listener in self._listeners.values():
                     self._hand_over(listener.take_other, node)
 
-    def _on_bearings(self, listener: Sink, message: String) -> None:
-        """Pass on the record of each bearing in a message; ignore one of another schema."""
-        document = self._parse_message(message)
+    def _on_bearings(self, listener: Sink, monitor: str, message: String) -> None:
+        """Pass on the record of each bearing in a message; ignore one that is not JSON of our schema."""
+        document = self._parse_message(monitor, message)
         if isinstance(document, dict) and document.get('schema') == BEARINGS_SCHEMA:
             for record in document['bearings']:
                 self._hand_over(listener.take_record, record)
 
-    def _on_alarms(self, listener: Sink, message: String) -> None:
+    def _on_alarms(self, listener: Sink, monitor: str, message: String) -> None:
         """Pass on the list of alarms in a message, of any schema; ``None`` where it is not JSON."""
-        self._hand_over(listener.take_alarms, self._parse_message(message))
+        self._hand_over(listener.take_alarms, self._parse_message(monitor, message))
 
-    def _parse_message(self, message: String) -> Any:
-        """Parse the JSON of a message; return ``None``, and log it the first time, where it is not JSON."""
+    def _parse_message(self, monitor: str, message: String) -> Any:
+        """Parse the JSON of a monitor's message; return ``None`` where it is not JSON, and log that once."""
         try:
             return json.loads(message.data)
         except (ValueError, RecursionError):
-            self.node.get_logger().warning('what a monitor says is not JSON', once=True)
+            self.node.get_logger().warning(f'{monitor} publishes what is not JSON: ignored', once=True)
             return None
 
 
@@ -299,6 +301,7 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
     """
 
     def on_diagnostics(message: DiagnosticArray) -> None:
+        """Give ``take`` the health of each monitor's node in a message."""
         for status in filter(_is_of_node, message.status):
             take(f'/{status.hardware_id}', status.level[0], status.message)
 
@@ -306,7 +309,7 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
         try:
             node.create_subscription(DiagnosticArray, diagnostics, on_diagnostics, _RELIABLE)
         except ROS_FAULTS as error:
-            raise RosError(f"--diagnostics '{diagnostics}' is no name of a topic") from error
+            raise RosError(f"--diagnostics '{diagnostics}' is not a valid topic name") from error
         spin()
         yield
 

@@ -41,8 +41,8 @@ from stickslip_monitor.state_file import Background, StateWriter
 
 WARNINGS_KEPT = 100
 ALARMS_KEPT = 20
-# How long the end of the node waits for readers [s].
-_LAST_WORD = 0.5
+# How long the end of the node waits for readers of each topic [s].
+_MAX_FLUSH = 0.5
 _CLIPS_WAITING = 2
 
 
@@ -110,8 +110,8 @@ class Configured:
         """Set :attr:`config`, and :attr:`clips` and ``outputs`` to those that it asks for.
 
         Raises:
-            Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; nothing is set where it is that
-            clips cannot be taken.
+            Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; nothing is set where the store
+            of the clips cannot be made.
         """
         store = self._make_store(config.clips)
         self.config = config
@@ -132,7 +132,7 @@ class Configured:
         )
 
     def retune(self, config: MonitorConfig) -> None:
-        """Apply and store a configuration that differs in live parameters only."""
+        """Apply a configuration that differs in live parameters only to the session, and store it."""
         self.session.retune(resolve_topics(self._node, config))
         self.config = config
 
@@ -140,8 +140,8 @@ class Configured:
         """Replace clips, publishers and session for another configuration; the alarms are taken over.
 
         Raises:
-            Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; where clips cannot be taken,
-                all stays as it was.
+            Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; where the store of the clips
+                cannot be made, all stays as it was.
         """
         before, outputs = self.session, self.outputs
         self._make_outputs(config)
@@ -259,9 +259,9 @@ class Outputs(Sink):
         self._publish_message(self._diagnostics, message)
 
     def flush(self) -> None:
-        """Wait until subscribers have alarms, states and diagnostics: for each up to :data:`_LAST_WORD` s."""
+        """Wait until subscribers have alarms, states and diagnostics: for each up to :data:`_MAX_FLUSH` s."""
         for publisher in (self._alarms, self._records, self._diagnostics):
-            publisher.wait_for_all_acked(Duration(seconds=_LAST_WORD))
+            publisher.wait_for_all_acked(Duration(seconds=_MAX_FLUSH))
 
     def _is_wanted(self, publisher: Any) -> bool:
         """Return whether a message is to be made: it has a subscriber, or clips are recorded."""
@@ -319,7 +319,17 @@ class Clips(ClipRecorder):
         self.tap(topic, kind, serialize_message(message), self.now_ns if time_ns is None else time_ns)
 
     def tap(self, topic: str, kind: str, data: bytes, time_ns: int) -> None:
-        """Record an encoded message of a type, with its time on the clock of the samples [ns]."""
+        """Record an encoded message, with its time on the clock of the samples [ns].
+
+        Args:
+            topic: Full name of its topic.
+            kind: Its type, such as ``std_msgs/msg/Float64``, whose definition is stored when it is new.
+            data: The message.
+            time_ns: Its time [ns].
+
+        Raises:
+            RosError: The type is not installed.
+        """
         if kind not in self._known:
             self._known[kind] = write_definition(kind)
         self.add(ClipMessage(time_ns, topic, kind, data))

@@ -24,7 +24,7 @@ from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters
 from stickslip_monitor.monitor.parameters import ClipConfig
 from stickslip_monitor.monitor.value_check import require_rule
 from stickslip_monitor.ros.inputs import ROS_FAULTS
-from stickslip_monitor.ros.node import MonitorNode, sentence
+from stickslip_monitor.ros.node import MonitorNode, ros_error_text
 from stickslip_monitor.ros.other_nodes import without_log_files
 
 LONGEST_WAIT = 0.2
@@ -35,10 +35,10 @@ EXECUTOR = 'STICKSLIP_MONITOR_EXECUTOR'
 def make_executor() -> Executor:
     """Make the executor that wakes for work only, where this ROS 2 has it (from Kilted on).
 
-    It is experimental there: ``STICKSLIP_MONITOR_EXECUTOR=single`` chooses rclpy's common one.
+    Else, and with ``STICKSLIP_MONITOR_EXECUTOR=single``, rclpy's common one: the other is experimental.
 
     Raises:
-        ConfigurationError: It has another value.
+        ConfigurationError: The environment variable has another value than ``single`` or ``events``.
     """
     choice = os.environ.get(EXECUTOR, 'events')
     require_rule(choice in ('events', 'single'), EXECUTOR, choice, 'events or single')
@@ -80,14 +80,16 @@ def _spin_node(node: MonitorNode, signals: Sequence[int], errors: int) -> None:
                 # Up to ROS 2 Jazzy an invalid lifecycle request raises out of spin.
                 if not rclpy.ok():
                     return
-                node.survive(error)
+                node.report_exception(error)
     finally:
         manager.notify('STOPPING=1')
         executor.shutdown()
 
 
 def _require_security() -> None:
-    """Set the environment to enforce security where it is asked for; ROS 2 would run on without keys.
+    """Set ``ROS_SECURITY_STRATEGY`` to enforce security where it is asked for, unless it has a value.
+
+    Without it ROS 2 would run without keys.
 
     Raises:
         RosError: No keystore is named.
@@ -119,7 +121,7 @@ def _make_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | N
     except (*ROS_FAULTS, rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
         # Where a file cannot be read, or has an empty list, rcl names neither the line nor the parameter.
         slip = _parameter_slip(args) if '--params-file' in args else ''
-        raise RosError(slip or f'{problem}: {sentence(error)}') from error
+        raise RosError(slip or f'{problem}: {ros_error_text(error)}') from error
 
 
 def _parameter_slip(args: Sequence[str]) -> str:
@@ -172,9 +174,10 @@ def _list_fault(key: str, listed: object) -> str:
 
 
 def _run_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int) -> None:
-    """Make the node, start it, and spin until a signal or the end of ROS; take it down in any case.
+    """Make the node, start it, and spin until a signal or the end of ROS; take it and ROS down in any case.
 
-    ``errors`` is the file descriptor to which Python writes the frames of a crash.
+    Signals that end the program are noted meanwhile, and ignored from then on. ``errors`` is the file
+    descriptor to which Python writes the frames of a crash.
 
     Raises:
         StickslipError: The node cannot be made or started.

@@ -67,7 +67,7 @@ def test_the_services(host: Any) -> None:
     assert panel.ask('unshelve') == (True, 'unshelve: aft/stick_slip, aft/bistable, aft/margin_low')
     assert panel.ask('out_of_service', True)[0]
     panel.peer.until(lambda: set(panel.states().values()) == {'out_of_service'}, 'removal')
-    assert panel.ask('out_of_service', True) == (True, 'it is so already')
+    assert panel.ask('out_of_service', True) == (True, 'no change: it is so already')
     assert panel.ask('out_of_service', False)[0]
     panel.until(stick_slip='unacknowledged', **COVERED)
     assert panel.ask('acknowledge')[0]

@@ -106,7 +106,7 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
     executor = Mock(spin_once=spin_once)
     monkeypatch.setattr(node, 'make_executor', lambda: executor)
     monkeypatch.setattr(node.rclpy, 'ok', lambda: running[0])
-    node._spin_node(SimpleNamespace(survive=survived.append), [])  # type: ignore[arg-type]
+    node._spin_node(SimpleNamespace(report_exception=survived.append), [])  # type: ignore[arg-type]
     executor.shutdown.assert_called_once()
     assert [str(error) for error in survived] == ['Transition is not registered.', 'what nobody expected']
 
@@ -117,12 +117,12 @@ def test_a_callback_that_fails_is_told_and_survived(host: Any) -> None:
     def fails(message: object) -> None:
         raise ZeroDivisionError('float division by zero')
 
-    assert monitor.node.survived(fails)('message') is None
+    assert monitor.node.guard_callback(fails)('message') is None
     health = monitor.node.health
     assert health.severity == 2
     text = 'ZeroDivisionError: float division by zero (test_node_lifecycle'
     assert re.match(rf'1 callback failed, last at [\d:]+ UTC: {re.escape(text)}', health.message)
-    assert f'[error] a callback failed and is survived: {text}' in monitor.output
+    assert f'[error] a callback failed, the node continues: {text}' in monitor.output
 
 
 def test_deactivation_under_load_leaves_nothing_behind(host: Any) -> None:

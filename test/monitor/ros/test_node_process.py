@@ -306,7 +306,7 @@ def test_a_node_that_was_held_up_blames_no_input(start: Any) -> None:
             sending(lambda told=told: told in str(kit.latest_status(diagnostics, 'the node'))), 'the delay'
         )
     assert float(kit.latest_status(diagnostics, 'the node')['longest time held up [s]']) > 3.0
-    assert monitor.output.count('the node was held up for') == 2
+    assert monitor.output.count('the node was stalled for') == 2
     assert [event['to'] for event in kit.decode_warnings(warnings)] == []
 
 
@@ -344,7 +344,7 @@ def test_health_is_asked_of_a_running_node(host: Any, run: Any) -> None:
 
     assert health('--node', own) == (0, f'{own}: Monitoring.\n')
     # Without a name it is the only one that is heard, whatever its namespace.
-    monitor.node.survive(ValueError('odd'))
+    monitor.node.report_exception(ValueError('odd'))
     code, text = health()
     assert code == 1
     assert re.fullmatch(rf'{own}: 1 callback failed, last at [\d:]+ UTC: ValueError: odd\n', text)
