@@ -19,7 +19,7 @@ _BLOCK = 8192
 
 
 def flatten(*inputs: ArrayLike) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
-    """Broadcast inputs and return their common shape and their flat float arrays."""
+    """Broadcast inputs; return their common shape, and each as a flat float array, a view where it can."""
     arrays = [np.asarray(value, dtype=float) for value in inputs]
     if any(array.shape != arrays[0].shape for array in arrays):
         arrays = list(np.broadcast_arrays(*arrays))
@@ -29,7 +29,11 @@ def flatten(*inputs: ArrayLike) -> tuple[tuple[int, ...], list[NDArray[np.float6
 def in_blocks(
     function: Callable[..., tuple[NDArray[Any], ...]], *arrays: NDArray[Any]
 ) -> tuple[NDArray[Any], ...]:
-    """Apply a function of flat arrays, element by element, to one part of them after another."""
+    """Apply a function of flat arrays, element by element, to parts of ``_BLOCK`` elements after another.
+
+    Returns:
+        Its results, each put together to the size of the arrays.
+    """
     size = arrays[0].size
     if size <= _BLOCK:
         return function(*arrays)
@@ -55,11 +59,12 @@ def mapped(function: Callable[..., NDArray[np.float64]], *inputs: ArrayLike) -> 
     """
     shape, arrays = flatten(*inputs)
 
-    def finite(*parts: NDArray[np.float64]) -> tuple[NDArray[np.float64]]:
+    def apply_finite(*parts: NDArray[np.float64]) -> tuple[NDArray[np.float64]]:
+        """Return the function's values, ``nan`` where a part is not finite: 1 is put in its place."""
         missing = sum((part - part for part in parts), np.zeros(1))
         if not missing.any():
             return (function(*parts),)
         return (function(*(np.where(missing == 0.0, part, 1.0) for part in parts)) + missing,)
 
     with np.errstate(all='ignore'):
-        return restore(in_blocks(finite, *arrays)[0], shape)
+        return restore(in_blocks(apply_finite, *arrays)[0], shape)

@@ -22,7 +22,7 @@ from typing import Any, NoReturn
 from stickslip_monitor import __version__, interruption
 from stickslip_monitor.commands.output import check_files
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean, program_fault
-from stickslip_monitor.files import printable
+from stickslip_monitor.files import printable, redirect_to_null
 
 COMMANDS = {
     'accuracy': 'show what accuracy costs in time',
@@ -65,17 +65,19 @@ class _ErrorStream(io.TextIOWrapper):
     """Standard error that ignores what cannot be written, as on a full disk."""
 
     def write(self, text: str) -> int:
+        """Write a text; where that fails, drop it and all that follows. Return its length."""
         try:
             return super().write(text)
         except OSError:
-            _to_nowhere(self.fileno())
+            redirect_to_null(self.fileno())
             return len(text)
 
     def flush(self) -> None:
+        """Flush what was written; where that fails, drop it and all that follows."""
         try:
             super().flush()
         except OSError:
-            _to_nowhere(self.fileno())
+            redirect_to_null(self.fileno())
 
 
 class _Paragraphs(argparse.HelpFormatter):
@@ -90,6 +92,11 @@ class _Parser(argparse.ArgumentParser):
     """Parser that names one wrong option in a sentence, an unknown one before a missing one."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse as argparse does, but first refuse an option that is gone or unknown.
+
+        Raises:
+            ConfigurationError: For the first such option.
+        """
         for argument in self._own_options(args):
             # A value may follow a short option at once.
             long = argument.startswith('--')
@@ -102,7 +109,7 @@ class _Parser(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
     def _own_options(self, args: Sequence[str]) -> Iterator[str]:
-        """Return the options of this parser: of the program, those before the command."""
+        """Yield the arguments that are options of this parser: of the program, those before the command."""
         for argument in args:
             if argument == '--' or (self._subparsers and not argument.startswith('-')):
                 return
@@ -110,7 +117,7 @@ class _Parser(argparse.ArgumentParser):
                 yield argument
 
     def error(self, message: str) -> NoReturn:
-        """Refuse what was given."""
+        """Raise a ConfigurationError with a message and the way to the help, where argparse would exit."""
         raise ConfigurationError(f'{message} (see {self.prog} --help)')
 
 
@@ -141,6 +148,11 @@ def _make_parser(
 
 
 def _load_command(place: str) -> Any:
+    """Import the module of a command by its full name.
+
+    Raises:
+        ConfigurationError: Its package is not installed.
+    """
     top = place.partition('.')[0]
     if importlib.util.find_spec(top) is None:
         raise ConfigurationError(f'this command is part of {top}, which is not installed')
@@ -153,6 +165,7 @@ def module_of(command: str, package: str = PACKAGE) -> str:
 
 
 def _add_traceback(parser: argparse.ArgumentParser, *, default: object) -> None:
+    """Add the option ``--traceback`` to a parser."""
     parser.add_argument(
         '--traceback',
         action='store_true',
@@ -178,14 +191,14 @@ def main(
     if argv is None:
         _open_streams()
         _hide_warnings()
-    _print_anything()
-    code = _exit_code(arguments, commands, package, takes_signals=argv is None)
+    _escape_unprintable()
+    code = _run_reporting_errors(arguments, commands, package, takes_signals=argv is None)
     if argv is None:
         interruption.ignore_signals()
     return code
 
 
-def _exit_code(
+def _run_reporting_errors(
     arguments: list[str], commands: Mapping[str, str], package: str, *, takes_signals: bool
 ) -> int:
     """Run a command and return its exit code; print an error as one sentence and return the code for it."""
@@ -197,7 +210,7 @@ def _exit_code(
         return _print_failure(str(error), 2)
     except BrokenPipeError:
         # The reader (head, less) has gone. What it has not read may be a warning.
-        _to_nowhere(sys.stdout.fileno())
+        redirect_to_null(sys.stdout.fileno())
         return 1
     except OSError as error:
         # Of what no layer has a sentence for, such as a path that is too long.
@@ -214,6 +227,14 @@ def _exit_code(
 
 
 def _run_command(arguments: list[str], commands: Mapping[str, str], package: str) -> int:
+    """Parse the arguments, run their command, and return its exit code.
+
+    ``help COMMAND`` stands for ``COMMAND --help``; a shell that asks for completions is answered instead.
+
+    Raises:
+        ConfigurationError: No command is given, it is unknown or has moved, or an option is wrong.
+        SystemExit: The help or the version was printed.
+    """
     arguments = _with_negative_values(arguments)
     if '_ARGCOMPLETE' in os.environ:
         _complete_line()
@@ -236,11 +257,12 @@ def _run_command(arguments: list[str], commands: Mapping[str, str], package: str
 
 
 def _asked_command(arguments: Sequence[str]) -> str | None:
+    """Return the first argument that is not an option; ``None`` for none."""
     return next((argument for argument in arguments if not argument.startswith('-')), None)
 
 
 def _complete_line() -> None:
-    """Answer the shell, which asks what the line being typed can go on with, and end."""
+    """Answer a shell that asks for completions of its line, and end the process."""
     import argcomplete
 
     command = _asked_command(os.environ.get('COMP_LINE', '').split()[1:])
@@ -268,7 +290,10 @@ def _hide_warnings() -> None:
 
 
 def _open_streams() -> None:
-    """Give a stream that was closed to nowhere, so that no file opened later takes its place."""
+    """Open closed standard streams on the null device; have standard error ignore what cannot be written.
+
+    A file opened later would take the place of a closed stream.
+    """
     for number, name in enumerate(('stdin', 'stdout', 'stderr')):
         if getattr(sys, name) is None:
             os.open(os.devnull, os.O_RDWR)
@@ -277,19 +302,18 @@ def _open_streams() -> None:
     sys.stderr = _ErrorStream(file, sys.stderr.encoding, line_buffering=True)
 
 
-def _to_nowhere(number: int) -> None:
-    """Have what a stream still holds, and all that it is given from now on, go nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), number)
-
-
-def _print_anything() -> None:
-    """Write letters that the terminal does not have as codes."""
+def _escape_unprintable() -> None:
+    """Have standard output and error write letters that their encoding lacks as escapes."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')
 
 
 def _print_failure(text: str, code: int) -> int:
+    """Print an error as one line on standard error and return ``code``.
+
+    After a signal nothing is printed, and the exit code is that of an interruption.
+    """
     if interruption.is_stopped():
         # A library that was being loaded has made an error of its own of the signal.
         return interruption.EXIT_CODE

@@ -26,6 +26,7 @@ __all__ = [
     'read_file',
     'read_json',
     'read_token',
+    'redirect_to_null',
     'replace_file',
     'sweep',
     'write_whole',
@@ -126,7 +127,11 @@ def holds_mark(path: str | Path, mark: bytes) -> bool:
 
 
 def _check_folder(path: str | Path) -> None:
-    """Refuse a new file in a folder that is not there or takes none."""
+    """Refuse a new file in a folder that is not there or takes none, or whose name is too long.
+
+    Raises:
+        OutputError: It cannot be written there.
+    """
     folder = Path(path).parent
     if not folder.is_dir():
         raise OutputError(f"output '{path}' cannot be written: there is no folder '{folder}'")
@@ -151,6 +156,8 @@ def write_whole(path: str | Path, data: bytes, mark: bytes, *, force: bool = Fal
 
 def replace_file(target: Path, data: bytes) -> None:
     """Put data in the place of a file, with its mode, only when all of it is on the disk.
+
+    Drafts beside it that killed processes left are removed.
 
     Raises:
         OSError: It cannot be written; what was there stays.
@@ -178,8 +185,16 @@ def replace_file(target: Path, data: bytes) -> None:
         os.close(folder)
 
 
+def redirect_to_null(descriptor: int) -> None:
+    """Redirect a file descriptor, open or not, to the null device for good."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    if null != descriptor:
+        os.dup2(null, descriptor)
+        os.close(null)
+
+
 def printable(text: str) -> str:
-    """Replace control characters in a text, and cut it to a few screens."""
+    """Replace control characters in a text; of more than :data:`_LONGEST_TEXT` only both ends stay."""
     if len(text) > _LONGEST_TEXT:
         left = len(text) - 2 * _ENDS
         text = f'{text[:_ENDS]} ... ({left} characters) ... {text[-_ENDS:]}'

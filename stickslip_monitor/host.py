@@ -22,6 +22,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
+from stickslip_monitor.files import redirect_to_null
 from stickslip_monitor.monitor.session import Moment
 
 STEP_NS = 10**9
@@ -48,7 +49,7 @@ class HostClock:
         self._ahead_ns, self._set_ns = wall() - steady(), 0
 
     def now(self) -> Moment:
-        """Return the time of both, and by how much the one on the wall was set since the first [ns]."""
+        """Return the time of both, and by how much the one on the wall was set since the beginning [ns]."""
         moment = Moment(self._steady(), self._wall(), self._set_ns)
         before, self._ahead_ns = self._ahead_ns, moment.time_ns - moment.steady_ns
         step_ns = self._ahead_ns - before
@@ -69,14 +70,14 @@ def end_signals() -> list[signal.Signals]:
 
 LINES_KEPT = 1000
 """The latest lines that wait for the reader; more are lost, and counted."""
-LAST_WORDS = 0.5
-"""For so long [s] the end of the program waits for the reader."""
+MAX_LAST_PAUSE = 0.5
+"""Pause of the reader [s] beyond which the end of the program no longer waits for it."""
 # What a pipe takes at once, and never in part (POSIX).
 _CHUNK = 512
 
 
-class _Pump:
-    """Forwards lines from one file descriptor to another that may block."""
+class _LineForwarder:
+    """Forwards lines from one file descriptor to another that may block; drops the oldest that wait."""
 
     def __init__(self, source: int, target: int) -> None:
         self._source, self._target = source, target
@@ -84,11 +85,14 @@ class _Pump:
         self._rest, self._lost = b'', 0
 
     def run(self) -> None:
-        """Forward until the source ends; then what the reader takes without a pause of :data:`LAST_WORDS`."""
+        """Forward until the source ends; then what the reader takes without a long pause.
+
+        A long one is :data:`MAX_LAST_PAUSE`.
+        """
         is_open = True
         while is_open or self._lines:
             sources, targets = [self._source] * is_open, [self._target] * bool(self._lines)
-            readable, writable, _ = select.select(sources, targets, [], None if is_open else LAST_WORDS)
+            readable, writable, _ = select.select(sources, targets, [], None if is_open else MAX_LAST_PAUSE)
             if not (readable or writable):
                 return
             if writable:
@@ -108,6 +112,10 @@ class _Pump:
         return bool(data)
 
     def _write_available(self) -> None:
+        """Write the first :data:`_CHUNK` bytes that wait, a line on those dropped before them.
+
+        A failure is ignored, and the bytes are lost.
+        """
         line = self._lines.popleft()
         if self._lost:
             line = b'[%d lines of the log are lost: nobody read them]\n' % self._lost + line
@@ -119,14 +127,6 @@ class _Pump:
             os.write(self._target, line[:_CHUNK])
 
 
-def _open_null(descriptor: int) -> None:
-    """Have what is written to a descriptor vanish."""
-    null = os.open(os.devnull, os.O_WRONLY)
-    if null != descriptor:
-        os.dup2(null, descriptor)
-        os.close(null)
-
-
 @contextmanager
 def unblocked() -> Iterator[int]:
     """Keep writers from waiting for the reader of standard error; without one it is the null device.
@@ -136,7 +136,7 @@ def unblocked() -> Iterator[int]:
     """
     descriptor = 1 if os.environ.get('RCUTILS_LOGGING_USE_STDOUT') == '1' else 2
     if sys.stderr is None:
-        _open_null(2)
+        redirect_to_null(2)
         sys.stderr = open(2, 'w', errors='backslashreplace', closefd=False)  # noqa: SIM115 (open for life)
     target = os.dup(descriptor)
     source, inlet = os.pipe()
@@ -147,7 +147,7 @@ def unblocked() -> Iterator[int]:
         fcntl.fcntl(inlet, fcntl.F_SETPIPE_SZ, 1 << 20)
     os.dup2(inlet, descriptor)
     os.close(inlet)
-    thread = threading.Thread(target=_Pump(source, target).run, name='log', daemon=True)
+    thread = threading.Thread(target=_LineForwarder(source, target).run, name='log', daemon=True)
     thread.start()
     try:
         yield target
@@ -155,7 +155,7 @@ def unblocked() -> Iterator[int]:
         with suppress(OSError):
             sys.stderr.flush()
         os.dup2(target, descriptor)
-        thread.join(2.0 * LAST_WORDS)
+        thread.join(2.0 * MAX_LAST_PAUSE)
 
 
 class ServiceManager:
@@ -170,18 +170,18 @@ class ServiceManager:
         limit = os.environ.get('WATCHDOG_USEC', '')
         # Half the limit, as sd_watchdog_enabled(3) recommends.
         self._period = 0.5e-6 * int(limit) if limit.isdecimal() else math.inf
-        self._told = -math.inf
+        self._beat_at = -math.inf
 
     def notify(self, state: str) -> None:
-        """Send a state, such as ``READY=1``; a manager that is gone is nothing to stop for."""
+        """Send a state, such as ``READY=1``; ignore a manager that is gone."""
         if self._address:
             kind = socket.SOCK_DGRAM | socket.SOCK_NONBLOCK
             with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as unix_socket:
                 unix_socket.sendto(state.encode(), self._address)
 
     def beat(self) -> None:
-        """Notify the watchdog that the node is alive, as often as it wants."""
+        """Notify the watchdog that the node is alive, twice in its period; else do nothing."""
         now = time.monotonic()
-        if now - self._told >= self._period:
-            self._told = now
+        if now - self._beat_at >= self._period:
+            self._beat_at = now
             self.notify('WATCHDOG=1')

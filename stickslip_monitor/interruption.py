@@ -20,18 +20,19 @@ _received: list[int] = []
 
 
 def end_at_once() -> None:
-    """Have signals end the process while it has begun nothing yet.
+    """Have signals end the process with :data:`EXIT_CODE` while it has begun nothing yet.
 
-    It must be called before modules are loaded that clear away at exit.
+    Also register an exit hook that keeps this code later. It must be called before modules are loaded that
+    clear away at exit.
     """
     # What is registered first runs last.
     atexit.register(_end_as_stopped)
-    _call_on_signals(lambda *_: os._exit(EXIT_CODE))
+    _set_handler(lambda *_: os._exit(EXIT_CODE))
 
 
 def raise_on_signals() -> None:
     """Have signals raise KeyboardInterrupt, so that a command clears away what it has begun."""
-    _call_on_signals(_raise_interrupt)
+    _set_handler(_raise_interrupt)
 
 
 def is_stopped() -> bool:
@@ -45,8 +46,11 @@ def ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def _call_on_signals(handler: Callable[..., object]) -> None:
-    """Have a handler called; a command that is to outlive its terminal (nohup, &) goes on ignoring these."""
+def _set_handler(handler: Callable[..., object]) -> None:
+    """Have SIGINT, SIGTERM and SIGHUP call a handler; do nothing outside the main thread.
+
+    Of these, SIGINT and SIGHUP stay ignored where they are: a command may outlive its terminal (nohup, &).
+    """
     if threading.current_thread() is not threading.main_thread():
         return
     for number in _SIGNALS:
@@ -55,12 +59,13 @@ def _call_on_signals(handler: Callable[..., object]) -> None:
 
 
 def _raise_interrupt(number: int, _: object) -> NoReturn:
+    """Note a signal, and raise KeyboardInterrupt."""
     _received.append(number)
     raise KeyboardInterrupt
 
 
 def _end_as_stopped() -> None:
-    """End with the exit code of one that was stopped.
+    """End the process with :data:`EXIT_CODE` if a signal was received.
 
     Python would end by SIGINT where a KeyboardInterrupt, though caught since, came out of an ``exec``, by
     which dataclasses are made while modules are loaded.

@@ -13,7 +13,7 @@ import sys
 import threading
 import zlib
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
@@ -43,6 +43,7 @@ def interpreted() -> Iterator[None]:
 
 @functools.cache
 def _is_installed() -> bool:
+    """Return whether numba can be imported; cached."""
     return find_spec('numba') is not None
 
 
@@ -59,7 +60,7 @@ _OF_A_LAW = ('friction_drop', 'friction_slope')
 def compiled(
     entry: str, *modules: ModuleType, law: ModuleType | None = None, inline: bool = True
 ) -> Callable[..., Any]:
-    """Compile a function with all functions of its modules that it may call.
+    """Compile a function with all functions of its modules that it may call; cached in the process.
 
     The plain functions stay as they are: copies of them are compiled. The compiled code is kept
     between processes where numba can write its cache; until it is, a terminal shows a line.
@@ -93,8 +94,15 @@ def _is_kept(function: Any) -> bool:
 def _compile_function(
     entry: str, modules: tuple[ModuleType, ...], law: ModuleType | None, *, inline: bool, cache: bool
 ) -> Callable[..., Any]:
+    """Compile copies of all functions of the modules, bound to each other; return that of ``entry``.
+
+    Arguments are as of :func:`compiled`; ``cache`` says whether numba keeps the code on disk.
+
+    Raises:
+        RuntimeError: numba has no folder for its cache.
+    """
     numba = import_module('numba')
-    _know_bisect_right()
+    _register_bisect_right()
     everything = (*modules, law) if law else modules
     digest = _digest_modules(everything)
     compiled_functions: dict[FunctionType, Any] = {}
@@ -108,21 +116,30 @@ def _compile_function(
                 # Inlining the entry itself would leave nothing to call.
                 inlined = {'inline': 'always'} if inline and own != entry else {}
                 compiled_functions[function] = numba.njit(cache=cache, **_OPTIONS, **inlined)(copy)
-    given = {key: vars(law)[key] for key in _OF_A_LAW if hasattr(law, key)}
+    _bind_functions(spaces, compiled_functions, law)
+    return next(made for plain, made in compiled_functions.items() if plain.__name__ == entry)
+
+
+def _bind_functions(
+    spaces: dict[str, dict[str, Any]], compiled_functions: Mapping[FunctionType, Any], law: ModuleType | None
+) -> None:
+    """Replace functions in the name spaces of copies, in place, by those that were compiled.
+
+    Args:
+        spaces: Name space by module, which the copies look their names up in.
+        compiled_functions: Compiled functions by the plain ones; others stay plain.
+        law: Its functions take the place of those of :data:`_OF_A_LAW` in every space.
+    """
+    law_functions = {key: vars(law)[key] for key in _OF_A_LAW if hasattr(law, key)}
     for space in spaces.values():
         for key, value in space.items():
             if isinstance(value, FunctionType):
-                function = given.get(key, value)
+                function = law_functions.get(key, value)
                 space[key] = compiled_functions.get(function, function)
-    return next(
-        function_compiled
-        for plain, function_compiled in compiled_functions.items()
-        if plain.__name__ == entry
-    )
 
 
 @functools.cache
-def _know_bisect_right() -> None:
+def _register_bisect_right() -> None:
     """Let compiled functions search as plain ones do, which do it fastest by :func:`bisect.bisect_right`."""
     import_module('numba.extending').overload(bisect_right)(_search_of)
 
@@ -131,6 +148,7 @@ def _search_of(values: Any, wanted: Any) -> Callable[[Any, Any], int]:
     """Return the search that numba compiles in place of ``bisect_right`` for values of any type."""
 
     def search(values: Any, wanted: Any) -> int:
+        """Return the first index whose value exceeds ``wanted``, as ``bisect_right``."""
         low, high = 0, len(values)
         while low < high:
             middle = (low + high) // 2

@@ -17,7 +17,7 @@ from stickslip_monitor.monitor.parameters import ClipConfig
 
 
 def clip_store(config: ClipConfig) -> ClipStore:
-    """Return where the clips of a node go.
+    """Return the folder of a configuration as the store of a node's clips; it is made if needed.
 
     Raises:
         BagError: The folder is not there and cannot be made.
@@ -29,7 +29,10 @@ def clip_store(config: ClipConfig) -> ClipStore:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is to stop; see :func:`stickslip_monitor.ros.process.main`."""
+    """Run the node, without loading numba, until it is to stop; return its exit code.
+
+    2 where ROS 2 is missing, which is printed; else that of :func:`stickslip_monitor.ros.process.main`.
+    """
     try:
         from stickslip_monitor.ros import process
     except ImportError as error:

@@ -101,6 +101,7 @@ class StateFile:
         return self._family in head or begin.startswith(b''.join(head.split()))
 
     def _path_beside(self, suffix: str) -> Path:
+        """Return the path of the file with a suffix added to its name."""
         return self.path.with_name(self.path.name + suffix)
 
     def lock(self) -> None:
