@@ -111,13 +111,13 @@ class Access:
             text = 'This machine is not known by that name: start the page with --name NAME.\n'
             return web.Response(status=421, text=text)
         if request.method not in ('GET', 'HEAD') and not is_same_origin(request):
-            return web.Response(status=403, text='This must come from the page itself.\n')
+            return web.Response(status=403, text='Changes must come from the page itself.\n')
         if request.path in OPEN_PATHS or self.admits(request):
             return None
         if request.path == '/' and request.method == 'GET':
             return web.Response(status=303, headers={'Location': 'login'})
         headers = {'WWW-Authenticate': 'Bearer'}
-        return web.Response(status=401, text='The token is missing.\n', headers=headers)
+        return web.Response(status=401, text='The token is missing or wrong.\n', headers=headers)
 
 
 def cookie_name(request: web.Request) -> str:

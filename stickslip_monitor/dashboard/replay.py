@@ -165,7 +165,7 @@ class Replay:
         return Moment(self._log_ns, self._log_ns)
 
     def _show_state(self) -> None:
-        """Show all bearings and the place in the recording on the board."""
+        """Show all bearings and the place in the recording on the board, which sends what is new."""
         self._session.show(self._moment_now())
         self._board.show_place(self._replay_place())
 

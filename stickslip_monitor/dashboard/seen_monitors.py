@@ -332,7 +332,7 @@ class WatchedMonitor(Sink):
         record['bearing'] = self.key(record['bearing'])
 
     def _remember_name(self, names: dict[str, float], name: str) -> None:
-        """Store in ``names`` when a name was heard last [s]; no new one beyond :data:`MOST_NAMES`."""
+        """Store in ``names``, in place, when a name was received last [s]; none beyond :data:`MOST_NAMES`."""
         if name in names or len(names) < MOST_NAMES:
             names[name] = self._clock()
 

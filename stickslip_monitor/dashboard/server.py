@@ -202,6 +202,7 @@ class Server:
             raise DashboardError(f'cannot listen at {address} port {port}: {reason}') from error
 
         def sweep() -> None:
+            """End idle connections, and call this again while the server listens."""
             self._connections.sweep(protocols.connections)
             if listening.is_serving():
                 loop.call_later(SWEEP, sweep)
@@ -353,6 +354,7 @@ def _serve_file(name: str) -> Handler:
     """Make a handler that answers with a file of the page."""
 
     async def serve(_: web.Request) -> web.StreamResponse:
+        """Answer with the file."""
         return web.FileResponse(_PAGE / name)
 
     return serve

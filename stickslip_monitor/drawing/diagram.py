@@ -171,28 +171,40 @@ def _classify_turn(bearing: Bearing, load: float, boundaries: Range, low: float,
 
 
 def _join_branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray) -> list[Branch]:
-    """Return the cycles at rising speeds, joined from turn to turn by the order of their amplitudes."""
+    """Join the cycles at rising speeds to branches, from turn to turn by the order of their amplitudes.
+
+    Args:
+        speed: Rising, with the speed of every turn among them, shape (n,) [m/s].
+        turns: The turns, by speed.
+        cycles: Amplitudes at each speed, rising, ``nan`` for none, shape (n, k) [m]; at a turn its own count.
+
+    Returns:
+        The branches: stable ones first, of these the larger first.
+    """
     max_count = max((max(turn.before.size, turn.after.size) for turn in turns), default=0)
     # A stretch with more may be too short for a speed.
     missing = max(max_count - cycles.shape[1], 0)
     cycles = np.pad(cycles, ((0, 0), (0, missing)), constant_values=np.nan)
     branches: list[Branch] = []
 
-    def begun(count: int, rows: slice) -> list[Branch]:
-        """Begin branches for some of ``count`` cycles; every other one from the largest down is stable."""
+    def begin_branches(count: int, rows: slice) -> list[Branch]:
+        """Return empty branches for the ``rows`` of ``count`` cycles, and add them to ``branches``.
+
+        Every other one from the largest down is stable.
+        """
         stable = [(count - k) % 2 == 1 for k in range(count)[rows]]
         new = [Branch(is_stable, np.full(speed.size, np.nan)) for is_stable in stable]
         branches.extend(new)
         return new
 
     first = turns[0].before.size if turns else int(np.isfinite(cycles[0]).sum())
-    running, row = begun(first, slice(None)), 0
+    running, row = begin_branches(first, slice(None)), 0
     for turn in turns:
         at, changed = int(np.searchsorted(speed, turn.mark.speed)), turn.changed
         for k, branch in enumerate(running):
             branch.amplitude[row:at], branch.amplitude[at] = cycles[row:at, k], turn.before[k]
         if turn.before.size < turn.after.size:
-            running[changed.start : changed.start] = begun(turn.after.size, changed)
+            running[changed.start : changed.start] = begin_branches(turn.after.size, changed)
         for branch in running[changed]:
             branch.amplitude[at] = turn.mark.amplitude
         if turn.before.size > turn.after.size:
@@ -279,6 +291,7 @@ def _draw_curves(axes: canvas.Axes, diagram: Diagram, rpm: float, highest: float
     named: set[str] = set()
 
     def line(label: str, speed: ArrayLike, amplitude: ArrayLike, colour: str, **look: Any) -> None:
+        """Draw amplitudes [m] over speeds [m/s]; a label is in the legend once."""
         x, y = np.divide(speed, rpm), np.multiply(amplitude, 1e3)
         axes.plot(x, y, color=colour, label='_' if label in named else label, **look)
         named.add(label)

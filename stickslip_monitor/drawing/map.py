@@ -89,7 +89,10 @@ def _speed_scale_factor(bearing: Bearing, load: float | None = None) -> float:
 
 
 def law_speed(bearing: Bearing, load: float | None = None) -> float:
-    """Return a surface speed [m/s] at which most of the fall of friction at a load [N] is over."""
+    """Return a surface speed [m/s] at which most of the fall of friction at a load [N] is over.
+
+    By default at the load of its measurement; a fixed shaft speed for a law whose friction does not change.
+    """
     law, scale = bearing.friction, _speed_scale_factor(bearing, load)
     if isinstance(law, Stribeck):
         return scale * 4.0 / law.decay
@@ -252,7 +255,8 @@ def _draw_regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: floa
     """
     x, ceiling = curves.speed / rpm, _BEYOND * loads[1]
 
-    def reached(load: FloatArray) -> FloatArray:
+    def clip_load(load: FloatArray) -> FloatArray:
+        """Return loads [N] in kN, at most the ceiling, which also stands for none."""
         return np.minimum(np.nan_to_num(load, nan=ceiling), ceiling) / 1e3
 
     for load, colour, name in (
@@ -261,7 +265,7 @@ def _draw_regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: floa
         (curves.fold_load, canvas.REGIME_FILL[Regime.BISTABLE], 'bistable'),
         (curves.hopf_load, canvas.REGIME_FILL[Regime.UNSTABLE], 'unstable'),
     ):
-        axes.fill_between(x, reached(load), ceiling / 1e3, color=colour, lw=0.0, zorder=1, label=name)
+        axes.fill_between(x, clip_load(load), ceiling / 1e3, color=colour, lw=0.0, zorder=1, label=name)
     # A line goes as far as its region, which ends where the next speed has no such load.
     for load, name, colour, width, dashes in (
         (curves.caution_load, 'caution margin', canvas.MUTED, 1.0, ':'),
@@ -269,13 +273,16 @@ def _draw_regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: floa
         (curves.fold_load, 'fold', canvas.FOLD, 2.0, canvas.DASHES),
     ):
         if np.isfinite(load).any():
-            axes.plot(x, reached(load), color=colour, lw=width, ls=dashes, zorder=3, label=name)
+            axes.plot(x, clip_load(load), color=colour, lw=width, ls=dashes, zorder=3, label=name)
 
 
 def _draw_averaged_fold(
     axes: canvas.Axes, bearing: Bearing, curves: Boundaries, loads: Range, rpm: float
 ) -> None:
-    """Draw the fold of averaging, where it is another line than the one that decides."""
+    """Draw the fold of averaging up to the highest load of the map, unless it is the line that decides.
+
+    ``loads`` is the range of the map [N], ``rpm`` the surface speed of one rpm [m/s].
+    """
     rows = curves.fold_load <= loads[1]
     load = np.where(rows, curves.fold_load, np.nan)
     averaged = np.asarray(fold_speed(bearing, load))

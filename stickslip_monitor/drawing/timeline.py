@@ -182,7 +182,7 @@ def _finite_values(values: FloatArray) -> FloatArray:
 def _draw_speed(axes: canvas.Axes, lines: _Lines) -> None:
     """Draw the speed over the regions between its boundaries, at the load of each instant.
 
-    It adds the columns 'measured' and, for a shaft that turned astern, 'astern' to ``lines``.
+    It adds the columns 'measured' and, for a shaft that turned astern, 'astern' to :attr:`_Lines.columns`.
     """
     margin = 1.0 + lines.config.alarm.caution_margin
     for name, factor, colour in (
@@ -351,7 +351,6 @@ def _set_clock_ticks(axes: canvas.Axes, max_ticks: int) -> None:
     """Put up to ``max_ticks`` ticks at round times of day in UTC."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-    # matplotlib.dates has no types.
     make_locator: Any = AutoDateLocator  # matplotlib has no types
     locator = make_locator(minticks=3, maxticks=max_ticks, tz=timezone.utc)
     axes.xaxis.set_major_locator(locator)

@@ -133,13 +133,13 @@ def judge_bearing(course: Course) -> Finding:
 def _judge_course(course: Course) -> Finding:
     """Grade a bearing by its conditions, without doubts and questions.
 
-    'alarm' for stick-slip, 'warning' for its neighbourhood or missing inputs, else 'clear'; 'unknown'
-    without an operating point, or with inputs missing for most of a time without either.
+    'alarm' for stick-slip, else 'warning' for its neighbourhood. Without both 'unknown' if there is no
+    operating point or inputs were missing for over half of the time, 'warning' if for less, else 'clear'.
     """
     name = course.config.name
     if not course.scan.time_ns.size:
         text = f'{name}: no verdict: the recording has no usable operating point.'
-        return _make_finding('unknown', text, _lost_sentences(course))
+        return _make_finding('unknown', text, _lost_input_sentence(course))
     sticking = join_spells(course.spells, STICKING)
     near = join_spells(course.spells, (Condition.CAUTION, Condition.BISTABLE))
     if sticking:
@@ -147,18 +147,21 @@ def _judge_course(course: Course) -> Finding:
             'alarm',
             _stick_slip_sentence(course, sticking),
             _amplitude_sentence(course),
-            _lost_sentences(course),
+            _lost_input_sentence(course),
         )
     if near:
         return _make_finding(
-            'warning', _margin_sentence(course, near), _least_margin(course), _lost_sentences(course)
+            'warning',
+            _margin_sentence(course, near),
+            _least_margin_sentence(course),
+            _lost_input_sentence(course),
         )
-    lost = _lost_sentences(course)
+    lost = _lost_input_sentence(course)
     limits = ' while the inputs were valid' if lost else ''
     clear = f'{name}: no stick-slip was predicted, and the bearing kept clear of it{limits}.'
     grade = 'unknown' if _lost_seconds(course) > 0.5 * course.span else 'clear'
     return _make_finding(
-        'warning' if lost and grade == 'clear' else grade, clear, _least_margin(course), lost
+        'warning' if lost and grade == 'clear' else grade, clear, _least_margin_sentence(course), lost
     )
 
 
@@ -223,7 +226,7 @@ def _margin_sentence(course: Course, near: Sequence[ConditionInterval]) -> str:
     return f'{text}, {_spell_times(near)}.'
 
 
-def _least_margin(course: Course) -> str:
+def _least_margin_sentence(course: Course) -> str:
     """Return the sentence on the least fold margin, or that no recorded load has a cycle."""
     extreme = course.item.worst.get('fold_margin')
     if extreme is None:
@@ -237,7 +240,7 @@ def _lost_seconds(course: Course) -> float:
     return _total_seconds(join_spells(course.spells, (Condition.INPUT_STALE,)))
 
 
-def _lost_sentences(course: Course) -> str:
+def _lost_input_sentence(course: Course) -> str:
     """Return the sentence on the time with a missing input; '' without any."""
     seconds = _lost_seconds(course)
     if not seconds:

@@ -335,7 +335,7 @@ def test_without_the_token_nothing_of_the_ship_is_seen(dashboards: Any) -> None:
     locked.sail(20.0, 1000.0, 5.0)
     for path in ('events', 'metrics', 'page.js', 'nothing'):
         code, headers, text = get_page(locked, path)
-        assert (code, text) == (401, 'The token is missing.\n')
+        assert (code, text) == (401, 'The token is missing or wrong.\n')
         assert headers['WWW-Authenticate'] == 'Bearer'
     assert post_action(locked)[0] == 401
     code, headers, _ = get_page(locked)
