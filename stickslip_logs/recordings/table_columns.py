@@ -239,10 +239,17 @@ class ColumnRecording(Recording):
             for column in self.all_columns
         }
 
-    def _first_value(self, column: LogColumn) -> str:
-        """Return the first cell of a column in the head that is not empty, up to 20 letters; else empty."""
-        rows = self._rows_of(column, self.table.head)[0]
-        return str(rows[0][column.place]).strip()[:MAX_LETTERS] if rows else ''
+    def _first_value(self, column: LogColumn, sign: str = '') -> str:
+        """Return the first cell of a column in the head with a sign, up to 20 letters; empty for none.
+
+        Without a sign the first cell that is not empty is returned.
+        """
+        cells = (str(row[column.place]).strip() for row in self._rows_of(column, self.table.head)[0])
+        return next((cell[:MAX_LETTERS] for cell in cells if sign in cell), '')
+
+    def ambiguous_number(self, column: LogColumn) -> str:
+        """Return a number of a column whose decimal sign may be one of thousands; empty without any."""
+        return self._first_value(column, self.table.thousands) if self.table.thousands else ''
 
     @property
     def message_count(self) -> int:

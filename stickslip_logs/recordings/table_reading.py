@@ -120,6 +120,7 @@ class TableReading:
         units = set() if self._unit_place is None else {self._unit_place} - statuses
         table = recording.table
         ends = [] if table.is_sent else find_end_columns(table.head, table.tail, len(table.names))
+        ends = [place for place in ends if place not in keys]
         self._steps = KeySteps(ends)
         self._wanted = list(dict.fromkeys([*places, *keys, *statuses, *units, *self._steps.places]))
         self._converted: set[str] = set()

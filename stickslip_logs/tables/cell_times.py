@@ -7,6 +7,7 @@ All become nanoseconds since 1970, or since a start, exactly.
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 from collections.abc import Callable, Sequence
 from datetime import date, timedelta
@@ -259,7 +260,7 @@ def read_time_of_day(columns: Sequence[Cells]) -> Times:
     return time_ns, is_timed
 
 
-def number_reader(unit_ns: int, zero: int, decimal: str) -> ReadTimes:
+def number_reader(unit_ns: int, zero: float, decimal: str) -> ReadTimes:
     """Return a function that reads one column of numbers as times, to the nanosecond.
 
     A cell that is no number, or beyond MAX_TIME_NS, has the time 0 and is marked as none.
@@ -269,6 +270,8 @@ def number_reader(unit_ns: int, zero: int, decimal: str) -> ReadTimes:
         zero: Added to each number, in the unit of the numbers.
         decimal: The decimal sign.
     """
+    base = math.floor(zero)
+    more_ns = round((zero - base) * unit_ns)
 
     def read(columns: Sequence[Cells]) -> Times:
         """Return the times [ns] of the cells of the one column, and which have one; the others are 0."""
@@ -287,8 +290,8 @@ def number_reader(unit_ns: int, zero: int, decimal: str) -> ReadTimes:
                     below = np.array([float(f'0.{part[2]}') for part in parts])
                     rest = np.rint(below * unit_ns).astype(np.int64)
                 whole = np.fromiter(map(int, wholes), np.int64, len(cells))
-                if int(np.abs(whole + zero).max(initial=0) + 1) * unit_ns < MAX_TIME_NS:
-                    return (whole + zero) * unit_ns + rest, np.ones(len(cells), np.bool_)
+                if int(np.abs(whole + base).max(initial=0) + 2) * unit_ns < MAX_TIME_NS:
+                    return (whole + base) * unit_ns + (rest + more_ns), np.ones(len(cells), np.bool_)
         times_ns = [_exact_time(cell, unit_ns, zero) for cell in cells]
         is_time = np.array([time_ns is not None for time_ns in times_ns], np.bool_)
         return np.array([time_ns or 0 for time_ns in times_ns], np.int64), is_time
@@ -296,10 +299,10 @@ def number_reader(unit_ns: int, zero: int, decimal: str) -> ReadTimes:
     return read
 
 
-def _exact_time(cell: str, unit_ns: int, zero: int) -> int | None:
+def _exact_time(cell: str, unit_ns: int, zero: float) -> int | None:
     """Return ``(cell + zero) * unit_ns``, rounded to whole ns; None for no number and from MAX_TIME_NS on."""
     try:
-        time_ns = (Decimal(cell.strip().replace('_', 'x')) + zero) * unit_ns
+        time_ns = (Decimal(cell.strip().replace('_', 'x')) + Decimal(zero)) * unit_ns
         return round(time_ns) if abs(time_ns) < MAX_TIME_NS else None
     except (ArithmeticError, ValueError):
         return None

@@ -182,6 +182,7 @@ class Dialect(TableColumns):
         above: The rows before the first with numbers; the headings are one of them.
         heading: The row of the headings as it stands; empty where there is none.
         suffixes: The unit that stands behind every number of each column, empty where there is none.
+        thousands: The decimal sign where nothing tells it from one of thousands, else empty.
         remarks: What was guessed, as sentences.
         losses: What is not read, as sentences.
     """
@@ -191,6 +192,7 @@ class Dialect(TableColumns):
     above: tuple[Cells, ...] = ()
     heading: Cells = ()
     suffixes: tuple[str, ...] = ()
+    thousands: str = ''
     remarks: tuple[str, ...] = ()
     losses: tuple[str, ...] = ()
 
@@ -319,11 +321,6 @@ def _table_dialect(
     suffixes = [_unit_suffix(below, k, names[k]) for k in range(width)]
     headings = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
     remarks, losses = list[str](), list[str]()
-    if delimiter == ';' and (number := _maybe_thousands(below, decimal)):
-        sign = 'point' if decimal == '.' else 'comma'
-        remarks.append(
-            f"'{number}' is read with a decimal {sign}: nothing in the file tells it from thousands"
-        )
     if len(heading) > width:
         remarks.append(f'{len(heading)} headings stand above {width} cells: they were matched from the left')
     if lines := _lines_of_other_table(above, delimiter):
@@ -343,6 +340,7 @@ def _table_dialect(
         tuple(above),
         tuple(heading),
         tuple(suffixes),
+        decimal if delimiter == ';' and _may_be_thousands(below, decimal) else '',
         tuple(remarks),
         tuple(losses),
     )
@@ -465,8 +463,8 @@ def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
     )
 
 
-def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
-    """Return the first cell with a decimal sign if in all of them it may separate thousands; else ''.
+def _may_be_thousands(rows: Sequence[Cells], decimal: str) -> bool:
+    """Return whether the decimal sign may separate thousands in all cells that have it, at least in one.
 
     Args:
         rows: The rows of numbers.
@@ -474,9 +472,8 @@ def _maybe_thousands(rows: Sequence[Cells], decimal: str) -> str:
     """
     cells = [cell.strip() for row in rows for cell in row if decimal in cell]
     plain = [cell.translate(_SWAP) if decimal == ',' else cell for cell in cells]
-    numbers = [k for k, cell in enumerate(plain) if _NUMBER.fullmatch(cell)]
-    are_all = all(_POINTS.fullmatch(plain[k]) for k in numbers)
-    return cells[numbers[0]] if numbers and are_all else ''
+    numbers = [cell for cell in plain if _NUMBER.fullmatch(cell)]
+    return bool(numbers) and all(map(_POINTS.fullmatch, numbers))
 
 
 def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
@@ -510,7 +507,8 @@ def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, w
         first: The place of the first row of numbers.
         width: How many cells most rows have.
     """
-    is_headed, is_preamble, is_next = bool(_find_headings(rows[:first], width)[0]), True, False
+    is_headed = len(_find_headings(rows[:first], width)[0]) >= width
+    is_preamble, is_next = True, False
     for k in range(first, len(rows)):
         row = rows[k]
         if is_next and is_data[k]:
@@ -520,7 +518,10 @@ def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, w
             is_preamble &= not _is_value(row[0]) and not is_timed
         if is_headed and not is_preamble:
             break
-        is_words = len(row) == width and all(cell.strip() and not _is_value(cell) for cell in row)
+        # A heading may stand above remarks that most lines leave out.
+        is_words = len(row) in (width, width + 1) and not any(
+            not cell.strip() or _is_value(cell) for cell in row
+        )
         has_time = is_words and any(TIME_WORDS.search(parse_heading(cell).name) for cell in row)
         is_next |= has_time or (is_words and is_preamble and not is_headed)
     return first

@@ -16,7 +16,8 @@ from stickslip_logs.tables.dialect import parse_heading
 # A word of a heading that makes it one of a quality, and what may stand beside it or beside a signal's name.
 _QUALITY = re.compile(r'q|qc|qf|good|(?:opc)?(?:status(?:code)?|qual|qualit\w*|valid|validity)')
 _BESIDE = {'code', 'flag', 'value', 'val', 'wert'}
-# Beside a mark of the first kind any other is bad; without one, as among states of an engine, these are.
+# Marks are those of a quality if one is of the first kind or a code, or all are of the second kind; then
+# any word that is not of the first kind is bad.
 _GOOD = re.compile(r'\s*(?:good|ok|valid|true)', re.I)
 _BAD = re.compile(
     r'\s*(?:0x|bad|invalid|uncertain|false|fail|fault|err|stale|not (?!run|ready)|comm|timeout)', re.I
@@ -97,8 +98,7 @@ def find_quality(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | 
         kind = 'OPC UA'
     else:
         return None
-    has_good = any(map(_GOOD.match, seen))
-    if not codes and not has_good and not any(map(_BAD.match, seen)):
+    if not codes and not any(map(_GOOD.match, seen)) and not (seen and all(map(_BAD.match, seen))):
         return None
 
     def is_bad(mark: str) -> bool:
@@ -106,7 +106,7 @@ def find_quality(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | 
         code = _code_of(mark, is_hex=is_hex)
         if code is not None:
             return _IS_BAD[kind](code)
-        return bool(_BAD.match(mark)) or (has_good and mark.strip() != '' and not _GOOD.match(mark))
+        return mark.strip() != '' and not _GOOD.match(mark)
 
     return is_bad
 

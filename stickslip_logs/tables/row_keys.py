@@ -27,9 +27,9 @@ _MIN_STEP_NS = 10**9
 def is_same_key(cell: str, text: str) -> bool:
     """Return whether a cell is the text of a configuration, but for blanks around it, or the same number.
 
-    So ``1`` is ``01`` and ``1.0``.
+    So ``1`` is ``01`` and ``1.0``. The text ``*`` stands for any.
     """
-    if cell.strip() == text.strip():
+    if text == '*' or cell.strip() == text.strip():
         return True
     number = parse_number(text)
     return number is not None and number == parse_number(cell)

@@ -86,6 +86,7 @@ class NumberTable(ABC):
         remarks: What was guessed, as sentences.
         losses: What cannot be read, as sentences.
         is_sent: Whether its numbers are as sensors sent them, over a bus.
+        thousands: The decimal sign where nothing tells it from one of thousands, else empty.
     """
 
     names: tuple[str, ...]
@@ -97,6 +98,7 @@ class NumberTable(ABC):
     remarks: tuple[str, ...]
     losses: tuple[str, ...] = ()
     is_sent = False
+    thousands = ''
 
     @property
     def time_columns(self) -> list[int]:
@@ -208,6 +210,7 @@ class TextTable(NumberTable):
         self._is_plain, self._is_ended = extent.is_plain, extent.is_ended
         self.is_sent = self._dialect.delimiter in BUS_LOGS
         self.names, self.units = self._dialect.names, self._dialect.units
+        self.thousands = self._dialect.thousands
         clocks = find_clocks(path, self._dialect)
         if any(clock.question and not clock.is_count for clock in clocks) and not self.is_sent:
             # What the ends leave open the days between them may tell.
@@ -441,12 +444,14 @@ class _TextReading:
     def _is_heading(self, row: Cells) -> bool:
         """Return whether a row has headings of the table, but is not equal to the last headings.
 
-        At least two of the headings have to occur, or the only one there is.
+        At least two of the headings have to occur, the only one there is, or those of times in their places.
         """
         cells = [cell.strip() for cell in row]
         names = {name for name in self._first if name}
-        is_other = cells != [*self._order]
-        return bool(names) and is_other and len(names & set(cells)) > min(1, len(names) - 1)
+        if not names or cells == [*self._order]:
+            return False
+        is_timed = all(self._first[k] and cells[k : k + 1] == [self._first[k]] for k in self._times)
+        return is_timed or len(names & set(cells)) > min(1, len(names) - 1)
 
     def _follow_heading(self, row: Cells | None) -> None:
         """Take over the places of the wanted columns from headings in the middle, and count these.

@@ -64,18 +64,20 @@ _SPELLED = {
     DAY: 'd day days',
 }
 _UNITS = {name: unit for unit, names in _SPELLED.items() for name in names.split()}
-# Days since the end of 1899, in the years 1954 to 2050, since 1858 (from 2009), and since the year 0: their
-# limits, what is added for 1970, and their name.
+# Days since the end of 1899, in the years 1954 to 2050, since 1858 (from 2009), since the year 0, and since
+# 4713 BC (from 2009): their limits, what is added for 1970, and their name.
 _DAYS_SINCE = (
     (20_000, 55_000, -25_569, 'days of a spreadsheet'),
     (55_000, 80_000, -40_587, 'modified Julian days'),
     (713_960, 773_960, -719_529, 'days of MATLAB'),
+    (2_455_000, 2_480_000, -2_440_587.5, 'Julian days'),
 )
 # Intervals of lines as days show them [s], and how far off they are by their decimals: five, or six and more.
 _PACES = {0.05: (10, 12, 15, 20, 30, 60, 120), 0.01: (180, 300, 600, 900, 1200, 1800, 3600, 7200)}
 # Steps of numbers without a unit: below the first, a second would have 10,000 lines and more; from the second
 # on, days would be three hours and more.
 _DAYS_BELOW, _SECONDS_FROM = 1e-4, 0.125
+_SECONDS_OR_LESS = "has times that may be s, ms or numbers of lines: head them 'time [s]' or 'time [ms]'"
 # Lines a second that a text has at most; a rate is known to 0.05.
 _MAX_RATE = 300.0
 # Days of six decimals are that close to whole seconds [s]; of numbers by chance a tenth is.
@@ -84,6 +86,7 @@ _NEAR_SECOND = 0.05
 _MAX_ROWS = 500
 # Of the cells of a column of times more are times; of the rows of parts of a date nearly all.
 _MOSTLY, _NEARLY_ALL = 0.5, 0.9
+_FINE_DECIMALS = re.compile(r'[.,](?:\d\d|[1-9])')
 _ZERO_DECIMALS = re.compile(r'[.,]0+$')
 _DIGITS_OF_DAY = re.compile(r'(\d{1,6})(?:[.,]\d+)?')
 _EMPTY = '', 'nan', 'null', 'none', '-'
@@ -293,9 +296,17 @@ def rank_stamps(table: TableColumns, columns: Sequence[int]) -> list[int]:
 
 
 def _clock_of_day_times(table: TableColumns, column: int) -> Clock:
-    """Return the clock of a column of times of the day, or since a start; a remark says it has no date."""
+    """Return the clock of a column of times of the day, or since a start; a remark says it has no date.
+
+    Times of two parts, which may be hours or minutes, are a question.
+    """
     remark = f"times in '{table.names[column]}' are of the day, without a date"
-    return Clock((column,), read_time_of_day, (remark,))
+    cells = [row[column].strip() for row in table.rows if len(row) > column and row[column].strip()]
+    question = (
+        f"has times such as '{cells[0]}', read as hours: write {cells[0]}:00, or 00:{cells[0]} for minutes"
+    )
+    is_short = all(cell.count(':') == 1 for cell in cells)
+    return Clock((column,), read_time_of_day, (remark,), question=question * is_short)
 
 
 def _clock_of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
@@ -508,14 +519,14 @@ def clock_of_numbers(
         return None
     heading = table.names[column]
     unit_ns, zero, meaning, question = _meaning_of_numbers(*table.headings[column], values)
-    if not is_named and zero == 0 and (steps == 1.0).all():
-        question = f"has the times of '{heading}', which may number the lines only: head it 'time [s]' if not"
+    if question == _SECONDS_OR_LESS and any(map(_FINE_DECIMALS.search, (row[column] for row in rows[:9]))):
+        question = ''  # who counts in ms writes whole ones
     remarks = (f"times in '{heading}' are {meaning}",)
     read = number_reader(unit_ns, zero, table.decimal)
     return Clock((column,), read, remarks, is_count=True, question=question)
 
 
-def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> tuple[int, int, str, str]:
+def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> tuple[int, float, str, str]:
     """Find the unit, zero and meaning of the numbers of a column of times.
 
     Args:
@@ -531,9 +542,9 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
     unit_ns = _UNITS.get(unit, SECOND)
     # With a unit in which they are no dates since 1973 they count from a start.
     is_elapsed = unit != '' and largest * unit_ns < _EPOCHS[-1][0] * SECOND
-    for minimum, factor, zero, name in () if is_elapsed else _EPOCHS:
+    for minimum, factor, begin, name in () if is_elapsed else _EPOCHS:
         if largest >= minimum:
-            return factor, zero, name, ''
+            return factor, begin, name, ''
     elapsed, steps = f'{unit or "s"} since the start', np.abs(np.diff(values))
     step = float(np.median(steps[steps > 0])) if steps.any() else 0.0
     for minimum, maximum, zero, name in _DAYS_SINCE if unit == '' or unit_ns == DAY else ():
@@ -549,8 +560,10 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
             question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
             return DAY, zero, f'{name}, without a zone: taken as UTC', question if may_be_seconds else ''
     question = ''
-    if unit == '' and step * _MAX_RATE >= 1000.0:
-        question = "has times that may be s or ms since the start: head them 'time [s]' or 'time [ms]'"
+    if unit == '' and step >= 1.0:
+        question = _SECONDS_OR_LESS  # smaller steps than of 1 ms are of no log
+    elif unit == '' and step > 0.0 and step * _MAX_RATE < 1.0:
+        question = f"has {1.0 / step:.3g} lines a second: head the times by their unit, as 'time [d]'"
     return unit_ns, 0, elapsed, question
 
 

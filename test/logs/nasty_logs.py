@@ -263,7 +263,6 @@ LOGS = {
     'commas that may part thousands': Log(
         'time;speed;load\n2026-04-13 10:00:00;30;28,013\n2026-04-13 10:00:01;31;28,014\n',
         load=[28.013, 28.014],
-        says="'28,013' is read with a decimal comma: nothing in the file tells it from thousands",
     ),
     'words of quality': Log(
         'time,speed [rpm],speed.Status,load [N],load.Status\n@0,30,Bad,900,Good\n@1,31,Good,901,Uncertain\n',
@@ -548,6 +547,16 @@ LOGS = {
         times=since(0, 1),
         load=[1500, 1600],
     ),
+    'LabVIEW LVM: rows without the remark': Log(
+        'LabVIEW Measurement\t\nX_Columns\tOne\nDate\t2026/04/13\n***End_of_Header***\t\t\t\n'
+        'Channels\t2\t\t\nSamples\t9\t9\t\nDate\t2026/04/13\t2026/04/13\t\nTime\t10:00:00\t10:00:00\t\n'
+        'X_Dimension\tTime\tTime\t\nX0\t0.0\t0.0\t\nDelta_X\t1.0\t1.0\t\n***End_of_Header***\t\t\t\n'
+        'X_Value\tSpeed\tLoad\tComment\n' + ''.join(f'{k}.00\t{30 + k}.0\t{900 + k}.0\n' for k in range(9)),
+        times=since(*range(9)),
+        speed=range(30, 39),
+        load=range(900, 909),
+        says='4 headings stand above 3 cells',
+    ),
     'LabVIEW LVM: a remark in the last column, decimal commas': Log(
         'LabVIEW Measurement\t\nDate\t2026/04/13\n***End_of_Header***\t\t\t\nChannels\t2\t\t\n'
         'Samples\t2\t2\t\nDate\t2026/04/13\t2026/04/13\t\nTime\t10:00:00,5\t10:00:00,5\t\nX_Dimension\tTime\tTime\t\nX0\t0,0\t0,0\t\n'
@@ -613,11 +622,7 @@ LOGS = {
     'Swiss thousands': Log(
         "time;speed;load\n~0;30.0;1'234.5\n~1;31.5;12'345.0\n", speed=[30, 31.5], load=[1234.5, 12345]
     ),
-    'points that may part thousands': Log(
-        'time;speed;load\n~0;30;1.234\n~1;31;1.235\n',
-        load=[1.234, 1.235],
-        says="'1.234' is read with a decimal point: nothing in the file tells it from thousands",
-    ),
+    'points that may part thousands': Log('time;speed;load\n~0;30;1.234\n~1;31;1.235\n', load=[1.234, 1.235]),
     'a position north is no load': Log(
         'time,rpm,lat,kN\n@0,30,51.5 N,1.5\n@1,31,51.5 N,1.6\n', load=[1500, 1600]
     ),

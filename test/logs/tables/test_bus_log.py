@@ -7,8 +7,11 @@ import json
 from datetime import datetime, timezone
 from pathlib import Path
 
+from nasty_logs import nmea_sentence
+
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
+from stickslip_logs.tables.bus_log import nmea_rows
 
 SECOND = 10**9
 START = 1_780_000_000
@@ -40,3 +43,12 @@ def test_deltas_without_numbers_tell_how_long_an_input_is_silent(tmp_path: Path)
     assert span_of(tmp_path / 'a.log', [old, *numbers, *silent]) == (0.0, 59.0)
     assert span_of(tmp_path / 'b.log', [*numbers, *silent, *numbers[-1:]]) == (0.0, 19.0)
     assert span_of(tmp_path / 'c.log', [*numbers, old]) == (0.0, 19.0)
+
+
+def test_the_time_of_a_tag_block_may_stand_behind_its_source() -> None:
+    """NMEA 0183 4.00, section 7: parameters of a tag block are in any order."""
+    lines = [
+        f'\\{tag}*00\\{nmea_sentence("ERRPM,S,1,30.0,,A")}\n'
+        for tag in ('s:ER1,c:1776074400', 'g:1-1-7,s:ER1,n:4,c:1776074401500', 'c:1776074402,s:ER1')
+    ]
+    assert [row[0] for row in nmea_rows(iter(lines)) if row] == ['1776074400', '1776074401.500', '1776074402']

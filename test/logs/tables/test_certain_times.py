@@ -98,13 +98,13 @@ def test_seconds_that_begin_before_any_day_of_a_spreadsheet_are_none(first: int,
 
 @pytest.mark.parametrize(
     ('head', 'gap', 'asked'),
-    [('time', 100, True), ('time [s]', 100, False), ('time', 5, True), ('time', 2, False)],
+    [('time', 100, True), ('time [s]', 100, False), ('time', 5, True), ('time', 1, True)],
 )
 def test_milliseconds_or_seconds_are_asked(head: str, gap: int, asked: bool, tmp_path: Path) -> None:
-    """Two are no milliseconds: no text has 500 lines a second."""
+    """0, 1, 2, ... are 1 Hz, 1 kHz, or numbers of lines."""
     times = times_of(tmp_path, log_of(head, lambda t: f'{(t - T0).seconds * gap}'))
     assert times == ([k * gap * 10**9 for k in range(90)], times[1] if asked else '')
-    assert ('may be s or ms since the start' in times[1]) == asked
+    assert ('may be s, ms or numbers of lines' in times[1]) == asked
 
 
 @pytest.mark.parametrize('form', ['{:%H%M%S}', '{0.hour}{0:%M%S}'])
@@ -184,8 +184,33 @@ def test_a_log_of_one_value_a_line_without_headings_has_its_seconds_since_1970(t
 
 
 def test_numbers_of_lines_are_asked(tmp_path: Path) -> None:
-    assert 'may number the lines only' in times_of(tmp_path, log_of('No', lambda t: str((t - T0).seconds)))[1]
-    assert times_of(tmp_path, log_of('time', lambda t: str((t - T0).seconds)))[1] == ''
+    for form, question in (('{}', 'numbers of lines'), ('{}.00', '')):
+        text = log_of('No', lambda t, form=form: form.format((t - T0).seconds))
+        assert question in times_of(tmp_path, text)[1]
+
+
+@pytest.mark.parametrize(('step', 'asked'), [(10 / 86_400, True), (60 / 86_400, True), (0.01, False)])
+def test_more_lines_a_second_than_a_log_has_are_another_unit(
+    step: float, asked: bool, tmp_path: Path
+) -> None:
+    """124.25 and so on are days of the year; they were a voyage of a tenth of a second."""
+    text = 'time,rpm\n' + ''.join(f'{124.25 + k * step:.6f},{30 + k % 3}\n' for k in range(90))
+    assert ("as 'time [d]'" in times_of(tmp_path, text)[1]) == asked
+
+
+def test_julian_days(tmp_path: Path) -> None:
+    """2461174.75 is 06:00 on 14 May 2026 (U.S. Naval Observatory)."""
+    text = 'time,rpm\n' + ''.join(f'{2461174.75 + k / 86_400:.8f},{30 + k % 3}\n' for k in range(90))
+    times, question = times_of(tmp_path, text)
+    assert times == pytest.approx([epoch_ns(T0 + k * EVERY) for k in range(90)], abs=10**6)
+    assert question == ''
+
+
+@pytest.mark.parametrize(('head', 'asked'), [('time', True), ('date,time', False)])
+def test_times_of_two_parts_are_asked(head: str, asked: bool, tmp_path: Path) -> None:
+    """06:30 may be minutes and seconds, as a spreadsheet shows them."""
+    text = log_of(head, lambda t: f'{t:%Y-%m-%d,%H:%M}'[11 * asked :], 60 * EVERY)
+    assert ('write 06:00:00, or 00:06:00' in times_of(tmp_path, text)[1]) == asked
 
 
 @pytest.mark.parametrize('cell', ['', 'NaN', '-'])

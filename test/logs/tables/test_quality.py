@@ -56,6 +56,18 @@ def test_a_quality_beside_a_longer_name_is_of_it(tmp_path: Path) -> None:
     assert [recording.by_topic[topic].status for topic in ('/n', '/f')] == [2, 4]
 
 
+@pytest.mark.parametrize('known', ['Good', '192', 'Bad'])
+def test_a_word_that_is_not_known_does_not_count_beside_known_ones(known: str) -> None:
+    is_bad = find_quality('quality', [known])
+    assert is_bad is not None
+    assert [is_bad(mark) for mark in ('Good', 'Schlecht', '')] == [False, True, False]
+
+
+def test_words_of_which_only_the_bad_one_is_known_are_none() -> None:
+    """Which of them is good is asked."""
+    assert find_quality('quality', ['Bad', 'Gut', 'Schlecht']) is None
+
+
 def test_a_mode_is_no_quality() -> None:
     assert find_quality('status', ['1', '2', '3']) is None
 

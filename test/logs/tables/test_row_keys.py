@@ -78,6 +78,22 @@ def test_numbers_of_things_may_be_written_in_several_ways(tmp_path: Path) -> Non
     assert values_of(recording, {'#2': '2'}) == [136, 137]
 
 
+def test_all_lines_may_be_of_one_thing(tmp_path: Path) -> None:
+    recording = open_log(tmp_path, SEVERAL['shafts'])
+    column = recording.chosen(
+        next(own for own in recording.all_columns if own.heading == 'rpm'), {'shaft': '*'}
+    )
+    assert recording.key_of(column) is None
+    assert len(values_of(recording, {'shaft': '*'})) == SEVERAL['shafts'].count('\n') - 1
+
+
+def test_files_one_after_the_other_may_be_of_one_thing(tmp_path: Path) -> None:
+    """A logger writes the name of its file into each line, and its clock was set back."""
+    rows = ''.join(f'{t},{file},{20 + t % 7}\n' for file in 'ab' for t in range(3000))
+    recording = open_log(tmp_path, f'time,file,rpm\n{rows}')
+    assert len(values_of(recording, {'file': '*'})) == 6000
+
+
 def test_a_thing_that_is_not_there_is_named(tmp_path: Path) -> None:
     recording = open_log(tmp_path, SEVERAL['shafts'])
     with pytest.raises(BagError, match=r"no line with 'prt' in column 'shaft': it has 'port', 'stbd'; did"):
