@@ -142,7 +142,9 @@ class InputConfig:
         " '#3'; empty: found by unit and name.",
     )
     where: tuple[str, ...] = parameter(
-        (), 'The lines of a log that count, by text of other columns: {shaft: port}.', kind='str[]'
+        (),
+        "The lines of a log that count, by text of other columns: {shaft: port}; '*' is any.",
+        kind='str[]',
     )
     field: FieldPath = ('data',)
     factor: float = 1.0

@@ -242,7 +242,7 @@ class ColumnBinding:
     ) -> InputConfig:
         """Return an input as read from a column; add to ``columns``, ``remarks`` and ``questions``.
 
-        Topic, type, field and timeout are replaced by those that hold for the log.
+        Topic, column, type, field and timeout are replaced by those that hold for the log.
         """
         unit = _unit_of_column(column, quantity)
         unit = unit if unit in _units_of(quantity, source) else None
@@ -271,7 +271,13 @@ class ColumnBinding:
         if clauses := [*use.questions(), *self._questions_on_values(source, column, interval)]:
             self.questions[bearing.name, quantity] = '; and '.join(clauses)
         return replace(
-            source, topic=topic, type=FLOAT64, field_text='data', field=('data',), timeout_ns=timeout_ns
+            source,
+            topic=topic,
+            column=column.heading,
+            type=FLOAT64,
+            field_text='data',
+            field=('data',),
+            timeout_ns=timeout_ns,
         )
 
     def _questions_on_values(self, source: InputConfig, column: LogColumn, interval: float) -> Iterator[str]:
@@ -284,6 +290,9 @@ class ColumnBinding:
         if clock.question and clock.columns not in self._asked_clocks:
             self._asked_clocks.add(clock.columns)
             yield clock.question
+        if number := self._log.ambiguous_number(column):
+            whole = number.replace(',', '').replace('.', '')
+            yield f"has '{number}', read with decimals: write {number}0 or {whole}, which are certain"
         if marks := self._log.unknown_marks(column):
             heading, texts = marks
             yield (
@@ -365,7 +374,8 @@ class _ColumnUse:
             )
         elif self.quantity == 'speed' and not (self._has_scale or self._gear or source.column):
             own_words, _ = _words_of_side(self.bearing.name, source.topic)
-            if not _is_plain(column, self.quantity, own_words | {'s'}):
+            is_own = _is_named_after(column, self.bearing.name, source.topic)
+            if not (is_own or _is_plain(column, self.quantity, own_words | {'s'})):
                 yield (
                     f"is column '{column.heading}': is it the shaft's own? Write"
                     f' {parameter}.column, and gear where one is between'

@@ -213,32 +213,41 @@ class InputReport:
 
 
 class FillerSearch:
-    """Finds a number such as -99 among values, which loggers write where an instrument is silent."""
+    """Finds a number such as -99 or -555 among values, which loggers write where an instrument is silent."""
 
     def __init__(self) -> None:
-        self._nines = Counter[float]()
-        self._count, self._low, self._high = 0, math.inf, -math.inf
+        self._ends = Counter[float]()
+        self._count, self._changes, self._low, self._high = 0, 0, math.inf, -math.inf
 
     def take(self, value: FloatArray) -> None:
-        """Take more values, shape (n,): count the least and the greatest if they are of nines, as -99.
+        """Take more values, shape (n,): count the least and the greatest if they come twice or before.
 
-        The span of all the others is extended by them.
+        The span of all the others is extended by them, and their changes are counted.
         """
         for end in {float(value.min()), float(value.max())} if value.size else ():
-            if _NINES.fullmatch(f'{end:.10g}'):
-                is_end = value == end
-                self._nines[end] += int(np.count_nonzero(is_end))
+            is_end = value == end
+            count = int(np.count_nonzero(is_end))
+            if count > 1 or end in self._ends or _NINES.fullmatch(f'{end:.10g}'):
+                self._ends[end] += count
                 value = value[~is_end]
         self._count += value.size
+        self._changes += int(np.count_nonzero(value[1:] != value[:-1]))
         self._low, self._high = float(value.min(initial=self._low)), float(value.max(initial=self._high))
 
     @property
     def filler(self) -> float | None:
-        """A number of nines that comes twice, farther from all others than these are apart; or None."""
-        for number, count in self._nines.items():
-            usual = [self._low, self._high, *(self._nines.keys() - {number})]
-            span = max(usual) - min(usual)
-            if 1 < count < self._count and min(abs(number - end) for end in usual) > span:
+        """A number that comes twice, farther from all others than these are apart; or None.
+
+        It is of nines, or the others change from most values to the next, as those of a sensor do, and it is
+        not between them and zero, as what is at rest.
+        """
+        total = self._count + self._ends.total()
+        for number, count in self._ends.items():
+            rest_count, ends = total - count, self._ends.keys() - {number}
+            low, high = min(self._low, *ends, math.inf), max(self._high, *ends, -math.inf)
+            is_beyond = 2 * self._changes > rest_count and not min(low, 0.0) <= number <= max(high, 0.0)
+            is_apart = max(low - number, number - high) > high - low
+            if is_apart and 1 < count < rest_count and (is_beyond or _NINES.fullmatch(f'{number:.10g}')):
                 return number
         return None
 

@@ -22,7 +22,7 @@ HEAD = 'time,rpm,load [N]'
         (HEAD, '{:%y-%m-%d %H:%M:%S}', 1, 'or is the year first?'),
         (HEAD, '{1}', 1, 'may be s since the start or days of a spreadsheet'),
         (HEAD, '{2:.6f}', 1, 'may be days of a spreadsheet or s since the start'),
-        ('No,rpm,load [N]', '{3}', 1, 'may number the lines only'),
+        ('No,rpm,load [N]', '{3}', 1, 'may be s, ms or numbers of lines'),
         (f'n,{HEAD}', '{3},{0:%Y-%m-%dT%H:%M:%SZ}', 1, ''),
         ('Date,Time,rpm,load [N]', '{:%Y-%m-%d,%H:%M}', 86_400, 'has a value each 8.64e+04 s'),
     ],
@@ -58,6 +58,44 @@ def test_a_filler_that_is_not_known_is_asked(
     result = stickslip('check', path, '--config', CONFIG)
     assert f'has {float(filler):g} far from all other values' in result.out or not code
     assert code or 'far from all' not in result.out
+
+
+@pytest.mark.parametrize(
+    ('filler', 'asked'),
+    [('-555', True), ('555', True), ('-1', True), ('0', False), ('40', False), ('81.5', False)],
+)
+def test_a_number_that_stands_far_from_those_of_a_sensor_is_asked(
+    filler: str, asked: bool, tmp_path: Path, stickslip: Stickslip
+) -> None:
+    """A sensor has noise, which a filler has not; a shaft at rest, or a slower one, is none."""
+    rows = (f'{k},{filler if 100 <= k < 150 else f"{80 + k % 13 / 10}"},{900 + k % 3}\n' for k in range(600))
+    path = tmp_path / 'voyage.csv'
+    path.write_text('time [s],rpm,load [N]\n' + ''.join(rows))
+    assert ('far from all other values' in stickslip('check', path, '--config', CONFIG).out) == asked
+
+
+@pytest.mark.parametrize(
+    ('load', 'asked'), [('60,000', True), ('60.000', True), ('0,900', False), ('60,00', False)]
+)
+def test_thousands_or_decimals_are_asked(
+    load: str, asked: bool, tmp_path: Path, stickslip: Stickslip
+) -> None:
+    path = tmp_path / 'voyage.csv'
+    path.write_text('time [s];rpm;load [N]\n' + ''.join(f'{k};{80 + k % 3};{load}\n' for k in range(60)))
+    result = stickslip('check', path, '--config', CONFIG)
+    question = f"load on /bearing/aft_stern/load has '{load}', read with decimals: write {load}0 or 60000"
+    assert (question in result.out) == asked
+    assert result.code == 1 or not asked
+
+
+def test_a_column_of_an_average_is_asked_about(tmp_path: Path, stickslip: Stickslip) -> None:
+    path = tmp_path / 'voyage.csv'
+    path.write_text(
+        'time [s],rpm_min,rpm_max,rpm_avg,load [N]\n' + ''.join(f'{k},79,81,80,900\n' for k in range(60))
+    )
+    result = stickslip('check', path, '--config', CONFIG)
+    assert "question: speed on /shaft/speed is called 'avg'" in result.out
+    assert result.code == 1
 
 
 def test_unknown_words_of_a_quality_are_asked(tmp_path: Path, stickslip: Stickslip) -> None:

@@ -122,7 +122,7 @@ def test_a_column_of_another_quantity_is_no_input(text: str, quantity: str, tmp_
 )
 def test_the_other_side_is_another_shaft(heading: str, bearing: str, is_its: bool, tmp_path: Path) -> None:
     path, config = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml'
-    path.write_text(f'time,"{heading}",load [N]\n0,30,900\n1,31,901\n')
+    path.write_text(f'time [s],"{heading}",load [N]\n0,30,900\n1,31,901\n')
     config.write_text(CONFIG.read_text().replace('aft_stern', bearing))
     assert ((bearing, 'speed') in bind(open_bag(path), load_config(config)).absent) == (not is_its)
 
@@ -137,6 +137,12 @@ def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> Non
     config = tmp_path / 'ship.yaml'
     config.write_text(CONFIG.read_text().replace('aft_stern', 'stern_thruster'))
     bound_inputs(open_log(tmp_path, 'time,Stern thruster rpm,load [N]\n0,30,900\n1,31,901\n'), config)
+
+
+def test_a_column_of_the_topic_is_the_shafts_own(tmp_path: Path) -> None:
+    """PlotJuggler writes the field behind the topic, and `data` is no foreign word of it."""
+    text = '__time,/shaft/speed/data,/bearing/aft_stern/load/data\n0.5,30,900\n1.5,31,901\n'
+    assert bind(open_log(tmp_path, text), load_config(CONFIG)).questions == {}
 
 
 @pytest.mark.parametrize(
@@ -155,7 +161,7 @@ def test_the_speed_of_an_engine_is_asked_about(text: str, tmp_path: Path) -> Non
 def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
     own = CONFIG.read_text().replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
     (tmp_path / 'own.yaml').write_text(own)
-    recording = open_log(tmp_path, 'time,rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
+    recording = open_log(tmp_path, 'time [s],rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
     asked = bind(recording, load_config(tmp_path / 'own.yaml')).questions
     assert asked == {
         ('aft_stern', 'load'): "is column 'Load [klbf]' in N, and its heading says 'klbf': is that right?"
@@ -204,7 +210,9 @@ def test_a_level_is_taken_in_the_unit_of_its_heading(tmp_path: Path) -> None:
 def test_a_shaft_that_is_named_after_its_side_is_not_asked_about(tmp_path: Path) -> None:
     config = tmp_path / 'ship.yaml'
     config.write_text(CONFIG.read_text().replace('aft_stern', 'port'))
-    recording = open_log(tmp_path, 'time,Port Shaft RPM,Stbd Shaft RPM,load [N]\n0,30,60,900\n1,31,60,901\n')
+    recording = open_log(
+        tmp_path, 'time [s],Port Shaft RPM,Stbd Shaft RPM,load [N]\n0,30,60,900\n1,31,60,901\n'
+    )
     bound = bind(recording, load_config(config))
     assert (bound.absent, bound.questions) == ({}, {})
 
@@ -319,7 +327,7 @@ def test_an_engine_with_a_gear_and_a_load_from_the_alignment_table(
 def test_a_third_of_implausible_speeds_is_no_quiet_voyage(every: int, code: int, tmp_path: Path) -> None:
     """As live, where a third of the samples refused is a fault: 4000 rpm is beyond any shaft of a ship."""
     rows = ''.join(f'{t},{4000 if t % every == 0 else 136},1000\n' for t in range(1, 121))
-    (tmp_path / 'voyage.csv').write_text(f'time,speed [rpm],load [N]\n{rows}')
+    (tmp_path / 'voyage.csv').write_text(f'time [s],speed [rpm],load [N]\n{rows}')
     assert main(['check', str(tmp_path / 'voyage.csv'), '--config', str(CONFIG)]) == code
 
 
@@ -355,7 +363,7 @@ def test_lines_of_two_shafts_are_refused_or_chosen(tmp_path: Path) -> None:
 def test_a_question_about_an_input_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A quiet log whose column is in the heading's unit, and a scale that is configured for another."""
     (tmp_path / 'voyage.csv').write_text(
-        'time,speed [rpm],load [N]\n' + ''.join(f'{t},120,{900 + t % 7}\n' for t in range(60))
+        'time [s],speed [rpm],load [N]\n' + ''.join(f'{t},120,{900 + t % 7}\n' for t in range(60))
     )
     plain = CONFIG.read_text()
     codes = []
