@@ -27,7 +27,7 @@ from benchmarks.calibrated_warnings import COLUMNS, SEEDS, VARIANTS, judged_all
 from benchmarks.calibration_ships import Kind, Sent, Ship, make_ships, sail
 from benchmarks.warning_quality import written
 from stickslip_lab.calibration.calibration import Calibration, Evidence, calibrate, read_levels
-from stickslip_lab.calibration.evidence import VibrationReport, bin_telemetry, level_over_speed
+from stickslip_lab.calibration.evidence import VibrationReport, bin_level, bin_telemetry
 from stickslip_lab.drawing.studies import draw_calibration
 from stickslip_monitor.drawing.canvas import INK, MUTED, new_figure, save_figure, style
 from stickslip_monitor.errors import CalibrationError
@@ -53,7 +53,7 @@ def heard(own: Sequence[Sent]) -> list[Evidence]:
     for k, sent in enumerate(own, 1):
         stamps = np.round(sent.time * 1e9).astype(np.int64)
         course = bin_telemetry(f'passage {k}', stamps, sent.speed, sent.load)
-        level = level_over_speed(sent.time, sent.level, sent.time, sent.speed)
+        level = bin_level(sent.time, sent.level, sent.time, sent.speed)
         found.append(Evidence(course.name, (course,), level=level))
     return read_levels('ship', found)
 

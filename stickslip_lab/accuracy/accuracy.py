@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What accuracy costs in time: methods, cases, and the error and the time of each on each.
+"""Compares what accuracy costs in time: the methods, the cases, and the error and time of each on each.
 
 Time is measured warm and repeatedly; the median counts. A sample in which the wall clock runs
 well ahead of the process' own time was disturbed by another process and is left out.
-
-The methods compared, and the operating points on which they are, from easy to hard.
 
 The reference amplitudes are Taylor series in 40 digits by mpmath, which share no code with any
 method; a test computes some of them again.
@@ -42,7 +40,9 @@ from stickslip_monitor.physics.friction import Stribeck
 
 Clock = Callable[[], float]
 
+# A sample whose wall time exceeds its process time by more than this factor was disturbed.
 _DISTURBED = 1.2
+# Relative errors below this are rounding: they count as equal.
 _FLOOR = 1e-14
 
 
@@ -96,11 +96,11 @@ def time_call(
     wall: Clock = time.perf_counter,
     cpu: Clock = time.process_time,
 ) -> tuple[float, int, bool]:
-    """Time repeated calls by two clocks [s]; the first call plans how many make a sample.
+    """Time repeated calls by two clocks [s]; the first, untimed call decides how many calls make a sample.
 
     Returns:
-        The median time of a call [s] over the undisturbed samples, how many count, and whether most were
-        disturbed: then all count, by process time.
+        The median time of a call [s] over the undisturbed samples, how many samples that are, and False; or,
+        where most were disturbed, the median process time over all of them, their number, and True.
     """
     start = wall()
     call()
@@ -140,8 +140,8 @@ def measure(method: Method, case: Case, effort: Effort) -> Row:
     """Measure the relative error and the time of a method at a case; the first call warms it up.
 
     Returns:
-        The row, with the seconds of each operating point. A method that does not apply is not timed:
-        its amplitude, error and seconds are ``nan``. Evaluations are -1 if they are not counted.
+        The row, with the time of one operating point [s]. A method that refuses the case is not timed: its
+        amplitude, error and seconds are ``nan``. Evaluations are -1 if they are not counted.
     """
     point = case.bearing, case.speed, case.load
     result = method.solve(*point)
@@ -216,9 +216,10 @@ def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
 
 
 def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
-    """Return which points no other point beats in time and error together, by rising time.
+    """Return the indexes of the points that no other beats in time and error together, by rising time.
 
-    Points that are not finite take no part; errors below rounding are equal.
+    Points that are not finite take no part; of errors that differ by rounding only the fastest point stays.
+    Both sequences have equal lengths.
     """
     is_finite = [math.isfinite(t) and math.isfinite(e) for t, e in zip(seconds, errors, strict=True)]
     usable = [i for i, is_known in enumerate(is_finite) if is_known]
@@ -257,18 +258,23 @@ def read_rows(path: str | Path) -> list[Row]:
         reason = getattr(error, 'strerror', None) or error
         raise ConfigurationError(f'{path} cannot be read: {reason}') from error
     if not lines or list(lines[0]) != [field.name for field in fields(Row)]:
-        raise ConfigurationError(f"{path} is no measurement of 'stickslip accuracy'")
+        raise ConfigurationError(
+            f"{path} is not a measurement: give a table that 'stickslip accuracy --output' wrote"
+        )
     try:
         parsers = {field.name: _PARSERS[str(field.type)] for field in fields(Row)}
         rows: Any = ({name: parse(line[name]) for name, parse in parsers.items()} for line in lines)
         return [Row(**row) for row in rows]
     except (ValueError, TypeError) as error:
-        raise ConfigurationError(f'{path} has a cell that is no number: {error}') from error
+        raise ConfigurationError(f'{path} has a cell that is not a number: {error}') from error
 
 
 AT_ONCE = 1000
+"""Operating points that a method in bulk solves in one call."""
 HARMONICS = (1, 3, 7, 15, 31, 63)
+"""Numbers of harmonics to compare: each is the next step of the one before."""
 WIDTHS = (1e-3, 1e-4, 1e-5)
+"""Widths of regularised friction to compare [m/s]."""
 
 
 def _single_and_bulk(

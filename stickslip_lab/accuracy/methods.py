@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ways to the amplitude of the stable cycle: time steps, harmonic balance, averaging, the exact cycle.
+"""Computes the amplitude of the stable cycle: time steps, harmonic balance, averaging, exact cycle.
 
 Switching by ``solve_ivp`` has a known weakness: events are detected at the ends of steps. Near
 grazing the lining touches the belt's speed for a moment within a step, the contact is missed, and
@@ -50,13 +50,13 @@ class MethodResult:
     evaluations: int | None
 
 
-def found(amplitude: float, evaluations: int | None = None) -> MethodResult:
-    """Return a result: a cycle where the amplitude is a number, none where it is ``nan``."""
+def cycle_result(amplitude: float, evaluations: int | None = None) -> MethodResult:
+    """Return the result of a method that finished: a cycle, or none where the amplitude is ``nan``."""
     return MethodResult(amplitude, CYCLE if math.isfinite(amplitude) else NO_CYCLE, evaluations)
 
 
-def not_converged(evaluations: int | None = None) -> MethodResult:
-    """Return a result of a method that gave up within its allowed number of steps."""
+def unconverged_result(evaluations: int | None = None) -> MethodResult:
+    """Return the result of a method that gave up within its allowed number of steps: amplitude ``nan``."""
     return MethodResult(math.nan, NOT_CONVERGED, evaluations)
 
 
@@ -75,18 +75,20 @@ def typical_period(bearing: Bearing, speed: float, load: float) -> float:
     return 2.0 * np.pi / bearing.natural_frequency + 2.0 * max(lead, 0.0) / speed
 
 
-_CYCLES = 10.0
-_WATCHED = 0.6
+# Periods that are integrated, and the share of them after which the amplitude is taken: it has settled.
+_CYCLES, _WATCHED = 10.0, 0.6
+# Amplitudes below this share of the sliding limit V/omega are no cycle; nor is a swing whose last
+# stroke is below this share of its first.
 _QUIET, _DECAYS = 0.5, 0.8
 
 
-def _measure_velocity(_: float, y: FloatArray) -> float:
-    """Return the velocity, the second number of the state: its zeros are turning points."""
+def _velocity_event(_: float, y: FloatArray) -> float:
+    """Return the velocity, the second number of the state: an event of ``solve_ivp`` at turning points."""
     return float(y[1])
 
 
-def _late_range(runs: Sequence[Any], span: float, speed: float, omega: float) -> float:
-    """Return half the range of the last turning points [m]: those after 60 % of the time ``span`` [s].
+def _late_amplitude(runs: Sequence[Any], span: float, speed: float, omega: float) -> float:
+    """Return the amplitude [m] as half the range of the turning points after 60 % of the time ``span`` [s].
 
     Args:
         runs: Results of ``solve_ivp`` whose first event is a turning point.
@@ -95,7 +97,7 @@ def _late_range(runs: Sequence[Any], span: float, speed: float, omega: float) ->
         omega: Natural frequency [rad/s].
 
     Returns:
-        It; ``nan`` where the motion decays, or stays below half the sliding limit ``V/omega``.
+        The amplitude; ``nan`` where the motion decays, or stays below half the sliding limit ``V/omega``.
     """
     turns = [(t, y[0]) for way in runs for t, y in zip(way.t_events[0], way.y_events[0], strict=True)]
     late = np.array([x for t, x in turns if t > _WATCHED * span])
@@ -111,7 +113,8 @@ def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: fl
     LSODA integrates in SI units from breakaway for ten cycles, the last four of which are
     measured, with tolerances of scipy's (1e-3 relative, 1e-6 absolute in metres and metres a
     second) or tight (1e-10 and 1e-14). Common practice; Vigue, Vergez, Karkar and Cochelin,
-    J. Sound Vib. 389 (2017) 350-363. It says nothing about its error.
+    J. Sound Vib. 389 (2017) 350-363. It has not converged where LSODA fails; a wrong amplitude goes
+    unnoticed.
     """
     span = _CYCLES * typical_period(bearing, speed, load)
     start = (breakaway(bearing, speed, load), speed)
@@ -123,10 +126,10 @@ def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: fl
         return load * math.tanh(relative / width) * mu
 
     flow = _build_flow(bearing, speed, friction)
-    way = solve_ivp(flow, (0.0, span), start, method='LSODA', events=_measure_velocity, rtol=rtol, atol=atol)
+    way = solve_ivp(flow, (0.0, span), start, method='LSODA', events=_velocity_event, rtol=rtol, atol=atol)
     if not way.success:
-        return not_converged(way.nfev)
-    return found(_late_range([way], span, speed, bearing.natural_frequency), way.nfev)
+        return unconverged_result(way.nfev)
+    return cycle_result(_late_amplitude([way], span, speed, bearing.natural_frequency), way.nfev)
 
 
 def _build_flow(bearing: Bearing, speed: float, friction: Callable[[float], float]) -> Flow:
@@ -140,9 +143,10 @@ def _build_flow(bearing: Bearing, speed: float, friction: Callable[[float], floa
     return flow
 
 
-_MOST_PHASES = 200
+# Slip phases after which switching ends: ten cycles have about twenty, chatter has no end.
+_MAX_PHASES = 200
 # The dead time after a contact, in units of 1/omega.
-_DEAF = 1e-6
+_DEAD_TIME = 1e-6
 
 
 def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load: float) -> MethodResult:
@@ -159,13 +163,13 @@ def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load:
     span = _CYCLES * typical_period(bearing, speed, load)
     time, x, side = 0.0, breakaway(bearing, speed, load), 1.0
     ways: list[Any] = []
-    while time < span and len(ways) < _MOST_PHASES:
+    while time < span and len(ways) < _MAX_PHASES:
         way = solve_ivp(
             _slip_flow(side, bearing, speed, load),
             (time, span),
             (x, speed),
             method=method,
-            events=[_measure_velocity, _contact_event(speed, side, time + _DEAF / omega)],
+            events=[_velocity_event, _contact_event(speed, side, time + _DEAD_TIME / omega)],
             rtol=rtol,
             atol=atol,
             max_step=longest / omega,
@@ -175,11 +179,11 @@ def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load:
             break
         time, x = float(way.t[-1]), float(way.y[0, -1])
         if time < span:
-            time, x, side = _after_contact(bearing, speed, load, time, x)
+            time, x, side = _find_slip_start(bearing, speed, load, time, x)
     evaluations = sum(way.nfev for way in ways)
     if not ways[-1].success:
-        return not_converged(evaluations)
-    return found(_late_range(ways, span, speed, omega), evaluations)
+        return unconverged_result(evaluations)
+    return cycle_result(_late_amplitude(ways, span, speed, omega), evaluations)
 
 
 def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow:
@@ -211,7 +215,7 @@ def _contact_event(speed: float, side: float, earliest: float) -> Event:
     return contact
 
 
-def _after_contact(
+def _find_slip_start(
     bearing: Bearing, speed: float, load: float, time: float, x: float
 ) -> tuple[float, float, float]:
     """Return the start of the next slip phase after the lining reached the belt's speed.
@@ -235,9 +239,12 @@ def _after_contact(
     return time + max(start - x, 0.0) / speed, start, 1.0
 
 
+# Samples of a free vibration, between which turning points are found to rounding.
 _PER_CYCLE = 512
+# Amplitudes of successive parts that differ by less than this share are equal.
 _SETTLED = 1e-13
-_MOST_STRETCHES = 400
+# Parts of one and a half cycles after which a motion that has not settled is given up.
+_MAX_PARTS = 400
 
 
 def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
@@ -245,7 +252,8 @@ def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
 
     Stick and slip are phases, with transitions located to rounding. It ends where two successive parts
     of the motion have the same amplitude, or one has stuck. There is no cycle where the amplitude falls below
-    half of ``V/omega``; after 400 parts, or where the integrator gives up, it has not converged.
+    half of ``V/omega``; after 400 parts, or where the integrator gives up, it has not converged. Evaluations
+    are the steps while slipping.
     """
     omega = bearing.natural_frequency
     duration = 1.5 * typical_period(bearing, speed, load)
@@ -254,7 +262,7 @@ def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
     drive = Drive.constant(speed, load, duration)
     state = MotionState(breakaway(bearing, speed, load), 0.0, Phase.STICK)
     before, evaluations = math.nan, 0
-    for _ in range(_MOST_STRETCHES):
+    for _ in range(_MAX_PARTS):
         motion = integrate(bearing, drive, state, times)
         evaluations, state = evaluations + motion.slip_steps, motion.final
         if motion.outcome is not MotionOutcome.COMPLETE:
@@ -263,13 +271,13 @@ def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
         turns = turning_points(x, v, a, duration / count)
         now = 0.5 * float(np.ptp(turns)) if turns.size > 1 else 0.0
         if now * omega < 0.5 * speed:
-            return found(math.nan, evaluations)
+            return cycle_result(math.nan, evaluations)
         # Stick forgets where the motion came from: one stretch that has it is enough.
         sticks = np.any(motion.transitions.after == Phase.STICK)
         if (sticks and not math.isnan(before)) or abs(now - before) <= _SETTLED * now:
-            return found(now, evaluations)
+            return cycle_result(now, evaluations)
         before = now
-    return not_converged(evaluations)
+    return unconverged_result(evaluations)
 
 
 def turning_points(x: FloatArray, v: FloatArray, a: FloatArray, step: float) -> FloatArray:
@@ -282,7 +290,7 @@ def turning_points(x: FloatArray, v: FloatArray, a: FloatArray, step: float) -> 
         step: Time between two samples [s].
 
     Returns:
-        In order of time, of the shape of their number.
+        The k displacements in order of time, shape (k,); empty without a turning point.
     """
     at = np.flatnonzero((v[:-1] > 0.0) != (v[1:] > 0.0))
     # Displacement, velocity and acceleration as polynomials in s = t/step, from both ends' values.
@@ -300,10 +308,15 @@ def turning_points(x: FloatArray, v: FloatArray, a: FloatArray, step: float) -> 
     return turns
 
 
-_NEWTON, _HALVINGS, _INNER = 80, 12, 40
+# Newton steps of the balance, halvings of one of them, and steps to a slip speed.
+_MAX_STEPS, _MAX_HALVINGS, _MAX_INNER_STEPS = 80, 12, 40
+# A residual below this share of the penalty is a solution.
 _CONVERGED = 1e-11
+# Samples of a turn in which friction is taken: at least, and for each harmonic.
 _SAMPLES_PER_HARMONIC, _FEWEST = 32, 256
+# The penalty over the friction force and over its root: above the steepest fall, with few steps.
 _LINEAR, _ROOT = 2.0, 4.0
+# Phases at least on which the extremes of a series are looked for.
 _FINE = 1024
 
 
@@ -323,7 +336,7 @@ class _Law:
     def resolvent(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Solve ``F(v*) + penalty v* = y`` with the friction force ``F``, which is set-valued at 0.
 
-        It adds to :attr:`evaluations`.
+        Adds the evaluations of the law to :attr:`evaluations`.
 
         Args:
             y: Shape (n,) [units of ``m omega V``].
@@ -337,7 +350,7 @@ class _Law:
         target = np.abs(y[slips])
         v = (target - self.static) / self.penalty
         rate = np.full_like(v, self.penalty)
-        for _ in range(_INNER):
+        for _ in range(_MAX_INNER_STEPS):
             self.evaluations += 1
             force = self.force * self.law.coefficient(self.speed * v)
             rate = self.penalty + self.force * self.speed * self.law.slope(self.speed * v)
@@ -381,8 +394,8 @@ class _Problem:
     def residual(self, q: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
         """Return the residual, shape (2 H + 1,), and its Jacobian, shape (2 H + 1, 2 H + 2).
 
-        The Jacobian is by the coefficients and, in the last column, the frequency. Arguments are as of
-        :meth:`solve`.
+        The Jacobian is by the coefficients and, in the last column, the frequency. Arguments are those of
+        :meth:`solve`. Adds to the evaluations of :attr:`law`.
         """
         s, e = self.series, self.law.penalty
         turn, size = s.turn, q.size
@@ -405,25 +418,26 @@ class _Problem:
     def solve(self, q: FloatArray, frequency: float) -> tuple[FloatArray, float, bool]:
         """Solve the balance from a guess by damped semi-smooth Newton, with ``b_1`` held at the guess.
 
+        Adds to the evaluations of :attr:`law`. scipy's least-squares solvers find the same roots in five to
+        sixty times the time.
+
         Args:
-            q: Coefficients ``[a_0, a_1, b_1, ...]`` of the guess, in units of ``V/omega``.
+            q: Coefficients ``[a_0, a_1, b_1, ...]`` of the guess, shape (2 H + 1,), in units of ``V/omega``.
             frequency: Its frequency, in units of ``omega``.
 
         Returns:
-            Coefficients, frequency, and whether the solver converged; else those of its last step.
-
-        scipy's least-squares solvers find the same roots in five to sixty times the time.
+            Coefficients, frequency, and True; or those of the last step, and False, if it has not converged.
         """
         free = np.delete(np.arange(q.size + 1), 2)
         z = np.append(q, frequency)
         value, jacobian = self.residual(q, frequency)
-        for _ in range(_NEWTON):
+        for _ in range(_MAX_STEPS):
             size = float(np.linalg.norm(value))
             if size <= _CONVERGED * self.law.penalty:
                 return z[:-1], float(z[-1]), True
             step = np.zeros_like(z)
             step[free] = _solve_linear(jacobian[:, free], -value)
-            for halvings in range(_HALVINGS):
+            for halvings in range(_MAX_HALVINGS):
                 trial = z + 0.5**halvings * step
                 value, jacobian = self.residual(trial[:-1], float(trial[-1]))
                 if float(np.linalg.norm(value)) < size:
@@ -440,8 +454,8 @@ def _solve_linear(matrix: FloatArray, value: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.lstsq(matrix, value, rcond=None)[0])
 
 
-def half_range(q: FloatArray) -> float:
-    """Return half the peak-to-peak of a series ``[a_0, a_1, b_1, ...]`` over a turn, in its unit."""
+def series_amplitude(q: FloatArray) -> float:
+    """Return half the peak-to-peak of a Fourier series ``[a_0, a_1, b_1, ...]`` over a turn, in its unit."""
     n = np.arange(1, (q.size - 1) // 2 + 1)
     series = q[1::2] - 1j * q[2::2]
     count = max(_FINE, 16 * n.size)
@@ -462,16 +476,17 @@ def has_resolvent(bearing: Bearing) -> bool:
 
 
 def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Compute the amplitude by harmonic balance, from that of averaging by way of 1, 3, 7, ... harmonics.
+    """Compute the amplitude by harmonic balance, starting from that of averaging.
 
-    The last number is ``harmonics``. There is no cycle where averaging has none, or where the solver falls
-    to steady sliding.
+    Solves with 1, 3, 7, ... harmonics in turn, at last with ``harmonics`` of them. There is no cycle where
+    averaging has none, or where the solver falls to steady sliding; where the last solution fails, it has not
+    converged.
     """
     omega, law = bearing.natural_frequency, _Law(bearing, speed, load)
     cycles = stationary_amplitudes(bearing, speed, load)
     stable = cycles.amplitude[cycles.stable]
     if not stable.size:
-        return found(math.nan, 0)
+        return cycle_result(math.nan, 0)
     q = np.array([law.force * float(law.law.coefficient(speed)), 0.0, 0.0])
     q[1], frequency, good = float(stable[-1]) * omega / speed, 1.0, False
     # By way of 1, 3, 7, ... harmonics.
@@ -480,14 +495,14 @@ def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float
         problem = _Problem(_Series(rung), law, bearing.damping_ratio)
         q, frequency, good = problem.solve(q, frequency)
     if not good:
-        return not_converged(law.evaluations)
-    size = half_range(q)
+        return unconverged_result(law.evaluations)
+    size = series_amplitude(q)
     # The solver may fall to steady sliding, which balances too.
-    return found(size * speed / omega if size > 0.5 else math.nan, law.evaluations)
+    return cycle_result(size * speed / omega if size > 0.5 else math.nan, law.evaluations)
 
 
 def averaging(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Compute the amplitude by averaging of first order, as the monitor does.
+    """Compute the amplitude by averaging of first order, as the monitor does; no cycle where it has none.
 
     ``points`` copies of the operating point are solved in one call, and the first is returned. Of the
     Stribeck law, which has closed forms, 0 evaluations are stated, of any other ``None``.
@@ -497,15 +512,16 @@ def averaging(points: int, bearing: Bearing, speed: float, load: float) -> Metho
     first = (0,) * (cycles.amplitude.ndim - 1)
     stable = cycles.amplitude[first][cycles.stable[first]]
     closed = isinstance(bearing.friction, Stribeck)
-    return found(float(stable[-1]) if stable.size else math.nan, 0 if closed else None)
+    return cycle_result(float(stable[-1]) if stable.size else math.nan, 0 if closed else None)
 
 
 def exact(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
     """Compute the exact amplitude: one slip phase from breakaway, with a set-valued law (Filippov 1988).
 
-    ``points`` copies of the operating point are solved in one call, and the first is returned.
+    ``points`` copies of the operating point are solved in one call, and the first is returned. A cycle that
+    :func:`.exact_cycle` leaves unresolved has not converged. Evaluations are not counted.
     """
     cycle = exact_cycle(bearing, speed if points == 1 else np.full(points, speed), load)
     if np.ravel(cycle.kind)[0] == CycleKind.UNRESOLVED:
-        return not_converged(None)
-    return found(float(np.ravel(cycle.amplitude)[0]), None)
+        return unconverged_result(None)
+    return cycle_result(float(np.ravel(cycle.amplitude)[0]), None)

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A calibration: what recordings tell of a bearing's boundaries, as another bearing with its uncertainty.
+"""Calibrates a bearing: infers its boundaries from recordings, as another bearing with its uncertainty.
 
 The evidence is an operator's list, the bearing's level of vibration, or the truth in a simulated
-recording; never the verdict of the monitor itself, which would be a circle. :func:`learned`
-says in a sentence what a calibration would change, which changes nothing by itself.
+recording; never the verdict of the monitor itself, which would be a circle.
 """
 
 from __future__ import annotations
@@ -17,18 +16,18 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_lab.calibration.edges import Edges, End, Reference, edges_of
+from stickslip_lab.calibration.edges import Edges, End, Reference, find_edges
 from stickslip_lab.calibration.evidence import (
     LevelBins,
     TelemetryBins,
     VibrationReport,
+    bin_level,
     bin_telemetry,
-    level_over_speed,
     level_reports,
     threshold_of,
     true_reports,
 )
-from stickslip_lab.calibration.posterior import Grid, Posterior, Spreads, doubt, infer
+from stickslip_lab.calibration.posterior import Grid, Posterior, Spreads, infer, wrong_report_probability
 from stickslip_lab.scenes.truth import has_truth, read_truth
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import CalibrationError, plural
@@ -87,7 +86,7 @@ def read_levels(bearing: str, evidence: Sequence[Evidence]) -> list[Evidence]:
     Evidence without a level comes back as it is.
 
     Raises:
-        NoTwoModes: The levels have no two modes.
+        NoTwoModes: The levels have no two modes, or no evidence has a level.
     """
     threshold = threshold_of([one.level for one in evidence if one.level is not None])
     read = []
@@ -99,7 +98,7 @@ def read_levels(bearing: str, evidence: Sequence[Evidence]) -> list[Evidence]:
     return read
 
 
-def prior_of(bearing: Bearing, tolerance: Tolerance) -> FloatArray:
+def prior_covariance(bearing: Bearing, tolerance: Tolerance) -> FloatArray:
     """Return the covariance of ``(ln r, ln q)`` by a configuration, shape (2, 2).
 
     Tolerances that are 0 are taken as 40 % of the damping, 30 % of the decay and 25 % of
@@ -125,7 +124,7 @@ class Calibration:
 
     @property
     def episodes(self) -> int:
-        """Number of vibrations in slow passages, those that only bound the fold among them."""
+        """Number of vibrations in slow passages, including those that only bound the fold."""
         return len(self.edges.ends)
 
     @property
@@ -135,11 +134,11 @@ class Calibration:
 
     @cached_property
     def factors(self) -> tuple[float, float]:
-        """``ln r`` and ``ln q`` in the middle, by the ends."""
+        """``(ln r, ln q)`` in the middle, by the ends."""
         return self._middle_factors(self.posterior.by_ends)
 
     def _middle_factors(self, grid: Grid) -> tuple[float, float]:
-        """Return ``ln r`` and ``ln q`` in the middle of a grid."""
+        """Return ``(ln r, ln q)`` in the middle of a grid."""
         u, log_q = grid.middle
         log_fold_there, log_fold_here = self.reference.fold(np.array([grid.load + log_q, grid.load]))
         return u - float(log_fold_there - log_fold_here), log_q
@@ -157,15 +156,22 @@ class Calibration:
         return np.asarray(np.sqrt(np.diag(self._factor_covariance(self.posterior.by_ends))))
 
     def _scale_bearing(self, factors: tuple[float, float]) -> Bearing:
+        """Return the configured bearing with its boundaries moved by the factors ``(ln r, ln q)``.
+
+        Raises:
+            PhysicsError: The law cannot be moved so far (:func:`.move_boundaries`).
+        """
         return move_boundaries(self.reference.bearing, *map(math.exp, factors))
 
     @cached_property
     def bearing(self) -> Bearing:
         """The bearing by which alarms go: that of the ends.
 
-        PhysicsError passes through where the law cannot be moved so far (:func:`.move_boundaries`).
         When stick-slip sets in depends on how noisy the ship is. By onsets too the Hopf speed was 2 % low
         in voyages noisier than those calibrated on, and alarms came late.
+
+        Raises:
+            PhysicsError: The law cannot be moved so far (:func:`.move_boundaries`).
         """
         return self._scale_bearing(self.factors)
 
@@ -176,7 +182,11 @@ class Calibration:
 
     @cached_property
     def belief(self) -> Belief:
-        """The boundaries themselves by all evidence, without what single passages scatter."""
+        """The boundaries themselves by all evidence, without the scatter of single passages.
+
+        Raises:
+            PhysicsError: The law cannot be moved so far (:func:`.move_boundaries`).
+        """
         grid = self.posterior.by_all
         middle = self._scale_bearing(self._middle_factors(grid))
         return Belief(middle, self._factor_covariance(grid), self.floor, 0.0, self.loads, True)
@@ -187,7 +197,7 @@ class Calibration:
         return Belief(self.reference.bearing, self.prior, self.floor)
 
     def hopf_speeds(self, load: float) -> list[float]:
-        """Return the Hopf speed [m/s] at a load [N] for each of :data:`QUANTILES`, with the floor.
+        """Return the Hopf speed [m/s] at a load > 0 [N] for each of :data:`QUANTILES`, widened by the floor.
 
         Unlike those of :attr:`belief` they need not lie evenly about the middle.
         """
@@ -201,7 +211,7 @@ class Calibration:
     def boundaries(self) -> list[list[float]]:
         """Return rows: load [N], Hopf speeds at :data:`QUANTILES`, fold speeds at the same shares [m/s].
 
-        The loads are evenly spaced over :attr:`loads`.
+        The loads, up to five, are evenly spaced over :attr:`loads`.
         """
         fold = self.belief.fold_speed
         return [
@@ -217,7 +227,7 @@ class Calibration:
         for k, end in enumerate(self.edges.ends):
             moved_on = self.spreads.forget * math.sqrt(count - 1 - k)
             spread = math.hypot(_MIN_SCATTER, self.spreads.load, moved_on)
-            texts.append((end, doubt(end, self.reference, log_r, log_q, spread)))
+            texts.append((end, wrong_report_probability(end, self.reference, log_r, log_q, spread)))
         return [(end, p) for end, p in texts if p > _DOUBTFUL]
 
     @property
@@ -278,7 +288,7 @@ class Calibration:
         setting, the knocks that were left out, and a narrow range of loads.
         """
         (low, high), texts = self.loads, []
-        if off := [over_fold(end, self.reference) for end in self.edges.seen]:
+        if off := [speed_over_fold(end, self.reference) for end in self.edges.seen]:
             middle = 100.0 * (float(np.median(off)) - 1.0)
             count = '1 episode ends' if len(off) == 1 else f'{len(off)} episodes end'
             side = 'above' if middle >= 0.0 else 'below'
@@ -302,7 +312,7 @@ class Calibration:
         return texts
 
 
-def over_fold(end: End, reference: Reference) -> float:
+def speed_over_fold(end: End, reference: Reference) -> float:
     """Return the speed at an end over the configured fold speed at its load."""
     speed, load = end.middle
     return speed / math.exp(float(reference.fold(np.array([math.log(load)]))[0]))
@@ -320,28 +330,29 @@ def calibrate(
     Args:
         evidence: The recordings, with their reports; a course that is given twice counts once.
         bearing: The bearing that is configured.
-        tolerance: What its configuration states of it.
-        forget: Standard deviation that ``ln q`` is given anew before each recording: it wears.
-        onsets: Whether the times of onsets are worth something; ``False`` for a person's list.
+        tolerance: The uncertainties that its configuration states.
+        forget: Standard deviation by which ``ln q`` may drift before each recording, as the lining wears.
+        onsets: Whether the times of onsets count; ``False`` for a person's list.
 
     Raises:
         CalibrationError: No report is about a slow passage, most ends are worthless as of another bearing,
             or the configured bearing has no fold.
+        PhysicsError: The friction law cannot be moved so far.
     """
     reference = Reference(bearing)
     pairs, repeated = _drop_repeated(evidence)
-    edges = edges_of(pairs, reference, onsets)
+    edges = find_edges(pairs, reference, onsets)
     if not edges.tracks or not edges.loads[0] > 0.0:
         raise CalibrationError(
             'there is no evidence: no report is about a time in which the shaft turned slowly'
             ' enough for stick-slip; record a slow passage with a level or reports'
         )
-    prior, spreads = prior_of(bearing, tolerance), Spreads(tolerance.load or _LOAD, forget)
+    prior, spreads = prior_covariance(bearing, tolerance), Spreads(tolerance.load or _LOAD, forget)
     posterior = infer(edges, reference, prior, spreads)
     result = Calibration(reference, prior, tolerance, spreads, edges, posterior, tuple(evidence), repeated)
     wrong = [end for end, _ in result.doubts if not end.is_bound]
     if len(edges.seen) > 1 and 2 * len(wrong) > len(edges.seen):
-        over = [over_fold(end, reference) for end in wrong]
+        over = [speed_over_fold(end, reference) for end in wrong]
         raise CalibrationError(
             f'{len(wrong)} of {len(edges.seen)} episodes end at {min(over):.2g} to'
             f' {max(over):.2g} times the configured fold speed, where the rest does not, or where'
@@ -353,7 +364,7 @@ def calibrate(
 def _drop_repeated(
     evidence: Sequence[Evidence],
 ) -> tuple[list[tuple[TelemetryBins, Sequence[VibrationReport]]], tuple[str, ...]]:
-    """Return each distinct course with its reports, and the names of recordings that repeat one."""
+    """Return each distinct course with its reports, and the names of recordings that repeat one, in order."""
     courses: dict[bytes, tuple[TelemetryBins, Sequence[VibrationReport]]] = {}
     repeated: dict[str, None] = {}
     for one in evidence:
@@ -366,7 +377,7 @@ def _drop_repeated(
     return list(courses.values()), tuple(repeated)
 
 
-def parameters_of_law(bearing: Bearing) -> dict[str, Any]:
+def law_parameters(bearing: Bearing) -> dict[str, Any]:
     """Return the damping and the law of a bearing as parameters of a configuration, rounded to six digits.
 
     They are by name: ``damping``, ``friction.law`` and those of the law.
@@ -397,8 +408,8 @@ def to_document(
             name: sensor_record(input_config)
             for name, input_config in (('speed', config.speed), ('load', config.load))
         },
-        'parameters': parameters_of_law(calibration.bearing),
-        'believed': parameters_of_law(calibration.belief.bearing),
+        'parameters': law_parameters(calibration.bearing),
+        'believed': law_parameters(calibration.belief.bearing),
         'covariance': _round_values(calibration.belief.covariance),
         'loads': _round_values(calibration.loads),
         'floor': calibration.floor,
@@ -428,9 +439,9 @@ def _round_values(values: Any) -> Any:
     return np.vectorize(lambda x: float(f'{x:.{_DIGITS}g}'))(np.asarray(values, float)).tolist()
 
 
-def fragment(config: BearingConfig, calibration: Calibration) -> str:
-    """Return the damping and the friction law of the calibrated boundaries, as YAML of a bearing."""
-    rows = parameters_of_law(calibration.bearing)
+def yaml_fragment(config: BearingConfig, calibration: Calibration) -> str:
+    """Return damping and friction law of the calibrated boundaries as YAML of a bearing's entry."""
+    rows = law_parameters(calibration.bearing)
     damping = rows.pop('damping')
     law = ', '.join(f'{key.removeprefix("friction.")}: {value}' for key, value in rows.items())
     return (
@@ -452,7 +463,7 @@ class EvidenceSource:
     reports: tuple[VibrationReport, ...] | None = None  # an operator's reports
 
     def of_recording(self, outline: Kept, config: BearingConfig) -> Evidence:
-        """Return the evidence of one recording: the reports, else the level, else the truth.
+        """Return the evidence of one recording: the operator's reports, else the level, else the truth.
 
         A level is read into reports by :meth:`calibrated`, over all recordings together.
 
@@ -465,11 +476,11 @@ class EvidenceSource:
             BagError: Its truth is not of the schema that this version knows.
         """
         bag, scan = outline.bag, outline.scan(config.name)
-        name, courses = bag.path.name, courses_of(bag.path.name, scan)
+        name, courses = bag.path.name, bin_courses(bag.path.name, scan)
         if self.reports is not None:
             return Evidence(name, courses, self._reports_of(config))
         if self._is_level_source(config):
-            return Evidence(name, courses, level=level_of(config, outline.stream(config.name), scan))
+            return Evidence(name, courses, level=accepted_level(config, outline.stream(config.name), scan))
         if not has_truth(bag, config.name):
             raise CalibrationError(
                 f"bag '{bag.path}' holds no truth about {config.name}, as those of a simulation do:"
@@ -491,8 +502,9 @@ class EvidenceSource:
         """Return the calibration of a bearing by all recordings together; see :func:`.calibrate`.
 
         Raises:
-            CalibrationError: A report lies outside the recordings, the level has no two modes, or there
-                is no evidence.
+            CalibrationError: A report lies outside the recordings, the level has no two modes
+                (:class:`.NoTwoModes`), there is no evidence, or most of it is of another bearing.
+            PhysicsError: The friction law cannot be moved so far.
         """
         spans = [(int(c.time_ns[0]), int(c.time_ns[-1])) for one in evidence for c in one.courses]
         for report in self._reports_of(config):
@@ -505,11 +517,11 @@ class EvidenceSource:
         return calibrate(evidence, config.bearing, config.tolerance, forget, self.reports is None)
 
 
-def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
+def bin_courses(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
     """Return speed and load of a recording in bins, as reference points of friction as measured.
 
     Returns:
-        One course for each part between two steps back of the clock.
+        One course for each part between two steps back of the clock; empty without operating points.
     """
     water = None if scan.config.water_temperature is None else scan.water
     speed, load, _ = reference_point(scan.config.bearing, scan.speed, scan.load, water)
@@ -519,12 +531,15 @@ def courses_of(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
     )
 
 
-def level_of(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
-    """Return the accepted values of a bearing's level in dB, binned with the speed; it must be configured."""
+def accepted_level(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
+    """Return the accepted values of a bearing's level in dB, binned, less ``20 lg`` of the surface speed.
+
+    The bearing must have a level. Values in another unit are converted to dB.
+    """
     assert config.level is not None
     rows = (stream.inputs == Input.LEVEL) & (scan.status == Status.ACCEPTED)
     value: FloatArray = stream.value[rows]
     if config.level.unit != 'dB':
         value = 20.0 * np.log10(np.maximum(np.abs(value), _MIN_LEVEL))
     # On the monitor's clock, as the points are.
-    return level_over_speed(scan.now_ns[rows] / 1e9, value, scan.time_ns / 1e9, scan.speed)
+    return bin_level(scan.now_ns[rows] / 1e9, value, scan.time_ns / 1e9, scan.speed)

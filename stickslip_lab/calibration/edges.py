@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the edges of vibrations tell of a bearing's boundaries.
+"""Finds the edges of vibrations, which show a bearing's boundaries.
 
 * An *end* with quiet after it, while speed over the believed fold was rising, was at the fold.
 * Any other vibration only says that the fold is not below it: a *bound*.
@@ -81,11 +81,17 @@ class Reference:
         self.log_hopf = np.log(np.where(hopf > 0.0, hopf, 1e-9))[is_known]
 
     def fold(self, log_load: FloatArray) -> FloatArray:
-        """Return ``ln V_F`` [ln m/s] at ``ln N``; below the least load with a fold that of this load."""
+        """Return ``ln V_F`` [ln m/s] at loads ``ln N``, of their shape.
+
+        Beyond the known loads it is that of the nearest.
+        """
         return np.interp(log_load, self.log_load, self.log_fold)
 
     def hopf(self, log_load: FloatArray) -> FloatArray:
-        """Return ``ln V_H`` [ln m/s] at ``ln N``; far below where there is none."""
+        """Return ``ln V_H`` [ln m/s] at loads ``ln N``, of their shape; far below where there is none.
+
+        Beyond the known loads it is that of the nearest.
+        """
         return np.interp(log_load, self.log_load, self.log_hopf)
 
     def slope(self, log_load: float) -> float:
@@ -196,7 +202,7 @@ def reported_course(
     return ReportedCourse(course.name, about, time, speed, load, over) if about else None
 
 
-def edges_of(
+def find_edges(
     courses: Sequence[tuple[TelemetryBins, Sequence[VibrationReport]]],
     reference: Reference,
     onsets: bool = True,
@@ -204,7 +210,8 @@ def edges_of(
     """Return the edges of vibration in the reports about some courses, in order of time.
 
     Args:
-        courses: Each with the reports about it; those without bins or reports to use are skipped.
+        courses: Each with the reports about it, with at least one bin; those without bins under load, or
+            without reports to use, are skipped.
         reference: The configured bearing.
         onsets: Whether quiet counts too, up to an onset or without one; not in a person's list, who hears
             late.
@@ -240,7 +247,7 @@ def _read_track(edges: Edges, track: ReportedCourse, reference: Reference, onset
 def _find_passage(
     track: ReportedCourse, report: VibrationReport, begin: float, b: float, onset: VibrationReport | None
 ) -> Passage | None:
-    """Return the quiet between two times, and whether a vibration begins at its end.
+    """Return the quiet between two times as a passage, with or without an onset at its end.
 
     Args:
         track: The course.
@@ -312,7 +319,10 @@ def _find_end(
 
 
 def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
-    """Return whether V/V_F has risen by the end of a vibration [s] and stays up: the shaft did not stop."""
+    """Return whether V/V_F has risen 3 % above its least ``inside`` by a time [s], and stays so for 3 s.
+
+    A shaft that stops does not.
+    """
     wide = _moving_average(track.over, _WIDE)
     after = (track.time > time) & (track.time <= time + _GOES_ON)
     least_ratio = (1.0 + _RISEN) * wide[inside].min()
@@ -324,7 +334,7 @@ def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
 
 
 def _find_farthest(track: ReportedCourse, inside: BoolArray) -> tuple[float, FloatArray]:
-    """Return the point at which V/V_F was highest ``inside``.
+    """Return the point at which V/V_F was highest among the bins ``inside``, of which there is one at least.
 
     Returns:
         Its time [s], and its speed [m/s] and load [N] in an array of shape (1, 2).
@@ -335,7 +345,7 @@ def _find_farthest(track: ReportedCourse, inside: BoolArray) -> tuple[float, Flo
 
 
 def _moving_average(values: FloatArray, width: int) -> FloatArray:
-    """Return means over an odd number of neighbours, shape (n,); the first and last value go on outside."""
+    """Return means over ``width`` neighbours, an odd number, shape (n,); end values are repeated outside."""
     padded = np.pad(values, width // 2, 'edge')
     return np.convolve(padded, np.full(width, 1.0 / width), 'valid')
 
@@ -347,6 +357,11 @@ def time_beyond_fold(track: ReportedCourse, end: float, reference: Reference) ->
     that of the Hopf speed at ``y = 0`` to that of the fold at ``y = 1`` as ``y^2`` does. For each
     time at which the fold may have been passed the amplitude is followed, and the end of its level found as
     in a measured one.
+
+    Args:
+        track: The course.
+        end: When the level ends [s].
+        reference: The configured bearing.
     """
     clock = np.arange(end - _BEFORE, end + _AFTER, _STEP)
     passed = clock[(clock <= end) & (clock >= track.time[0])]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a calibration rests on: speed and load of recordings, and when the bearing vibrated.
+"""Collects the evidence of a calibration: speed and load of recordings, and when the bearing vibrated.
 
-A level tells it alone, without a threshold, a rule or a believed boundary. The amplitude of a
+A level shows that by itself, without a set threshold, a rule or a believed boundary. The amplitude of a
 stick-slip cycle is in proportion to the surface speed, whatever the sensor and its gain. So a
 level in dB less ``20 lg V`` has two narrow modes, quiet and vibration, and what parts them best
 over all recordings together is the threshold between them (N. Otsu, IEEE Trans. Syst. Man Cybern.
@@ -28,8 +28,11 @@ from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.monitor.value_check import Parameter, refused
 
 BIN_NS = 10**9
+"""Width of the bins in which speed and load are averaged [ns]."""
 TRUST, TRUTH_TRUST, OPERATOR_TRUST = 0.95, 0.999, 0.9
+"""Probability that a report is right: of a level, of a simulation, and of a person by default."""
 LEVEL_TOLERANCE, TRUTH_TOLERANCE, OPERATOR_TOLERANCE = 1.0, 1.0, 10.0
+"""How far the times of a report may be off, of the same three [s]."""
 STATES = {'squeal': True, 'quiet': False}
 _REPORT_NUMBERS = (
     Parameter('tolerance', 'float', OPERATOR_TOLERANCE, 'How far the times may be off.', 's', 0.0),
@@ -60,10 +63,10 @@ class VibrationReport:
 
 
 def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationReport]:
-    """Return an operator's reports on some bearings from a table, by bearing and time.
+    """Read an operator's reports on some bearings from a table, and return them by bearing and time.
 
-    The table is read as a log is: what stands above its headings is skipped, and these may be a comment.
-    They are ``bearing, start, end, state`` and, as one likes, ``tolerance [s]`` and ``trust``. Times are ISO
+    The table is read as a log is: lines above its headings are skipped, and the headings may be a comment.
+    They are ``bearing, start, end, state`` and, optionally, ``tolerance [s]`` and ``trust``. Times are ISO
     8601 with a zone.
 
     Raises:
@@ -89,11 +92,11 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
         if len(cells) != len(names):
             raise CalibrationError(f'{where}: it has {len(cells)} cells and there are {len(names)} headings')
         reports.append(_parse_report(where, dict(zip(names, cells, strict=True)), bearings))
-    return in_order(reports)
+    return sort_reports(reports)
 
 
 def _names_of(headings: Sequence[str]) -> list[str]:
-    """Return headings in small letters, without their units."""
+    """Return headings in lower case, without their units."""
     return [re.sub(r'\s*[\[(].*', '', text).strip().lower() for text in headings]
 
 
@@ -118,10 +121,10 @@ def _parse_report(where: str, row: dict[str, str], bearings: Sequence[str]) -> V
 
 
 def _parse_time(where: str, text: str) -> int:
-    """Return the nanoseconds since 1970 of an ISO 8601 time with a zone.
+    """Parse an ISO 8601 time with a zone; return nanoseconds since 1970.
 
     Raises:
-        CalibrationError: It is none, or has no zone; the text begins with ``where``.
+        CalibrationError: It is no such time, or has no zone; the text begins with ``where``.
     """
     fraction = _FRACTION.search(text)
     whole = _FRACTION.sub(r'\1', text)
@@ -152,11 +155,11 @@ def _parse_number(where: str, row: dict[str, str], rule: Parameter) -> float:
         raise CalibrationError(str(refused(name, text, rule.rule()))) from None
 
 
-def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
+def sort_reports(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
     """Return reports sorted by bearing and time.
 
     Raises:
-        CalibrationError: Two of them are about the same time of a bearing.
+        CalibrationError: Two of them overlap, on one bearing.
     """
     ordered = sorted(reports, key=lambda r: (r.bearing, r.start_ns, r.end_ns))
     for one, two in pairwise(ordered):
@@ -170,7 +173,10 @@ def in_order(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
 
 
 def true_reports(bearing: str, truth: TruthRecord, recording: str) -> tuple[VibrationReport, ...]:
-    """Return reports by the truth of a simulated recording: squeal in its episodes, quiet between them."""
+    """Return reports by the truth of a simulated recording: squeal in its episodes, quiet between them.
+
+    They are in order of time; those without length are left out.
+    """
     edges = [truth.start_ns, *(time for episode in truth.episodes for time in episode), truth.end_ns]
     bounds = TRUTH_TOLERANCE, TRUTH_TRUST
     return tuple(
@@ -234,9 +240,7 @@ class LevelBins:
     by_speed: FloatArray  # 20 lg of the surface speed, shape (n,) [dB]
 
 
-def level_over_speed(
-    time: FloatArray, decibels: FloatArray, speed_time: FloatArray, speed: FloatArray
-) -> LevelBins:
+def bin_level(time: FloatArray, decibels: FloatArray, speed_time: FloatArray, speed: FloatArray) -> LevelBins:
     """Return a level in bins of 0.25 s, less ``20 lg V``, while the shaft turned; empty without values.
 
     Args:
@@ -270,7 +274,7 @@ class NoTwoModes(CalibrationError):
 
 
 def threshold_of(levels: Sequence[LevelBins]) -> float:
-    """Return the level less ``20 lg V`` that separates quiet from vibration in all recordings [dB].
+    """Return the threshold between quiet and vibration in all recordings, as level less ``20 lg V`` [dB].
 
     Raises:
         NoTwoModes: The level is constant or missing, or its values do not fall into two groups.
@@ -309,7 +313,8 @@ def level_reports(
 ) -> tuple[list[VibrationReport], list[VibrationReport]]:
     """Return reports of vibration and quiet in order of time, and vibrations too short to count: knocks.
 
-    Parts of the level without a gap are read one by one; those of fewer than three bins are skipped.
+    Parts of the level without a gap are read one by one; those of fewer than three bins are skipped. The
+    begin of a vibration is moved back by the median lag with which the level falls.
 
     Args:
         bearing: Name of the bearing.
@@ -334,7 +339,7 @@ def level_reports(
             if t[b - 1] - t[a] < _SHORTEST:
                 knocks.append(report(t[a], t[b - 1], True))
                 continue
-            on, off, late = _find_edges(t, x, a, b)
+            on, off, late = _time_vibration(t, x, a, b)
             lags += late
             reports += [report(quiet, on, False)] if a and on > quiet else []
             reports.append(report(on, off if b < t.size else float(t[-1]), True))
@@ -349,7 +354,7 @@ def level_reports(
     return [replace(one, source=f'{source}, {k + 1}') for k, one in enumerate(reports)], knocks
 
 
-def _find_edges(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, float, list[float]]:
+def _time_vibration(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, float, list[float]]:
     """Return when a vibration begins and ends [s], and the lag of its level [s].
 
     Args:
@@ -359,8 +364,8 @@ def _find_edges(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, fl
         b: The bin after its last one.
 
     Returns:
-        Begin and end, the latter without the lag; and the lag as a list of one, empty where the level does
-        not fall along a line within 6 s.
+        Begin and end, from which the lag is subtracted; and the lag as a list of one, empty where the level
+        does not fall along a line within 6 s.
     """
     # A level that lags by seconds is on its way for long: the plateau is where it has arrived.
     levels, high_times = x[a:b], t[a:b][x[a:b] >= np.median(x[a:b]) - EDGE]
@@ -378,7 +383,10 @@ def _find_edges(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, fl
 
 
 def _find_spells(t: FloatArray, high: np.ndarray) -> list[list[int]]:
-    """Return first bin, and the bin after the last, of each part that is high but for rests below 3 s."""
+    """Return the first bin, and the bin after the last, of each part that is high, in order.
+
+    Parts with less than 3 s between them are one.
+    """
     edges = np.flatnonzero(np.diff(high.astype(int), prepend=0, append=0))
     spells: list[list[int]] = []
     for a, b in edges.reshape(-1, 2).tolist():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two factors from edges: ``r`` of all speeds and ``q`` of all loads, as weights on a grid.
+"""Infers two factors from edges: ``r`` of all speeds and ``q`` of all loads, as weights on a grid.
 
 The true boundaries are ``r V_F(q N)`` and ``r V_H(q N)`` of those configured. One axis of the grid
 is ``u``, by how much the fold at the middle of the loads is off, since that is what an end tells;
@@ -47,6 +47,7 @@ _ANYWHERE = 1.5
 # The grid reaches so many deviations of the prior; what is less probable than the best by e^14 is
 # left out.
 _REACH, _DEPTH = 3.5, 14.0
+# Step of the first grid along u, then the nodes along u and along ln q, and the room beside them in u.
 _COARSE, _FINE, _LOADS = 0.0125, 101, 41
 _ROOM = 0.04
 # A bin's growth counts as no less than this [e-folds].
@@ -65,7 +66,7 @@ class Grid:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Median of ``u``, and the most probable ``ln q``.
+        """Median of ``u``, and the most probable ``ln q``, as a pair.
 
         Ends alone leave ``ln q`` nearly to the prior, along a fold that bends: its mean moves where
         the evidence agrees with the configuration, and made the Hopf speed 1.5 % low in voyages.
@@ -80,7 +81,7 @@ class Grid:
 
     @property
     def covariance(self) -> FloatArray:
-        """Return the covariance of ``u`` and ``ln q``, shape (2, 2).
+        """Covariance of ``u`` and ``ln q``, shape (2, 2).
 
         The deviation of ``u`` is that of a normal distribution with its 90 % interval: a report
         that may be worthless leaves long tails.
@@ -93,7 +94,10 @@ class Grid:
         return np.array([[float(of_u @ a**2) * scale**2, product], [product, float(of_q @ b**2)]])
 
     def quantiles(self, values: FloatArray, shares: Sequence[float]) -> FloatArray:
-        """Return the weighted quantiles of the cells' values, shape (m, n), at shares, shape (k,)."""
+        """Return the weighted quantiles of the cells' values, shape (m, n).
+
+        They are at ``shares`` of the weight, and of their shape (k,).
+        """
         order = np.argsort(values, axis=None)
         reached = np.cumsum(self.weight.ravel()[order])
         return np.interp(shares, reached, values.ravel()[order])
@@ -181,13 +185,13 @@ def _fold_grid(
         ends = list(group)
         for end in ends:
             bias = spreads.load * math.sqrt(len(ends))
-            total += log_end(end, reference, log_r, log_q, nodes, scatter, bias)
+            total += end_log_likelihood(end, reference, log_r, log_q, nodes, scatter, bias)
     log_p = -0.5 * distance + logsumexp(total, axis=(0, 1))
     weight = np.exp(log_p - log_p.max())
     return Grid(u, log_q, log_r, weight / weight.sum(), load)
 
 
-def log_end(
+def end_log_likelihood(
     end: End,
     reference: Reference,
     log_r: FloatArray,
@@ -196,7 +200,7 @@ def log_end(
     scatter: FloatArray,
     bias: float,
 ) -> FloatArray:
-    """Compute the log likelihood of an end.
+    """Compute the log likelihood of an end, or of a bound, in each cell of a grid.
 
     Args:
         end: The end, or bound.
@@ -227,24 +231,27 @@ def log_end(
     return np.stack(terms)
 
 
-def doubt(end: End, reference: Reference, log_r: float, log_q: float, spread: float) -> float:
+def wrong_report_probability(
+    end: End, reference: Reference, log_r: float, log_q: float, spread: float
+) -> float:
     """Return the probability that an end or bound is a wrong report, for known factors.
 
     ``spread`` is the standard deviation of the boundary, as ``ln N``; full trust gives 0.
     """
     grid = np.array([[log_r]]), np.array([log_q])
     nodes = range(len(end.points))
-    with_trust = log_end(end, reference, *grid, nodes, np.array([spread]), 0.0)
+    with_trust = end_log_likelihood(end, reference, *grid, nodes, np.array([spread]), 0.0)
     trust = end.report.trust
     wrong = (1.0 - trust) * (0.5 if end.is_bound else 1.0 / _ANYWHERE)
     return float(min(wrong / np.exp(with_trust).mean(), 1.0)) if trust < 1.0 else 0.0
 
 
 def _weigh_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Spreads) -> Grid:
-    """Return a grid weighed by onsets as well, and by passages without one.
+    """Return the grid ``fold`` with new weights: by onsets as well, and by passages without one.
 
-    Of a bearing that wears (``spreads.forget``) only passages of the newest recording count: the errors that
-    older ones have by its drift are no more independent than the steps of a walk.
+    Cells that are improbable by the ends get the weight 0. Of a bearing that wears (``spreads.forget``) only
+    passages of the newest recording count: the errors that older ones have by its drift are no more
+    independent than the steps of a walk.
     """
     since = edges.tracks[-1].time[0] if spreads.forget else -math.inf
     spread = math.hypot(0.02, spreads.load)
@@ -256,7 +263,9 @@ def _weigh_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Sprea
     )
     for one in (passage for passage in edges.passages if passage.time >= since):
         # Three nodes of the passage's own boundary, as a load.
-        parts = [log_passage(one, reference, log_r, log_q + z * spread) for z in (-1.2247, 0.0, 1.2247)]
+        parts = [
+            passage_log_likelihood(one, reference, log_r, log_q + z * spread) for z in (-1.2247, 0.0, 1.2247)
+        ]
         total += logsumexp(np.stack(parts), axis=0) - math.log(3.0)
     log_p = np.full(fold.weight.shape, -np.inf)
     log_p[tuple(cells.T)] = np.log(fold.weight[tuple(cells.T)]) + logsumexp(total, axis=(1, 2))
@@ -264,8 +273,10 @@ def _weigh_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Sprea
     return replace(fold, weight=weight / weight.sum())
 
 
-def log_passage(one: Passage, reference: Reference, log_r: FloatArray, log_q: FloatArray) -> FloatArray:
-    """Compute the log likelihood of a passage.
+def passage_log_likelihood(
+    one: Passage, reference: Reference, log_r: FloatArray, log_q: FloatArray
+) -> FloatArray:
+    """Compute the log likelihood of a passage in each cell of a grid.
 
     Args:
         one: The passage, of k bins.

@@ -38,6 +38,7 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.bearing_records import number
 
 SCHEMA = 'stickslip_monitor/accuracy/1'
+# Letters of a line where no terminal limits it: the whole table.
 _WIDEST = 220
 _WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
 
@@ -56,28 +57,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Show a measurement, new or from a file, and write the outputs asked for; return 0.
+    """Print a measurement, new or from a file, and write the outputs asked for; return 0.
 
     Raises:
-        ConfigurationError: ``--from`` and ``--quick`` are both given, or the file is no measurement.
+        ConfigurationError: ``--from`` and ``--quick`` are both given, or the file cannot be read or is no
+            measurement.
+        DrawingError, OutputError: An output cannot be made or written.
     """
     if args.source and args.quick:
         raise ConfigurationError('--from shows what was measured: it does not go with --quick')
-    rows = read_rows(args.source) if args.source else measured(quick=args.quick)
+    rows = read_rows(args.source) if args.source else measure_all(quick=args.quick)
     output.write_outputs(
-        args, output=lambda: columns(rows), picture=lambda: draw_pareto(panels(rows), footnote(rows))
+        args,
+        output=lambda: columns(rows),
+        picture=lambda: draw_pareto(method_panels(rows), footnote_text(rows)),
     )
     if args.json:
         output.print_json(to_json(rows))
     elif args.markdown:
-        sys.stdout.write(markdown(rows))
+        sys.stdout.write(markdown_table(rows))
     else:
         _print_rows(output.console(), rows)
     return 0
 
 
-def measured(*, quick: bool) -> list[Row]:
-    """Return new measurements of all methods and cases, or the quick ones; show progress on stderr."""
+def measure_all(*, quick: bool) -> list[Row]:
+    """Measure all methods at all cases, or the quick ones, and return the rows; show progress on stderr."""
     cases = [case for case in CASES if case.quick or not quick]
     steps = [(m, case) for m in METHODS if not (quick and m.slow) for case in cases]
     rows = []
@@ -102,8 +107,12 @@ def _to_plain_values(record: Row | Summary) -> dict[str, object]:
     return {k: number(v) if isinstance(v, float) else v for k, v in asdict(record).items()}
 
 
-def panels(rows: Sequence[Row]) -> dict[str, list[MethodMark]]:
-    """Return the marks of the picture by title of a panel: the typical case, and the worst of all cases."""
+def method_panels(rows: Sequence[Row]) -> dict[str, list[MethodMark]]:
+    """Return the marks of the picture by title of a panel: the typical case, and the worst of all cases.
+
+    Refused methods have no mark in the first; in the second, those that found no cycle at all or were refused
+    at more than one case.
+    """
     typical = [row for row in rows if row.case == TYPICAL and row.outcome != 'refused']
     one = [(row.family, row.points, row.seconds, abs(row.error)) for row in typical]
     every = [
@@ -119,7 +128,10 @@ def panels(rows: Sequence[Row]) -> dict[str, list[MethodMark]]:
 
 
 def _method_marks(points: list[tuple[str, int, float, float]]) -> list[MethodMark]:
-    """Return marks of family, points, seconds and error; those of single points may be on the front."""
+    """Return the marks of methods, each given as family, points in one call, seconds and absolute error.
+
+    An error that is not finite becomes ``inf``. Only methods of one point a call may be on the front.
+    """
     errors = [e if math.isfinite(e) else math.inf for *_, e in points]
     front = pareto([t if count == 1 else math.nan for _, count, t, _ in points], errors)
     return [
@@ -128,7 +140,7 @@ def _method_marks(points: list[tuple[str, int, float, float]]) -> list[MethodMar
     ]
 
 
-def footnote(rows: Sequence[Row]) -> str:
+def footnote_text(rows: Sequence[Row]) -> str:
     """Return the caveats below the picture, with how many times were disturbed, if any."""
     disturbed = sum(row.disturbed for row in rows)
     text = 'median of warm calls; errors against 40-digit references, drawn at 1e-16 if below'
@@ -136,7 +148,10 @@ def footnote(rows: Sequence[Row]) -> str:
 
 
 def error_text(row: Row | None) -> str:
-    """Return a relative error as a table's cell: a word where there is none, '' without a row."""
+    """Return a relative error as a cell of a table, without its sign: '-', 'none' or 'fails' without a cycle.
+
+    '' where ``row`` is ``None``.
+    """
     if row is None:
         return ''
     if row.outcome in _WORDS:
@@ -154,7 +169,7 @@ def time_text(seconds: float) -> str:
 
 
 def table_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
-    """Return headings and lines of cells of the table of methods and cases."""
+    """Return the headings and, for each method, the cells of the table of methods and cases."""
     cases = list(dict.fromkeys(row.case for row in rows))
     at = {(row.method, row.case): row for row in rows}
     lines = [
@@ -169,7 +184,7 @@ def table_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
     return ['method', *cases, 'time', '/ KBM'], lines
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def markdown_table(rows: Sequence[Row]) -> str:
     """Return the table of methods and cases in Markdown."""
     headings, lines = table_cells(rows)
     rule = ['---', *['--:'] * (len(headings) - 1)]
@@ -177,7 +192,10 @@ def markdown(rows: Sequence[Row]) -> str:
 
 
 def _print_rows(out: Console, rows: Sequence[Row]) -> None:
-    """Print the table of methods and cases, and a warning where times were disturbed."""
+    """Print the table of methods and cases, and a warning where times were disturbed.
+
+    Sets the width of ``out`` where no terminal limits it.
+    """
     headings, lines = table_cells(rows)
     caption = (
         '-: does not apply; none: finds no cycle; fails: does not converge. time: median per operating point.'

@@ -26,8 +26,8 @@ from stickslip_lab.calibration.calibration import (
     Calibration,
     Evidence,
     EvidenceSource,
-    fragment,
     to_document,
+    yaml_fragment,
 )
 from stickslip_lab.calibration.evidence import NoTwoModes, read_reports
 from stickslip_lab.drawing.studies import draw_calibration, draw_levels
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Calibrate a bearing; print the result and write the outputs asked for.
 
-    Where the level has no two modes, its picture is written all the same.
+    Where the level has no two modes, its picture is written before the error is raised.
 
     Returns:
         1 with a warning about the result, else 0.
@@ -73,6 +73,9 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         CalibrationError: The evidence is none, contradictory or of another bearing.
         ConfigurationError: The configuration or an option is invalid.
+        BagError: A recording cannot be read.
+        PhysicsError: The friction law cannot be moved so far.
+        DrawingError, OutputError: An output cannot be made or written.
     """
     whole = load_config(args.config, args.node)
     config = options.require_single_bearing(whole) if args.bearing is None else whole.bearing(args.bearing)
@@ -90,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     output.write_outputs(
         args,
         output=lambda: output.json_text(document),
-        fragment=lambda: fragment(config, calibration),
+        fragment=lambda: yaml_fragment(config, calibration),
         picture=lambda: draw_calibration(config, calibration),
     )
     if args.json:
@@ -101,7 +104,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
-    """Return the source of when the bearings of a configuration vibrated: an operator's file, if any."""
+    """Return the source of evidence: the operator's file ``reports``, or by ``None`` the recordings.
+
+    Raises:
+        CalibrationError: The file cannot be read or breaks a rule.
+    """
     names = [bearing.name for bearing in config.bearings]
     return EvidenceSource(None if reports is None else tuple(read_reports(reports, names)))
 
@@ -109,7 +116,12 @@ def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
 def _read_evidence(
     bags: Sequence[str], config: BearingConfig, source: EvidenceSource, meter: output.ProgressBar
 ) -> list[Evidence]:
-    """Return the evidence of each recording, read one after the other; show progress."""
+    """Check the recordings one after the other and return the evidence of each; show progress.
+
+    Raises:
+        BagError: A recording cannot be read.
+        CalibrationError: A recording has neither a level nor the truth, and there are no reports.
+    """
     evidence = []
     for k, path in enumerate(bags):
         meter.show(f'reading {Path(path).name}', k, len(bags))
@@ -140,7 +152,7 @@ def _print_calibration(out: Console, config: BearingConfig, calibration: Calibra
 
 
 def _boundary_table(config: BearingConfig, calibration: Calibration) -> Table:
-    """Return the table of both boundaries in rpm at each load, before and now."""
+    """Return the table of both boundaries [rpm] at each load: 5, 50 and 95 % quantile before and now."""
     table = output.make_table(escape('boundaries [rpm]: 5 %, 50 %, 95 %'), 'load; boundary; before; now', ())
     rpm = config.bearing.speed.factor('rpm')
     before = calibration.before.hopf_speed, calibration.before.fold_speed

@@ -43,7 +43,9 @@ from stickslip_monitor.physics.probability import Belief
 
 SCHEMA = 'stickslip_monitor/fit/2'
 FRAGMENT_MARK = '# Fitted to '
+# The columns of an outlier in the JSON object.
 _POINT = ('speed', 'coefficient', 'residual', 'weight')
+# Quantiles of a boundary: the ends of its 95 % interval, and its middle.
 _INTERVAL = (0.025, 0.5, 0.975)
 Boundaries = dict[str, list[float]]
 
@@ -79,8 +81,10 @@ def run(args: argparse.Namespace) -> int:
         1 with a warning of the fit, else 0.
 
     Raises:
-        ConfigurationError: Options contradict each other, or a bearing has no damping.
+        ConfigurationError: Options contradict each other, the configuration is refused, or a bearing has no
+            damping.
         FitError: The curve cannot be read, or cannot identify the law.
+        DrawingError, OutputError: An output cannot be made or written.
     """
     if bool(args.config) != bool(args.load):
         given, missing = ('--config', '--load') if args.config else ('--load', '--config')
@@ -96,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
             raise refused(f'{item.name}.damping', 0.0, 'above 0 N s/m: without it every speed is unstable')
     beliefs = [(item, boundary_belief(fit, item.bearing, load)) for item in bearings]
     results = [
-        (item, boundaries(belief, load), _regime_probabilities(args, belief, load))
+        (item, boundary_quantiles(belief, load), _regime_probabilities(args, belief, load))
         for item, belief in beliefs
     ]
     if args.json:
@@ -106,18 +110,22 @@ def run(args: argparse.Namespace) -> int:
     drawn = results[0][1] if len(results) == 1 else None
     output.write_outputs(
         args,
-        fragment=lambda: fragment(args.curve, fit),
-        output=lambda: point_columns(fit),
+        fragment=lambda: yaml_fragment(args.curve, fit),
+        output=lambda: columns_of_points(fit),
         picture=lambda: draw_friction_fit(fit, _footnote_text(args, fit, results), drawn),
     )
     return int(bool(fit.warnings))
 
 
-Found = list[tuple[BearingConfig, Boundaries, dict[str, float] | None]]
+BearingResults = list[tuple[BearingConfig, Boundaries, dict[str, float] | None]]
 
 
 def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> FrictionCurve:
-    """Return the curve; its diameter is the option's, else that of the bearings where they have one."""
+    """Read the curve; its diameter is the option's, else that of the bearings if all have the same.
+
+    Raises:
+        FitError: The file breaks a rule.
+    """
     columns = {name: getattr(args, f'{name}_column') for name in NAMES}
     diameters = {item.bearing.journal_diameter for item in bearings}
     diameter = args.journal_diameter
@@ -126,8 +134,11 @@ def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> 
     return read_curve(args.curve, columns, args.speed_unit, diameter)
 
 
-def boundaries(belief: Belief, load: float) -> Boundaries:
-    """Return both boundary speeds at a load, by name: 2.5, 50 and 97.5 % quantile [m/s]; 0 for none."""
+def boundary_quantiles(belief: Belief, load: float) -> Boundaries:
+    """Return both boundary speeds at a load [N]: 2.5, 50 and 97.5 % quantile [m/s] by name; 0 for none.
+
+    The names are ``hopf_speed`` and ``fold_speed``.
+    """
     functions = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
     return {
         name: [float(speed_over_load(belief.bearing, partial(of, p=p), load)) for p in _INTERVAL]
@@ -136,7 +147,11 @@ def boundaries(belief: Belief, load: float) -> Boundaries:
 
 
 def _regime_probabilities(args: argparse.Namespace, belief: Belief, load: float) -> dict[str, float] | None:
-    """Return the probability of each regime at ``--speed``; ``None`` without that option."""
+    """Return the probability of each regime at ``--speed`` and a load [N]; ``None`` without that option.
+
+    Raises:
+        ConfigurationError: The speed is not a number with a unit, or is 0.
+    """
     if not args.speed:
         return None
     speed = abs(options.parse_speed(args.speed, belief.bearing.speed))
@@ -147,8 +162,11 @@ def _regime_probabilities(args: argparse.Namespace, belief: Belief, load: float)
     return {'unstable': will, 'bistable': can - will, 'stable': 1.0 - can}
 
 
-def point_columns(fit: StribeckFit) -> dict[str, Any]:
-    """Return points, fitted values, band, residual, weight and leverage by heading, in SI units."""
+def columns_of_points(fit: StribeckFit) -> dict[str, Any]:
+    """Return the columns of the points by heading, in SI units, shape (n,) each, in the curve's order.
+
+    They are line, speed, coefficient, fitted value, band, residual, weight and leverage.
+    """
     curve = fit.points
     return {
         'line': curve.line,
@@ -162,23 +180,25 @@ def point_columns(fit: StribeckFit) -> dict[str, Any]:
     }
 
 
-def _summary_sentence(source: str, fit: StribeckFit) -> str:
+def _curve_sentence(source: str, fit: StribeckFit) -> str:
+    """Return the name of the curve's file, on one line, with the numbers of points and outliers."""
     name, outliers = ' '.join(Path(source).name.split()), plural(fit.outliers.size, 'outlier')
     return f'{name}: {fit.weight.size} points, {outliers}'
 
 
-def _footnote_text(args: argparse.Namespace, fit: StribeckFit, results: Found) -> str:
+def _footnote_text(args: argparse.Namespace, fit: StribeckFit, results: BearingResults) -> str:
+    """Return the line below the picture: the curve, and the bearing whose boundaries are drawn, if any."""
     if len(results) != 1:
-        return _summary_sentence(args.curve, fit)
+        return _curve_sentence(args.curve, fit)
     bearing = results[0][0]
-    return (
-        f'{_summary_sentence(args.curve, fit)}; boundaries of {bearing.name} at {args.load}, 95 % intervals'
-    )
+    return f'{_curve_sentence(args.curve, fit)}; boundaries of {bearing.name} at {args.load}, 95 % intervals'
 
 
-def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, results: Found) -> dict[str, Any]:
+def to_json(
+    fit: StribeckFit, args: argparse.Namespace, load: float, results: BearingResults
+) -> dict[str, Any]:
     """Return the fit as the documented JSON object."""
-    points, test = point_columns(fit), fit.viscous_test
+    points, test = columns_of_points(fit), fit.viscous_test
     return {
         'schema': SCHEMA,
         'path': args.curve,
@@ -199,7 +219,7 @@ def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, results: Fo
                 name: number(getattr(test, name)) if test else None
                 for name in ('slope', 'f_value', 'p_value')
             },
-            'sentence': viscous_sentence(fit, args.viscous),
+            'sentence': viscous_slope_sentence(fit, args.viscous),
         },
         'outliers': [
             {'line': int(fit.curve.line[k])} | {name: float(points[name][k]) for name in _POINT}
@@ -208,7 +228,7 @@ def to_json(fit: StribeckFit, args: argparse.Namespace, load: float, results: Fo
         'conditions': _reference_conditions(fit),
         'warnings': list(fit.warnings),
         'unchecked': unchecked_point(fit) or None,
-        'fragment': fragment(args.curve, fit),
+        'fragment': yaml_fragment(args.curve, fit),
         'bearings': [
             {'bearing': item.name, 'load': load, **speeds, 'regimes': regimes}
             for item, speeds, regimes in results
@@ -230,7 +250,7 @@ def _reference_conditions(fit: StribeckFit) -> dict[str, Any] | None:
     }
 
 
-def fragment(source: str, fit: StribeckFit) -> str:
+def yaml_fragment(source: str, fit: StribeckFit) -> str:
     """Return the law as YAML for a bearing's entry in the parameter file, its standard errors in comments."""
     written = [name for name in UNITS if name != 'viscous' or name in fit.names]
     values = ', '.join(f'{name}: {getattr(fit.law, name):.6g}' for name in written)
@@ -243,14 +263,14 @@ def fragment(source: str, fit: StribeckFit) -> str:
             values += f', load_exponent: {fit.lubrication.load_exponent:.4g}'
             errors += f', load_exponent {fit.exponent_error:.2g}'
     return (
-        f'{FRAGMENT_MARK}{_summary_sentence(source, fit)}.\n'
+        f'{FRAGMENT_MARK}{_curve_sentence(source, fit)}.\n'
         f'# Standard errors: {errors}.\n'
         f'friction: {{law: stribeck, {values}}}\n'
     )
 
 
-def viscous_sentence(fit: StribeckFit, option: str) -> str:
-    """Return why the law has a viscous slope or not, by the F-test and ``--viscous``."""
+def viscous_slope_sentence(fit: StribeckFit, option: str) -> str:
+    """Return a sentence on why the law has a viscous slope or not, by the F-test and ``--viscous``."""
     used, test = 'viscous' in fit.names, fit.viscous_test
     if test is None:
         return 'no viscous slope: too few points to test one'
@@ -262,8 +282,8 @@ def viscous_sentence(fit: StribeckFit, option: str) -> str:
     return f'{"with" if used else "no"} viscous slope{asked_for} ({numbers}; {rule})'
 
 
-def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results: Found) -> None:
-    """Print the fit, its outliers and warnings, the boundaries of each bearing, and the fragment."""
+def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results: BearingResults) -> None:
+    """Print the fit with its outliers and warnings, the boundaries of each bearing, and the YAML fragment."""
     curve, names = fit.points, fit.names
     out.print(
         f'[bold]{escape(args.curve)}[/]: {fit.weight.size} points, speeds in {curve.unit}'
@@ -282,12 +302,12 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results:
         table.add_row('load exponent', f'{fit.exponent:.3g}', f'{fit.exponent_error:.2g}', interval, '')
     out.print(table)
     if isinstance(fit, PooledFit):
-        out.print(_conditions_sentence(fit))
+        out.print(_reference_sentence(fit))
     pairs = [(i, j) for j in range(len(names)) for i in range(j)]
     texts = [f'{names[i]}-{names[j]} {fit.correlation[i, j]:.3f}' for i, j in pairs]
     out.print(f'correlation: {", ".join(texts)}')
     out.print(f'scatter of a point: {fit.scale:.3g}; degrees of freedom: {fit.degrees_of_freedom:.1f}')
-    out.print(viscous_sentence(fit, args.viscous))
+    out.print(viscous_slope_sentence(fit, args.viscous))
     _print_outliers(out, fit)
     for text in fit.warnings:
         out.print(f'[yellow]warning:[/] {escape(text)}')
@@ -299,11 +319,11 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results:
             shares = ', '.join(f'{name} {share:.1%}' for name, share in regimes.items())
             out.print(f'probability at {args.speed}: {shares}')
     out.print()
-    out.print(escape(fragment(args.curve, fit)), end='')
+    out.print(escape(yaml_fragment(args.curve, fit)), end='')
 
 
-def _conditions_sentence(fit: PooledFit) -> str:
-    """Return at which load and water the law holds as it stands."""
+def _reference_sentence(fit: PooledFit) -> str:
+    """Return a sentence: at which load and water the law holds as it stands, and what the load does to it."""
     conditions = [f'{fit.load:.4g} N'] * (fit.load == fit.load)
     conditions += [f'{fit.temperature:.3g} C'] * (fit.temperature == fit.temperature)
     return f'the law is that at {" and ".join(conditions)}{f"; {fit.sentence}" if fit.sentence else ""}'

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the bag of a scene, with progress, and print what it has; return 0.
+    """Write the bag of a scene, with progress, and print a sentence on it; return 0.
 
     Raises:
         SceneError: The scene is invalid.
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _summary_sentence(path: str, scene: Scene, written: Mapping[str, int]) -> str:
-    """Return one sentence on the bag: its length, cuts, and messages of telemetry and truth.
+    """Return one sentence on the bag: its length, cuts, and numbers of messages of telemetry and of truth.
 
     ``written`` has the number of messages by topic.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws what the laboratory finds: a friction curve with its fit, a calibration, what accuracy costs.
+"""Draws the results of the laboratory: a friction curve with its fit, a calibration, what accuracy costs.
 
 Figures are unknown to pyplot; :func:`~.canvas.save_figure` writes them. Each function raises a
 ``DrawingError`` where matplotlib is not installed.
@@ -26,6 +26,7 @@ from stickslip_monitor.physics.probability import QUANTILES
 
 _LINE = canvas.REGIME_COLOUR[Regime.STABLE]
 _OUTLIER = canvas.REGIME_COLOUR[Regime.UNSTABLE]
+# Room above and below the values, and how far the curve goes beyond the highest speed, as shares.
 _ROOM, _BEYOND = 0.05, 1.05
 
 
@@ -72,7 +73,7 @@ def _draw_law(axes: canvas.Axes, fit: StribeckFit) -> None:
 
 
 def _draw_points(axes: canvas.Axes, fit: StribeckFit) -> None:
-    """Draw the points, with error bars where errors differ, and outliers as crosses with their lines."""
+    """Draw the points, with error bars where errors differ, and outliers as crosses with line numbers."""
     curve, out = fit.curve, fit.outliers
     good = fit.weight >= 0.5
     if float(np.ptp(curve.std)) > 0.0:
@@ -114,16 +115,19 @@ def _draw_boundary(axes: canvas.Axes, name: str, low: float, middle: float, high
 
 
 _QUIET, _VIBRATING = canvas.REGIME_COLOUR[Regime.STABLE], canvas.REGIME_COLOUR[Regime.UNSTABLE]
+# Loads at which the boundaries are drawn.
 _LOADS = 60
+# Values above this multiple of the configured fold speed are not drawn: nothing happens there.
 _FASTEST = 2.5
-_MOST_POINTS = 6000
+# Values of the level drawn at most: more only make the file larger.
+_MAX_POINTS = 6000
 _SIZE, _LEFT, _RIGHT = (11.0, 5.0), (0.065, 0.125, 0.42, 0.79), (0.56, 0.125, 0.42, 0.79)
 
 
 def draw_calibration(config: BearingConfig, calibration: Calibration) -> canvas.Figure:
-    """Draw the evidence of a calibration over the speed, beside both boundaries before and after it.
+    """Draw the evidence of a calibration over the speed, and both boundaries before and after it beside that.
 
-    The evidence is the level where a recording has one, else the reported vibration of each passage.
+    The evidence is the level if any recording has one, else the reported vibration of each passage.
 
     Raises:
         DrawingError: matplotlib is not installed.
@@ -156,7 +160,11 @@ def _is_vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
 
 
 def _draw_levels(axes: canvas.Axes, calibration: Calibration) -> None:
-    """Draw each value of the levels over the speed, coloured as quiet or vibration by the reports."""
+    """Draw the values of the levels over the speed, coloured as quiet or vibration by the reports.
+
+    Values above 2.5 times the configured fold speed are left out, and of the others so many that about
+    ``_MAX_POINTS`` remain.
+    """
     by_name = {one.name: one.level for one in calibration.evidence}
     rows = []
     for track in calibration.edges.tracks:
@@ -167,14 +175,17 @@ def _draw_levels(axes: canvas.Axes, calibration: Calibration) -> None:
             rows.append([over, level.value[about], _is_vibrating(track, time)])
     points = np.concatenate(rows, axis=1)
     points = points[:, points[0] < _FASTEST]
-    points = points[:, :: max(1, points.shape[1] // _MOST_POINTS)]
+    points = points[:, :: max(1, points.shape[1] // _MAX_POINTS)]
     look: canvas.Look = {'ms': 2.5, 'alpha': 0.5, 'mew': 0.0, 'rasterized': True}
     for flag, colour, name in ((0.0, _QUIET, 'quiet'), (1.0, _VIBRATING, 'vibration')):
         axes.plot(*points[:2, points[2] == flag], '.', color=colour, label=name, **look)
 
 
 def _draw_reports(axes: canvas.Axes, calibration: Calibration) -> None:
-    """Draw each passage as a line over the speed, thick where vibration was reported; number them upwards."""
+    """Draw each passage as a line over the speed, thick where vibration was reported.
+
+    Sets limits and ticks of the height: passages are numbered upwards from 1.
+    """
     names = 'passage', 'vibration reported'
     for k, track in enumerate(calibration.edges.tracks, 1):
         loud = np.where(_is_vibrating(track, track.time), track.over, np.nan)
@@ -187,9 +198,10 @@ def _draw_reports(axes: canvas.Axes, calibration: Calibration) -> None:
 
 
 def _draw_ends(axes: canvas.Axes, calibration: Calibration, has_level: bool) -> None:
-    """Draw the ends that count as at the fold, the bounds from below, and crosses at doubtful ends.
+    """Draw the ends that count as at the fold, the bounds from below, and crosses at worthless ends.
 
-    A mark stands at its passage's number, with levels at half the height of the axes.
+    A mark stands at the height of its passage's number or, with ``has_level``, at half the height of the
+    axes.
     """
     doubtful = {id(end) for end, _ in calibration.doubts}
     tracks = {track.name: (k, track) for k, track in enumerate(calibration.edges.tracks, 1)}
@@ -219,7 +231,10 @@ def _draw_fold(axes: canvas.Axes, calibration: Calibration) -> None:
 
 
 def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, calibration: Calibration) -> None:
-    """Draw fold and Hopf speed over the load before and after, with bands of 5 to 95 %, and the passages."""
+    """Draw fold and Hopf speed [rpm] against the load before and after, with 5 to 95 % bands, and passages.
+
+    Sets title, labels, limits and legend of the axes.
+    """
     low, high = calibration.loads
     load, rpm = np.linspace(0.6 * low, 1.4 * high, _LOADS), config.bearing.speed.factor('rpm')
     top = 0.0
@@ -274,6 +289,7 @@ _LOOKS = (
     ('#000000', '*'),
     ('#7a1f5c', 'h'),
 )
+# Heights of the smallest error and of a failure, and the limits of the axis, which hold both.
 _SMALLEST, _FAILED = 1e-16, 30.0
 _LOWEST, _HIGHEST = 3e-17, 100.0
 _FRONT = '#444444'
@@ -324,18 +340,18 @@ def draw_pareto(panels: Mapping[str, Sequence[MethodMark]], footnote: str = '') 
             axes.set_title(title, loc='left', size=11.0, color=canvas.INK)
             _draw_methods(axes, marks, looks)
         figure.axes[0].set_ylabel('relative error of the amplitude [-]')
-        _name_families(figure, looks)
+        _draw_legend(figure, looks)
         figure.text(0.985, 0.012, footnote, ha='right', va='bottom', size=9.0, color=canvas.MUTED)
         return figure
 
 
 def _error_height(error: float) -> float:
-    """Return where an error is drawn: within the axes, and one that fails in a band of its own."""
+    """Return the height at which an error is drawn: within the axes, and a failure in a band of its own."""
     return _FAILED if math.isinf(error) else float(np.clip(error, _SMALLEST, 5.0))
 
 
 def _draw_methods(axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[str, tuple[str, str]]) -> None:
-    """Draw the methods of a panel, the front among them as a line, and name failures.
+    """Draw the methods of a panel, the front as a line, and a note if any method fails.
 
     Args:
         axes: The panel.
@@ -367,8 +383,8 @@ def _marker_size(shape: str) -> float:
     return 13.0 if shape == '*' else 8.5
 
 
-def _name_families(figure: canvas.Figure, looks: dict[str, tuple[str, str]]) -> None:
-    """Draw the legend below the figure: families, many points at once, and the front."""
+def _draw_legend(figure: canvas.Figure, looks: dict[str, tuple[str, str]]) -> None:
+    """Draw the legend below the figure: families, the hollow mark of many points at once, and the front."""
     from matplotlib.lines import Line2D
 
     rows: list[tuple[str, canvas.Look]] = [

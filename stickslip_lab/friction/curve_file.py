@@ -157,7 +157,7 @@ def _read_rows(path: str | Path) -> tuple[list[TableRow], str]:
 
 
 def _split_heading(heading: str) -> tuple[list[str], str]:
-    """Return the words of a heading in lower case, and its unit as it is written; '' for none."""
+    """Return the words of a heading in lower case without its unit, and the unit as written; '' for none."""
     match = _HEADING.fullmatch(heading)
     name, *units = match.groups() if match else (heading,)
     plain = name.replace('_', ' ').split()
@@ -250,8 +250,8 @@ def _choose_columns(where: str, cells: list[str], columns: Mapping[str, str | No
     for heading in (cells[index] for index in chosen.values()):
         if parse_heading(heading).unit == heading.strip() and unit_of(heading) is None:
             raise FitError(
-                f"{where}, column '{heading}': whether the numbers are to be multiplied or divided by the"
-                ' factor is not said: write the numbers themselves'
+                f"{where}, column '{heading}': unclear whether numbers are multiplied or divided by the"
+                ' factor: write the numbers themselves, under a heading without a factor'
             )
     if 'std' in chosen and 'weight' in chosen:
         del chosen['weight' if named['weight'] is None else 'std']
@@ -318,7 +318,7 @@ def _find_speed_unit(where: str, heading: str, option: str | None) -> tuple[str,
 def _require_one_decimal_sign(
     path: str | Path, rows: Sequence[TableRow], columns: Iterable[int], delimiter: str
 ) -> None:
-    """Raise FitError if points and commas occur and one may part thousands, as in 1.200 and 0,15.
+    """Raise FitError if both points and commas occur and one may part thousands, as in 1.200 and 0,15.
 
     Args:
         path: The file, for the error.

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -33,11 +34,15 @@ UNITS = {'static': '', 'kinetic': '', 'decay': 's/m', 'viscous': 's/m'}
 PLAIN, RISING = ('static', 'kinetic', 'decay'), tuple(UNITS)
 """The free coefficients without and with the viscous slope."""
 CONFIDENCE = 0.95
+"""Share of the intervals and bands."""
 CAUCHY = 2.385
 """A residual of so many scales counts half; on clean data 95 % efficient (Rey 1983)."""
 FALL_LEVEL, VISCOUS_LEVEL, SHAPE_LEVEL = 0.001, 0.01, 0.01
+"""Levels of significance: of the fall, of a viscous slope, and of residuals that are not independent."""
 MOST_CORRELATION = 0.999
+"""Two coefficients that are correlated more than this are known only together."""
 SPARE_POINTS = 2
+"""Points needed beyond the number of coefficients, to judge the fit by."""
 FARTHEST = 5.0
 """Of decay times lowest speed: beyond it all points lie where the fall has ended."""
 LEAST_KNOWN = 4.0
@@ -49,13 +54,17 @@ SEVERAL_LOADS = (
     ' load and temperature in columns of these names'
 )
 """What pooled curves look like: friction depends on speed times viscosity over load."""
+# Share of outliers, and leverage of one point, from which on a user is told.
 _MANY_OUTLIERS, _MUCH_LEVERAGE = 0.2, 0.9
+# Standard deviation of a normal distribution over its median absolute deviation.
 _MAD = 1.482602218505602
 # The median of few residuals scatters: this keeps it from setting good points aside.
 _SMALL_SAMPLE = 2.0
-# What rounding leaves of exact data, as a share of the coefficients.
+# What rounding leaves of exact data, as a share of the coefficients; a smaller pivot is singular.
 _ROUNDING, _SINGULAR = 1e-12, 1e-12
+# A coefficient [-] and a sliding speed [m/s] above these look like another unit.
 _UNUSUAL_COEFFICIENT, _UNUSUAL_SPEED = 3.0, 30.0
+# Simulated curves to judge neighbours by: p = 0.01 is known to 0.0016.
 _SIMULATED = 4000
 
 Viscous = Literal['auto', 'yes', 'no']
@@ -107,13 +116,13 @@ class StribeckFit:
 
     @property
     def estimate(self) -> FloatArray:
-        """The free coefficients, shape (k,)."""
+        """The free coefficients in the order of :attr:`names`, shape (k,)."""
         return np.array([getattr(self.law, name) for name in self.names])
 
     @cached_property
     def residual(self) -> FloatArray:
         """Measured minus fitted coefficient, shape (n,) [-]."""
-        return self.curve.coefficient - _build_law(self.values, self.curve)
+        return self.curve.coefficient - _evaluate_law(self.values, self.curve)
 
     @cached_property
     def weight(self) -> FloatArray:
@@ -163,7 +172,7 @@ class StribeckFit:
 
     @property
     def full_covariance(self) -> FloatArray:
-        """Covariance of all that is fitted."""
+        """Covariance of all fitted numbers: here of the free coefficients, shape (k, k)."""
         return self.covariance
 
     @property
@@ -183,13 +192,13 @@ class StribeckFit:
 
     @property
     def decay_factor(self) -> float:
-        """Factor by which the decay may be higher or lower at 95 %."""
+        """Factor by which the decay may be higher or lower at 95 %; ``decay`` must be free."""
         of_log = self.standard_error[self.names.index('decay')] / self.law.decay
         return math.exp(min(self.t_quantile * float(of_log), 700.0))
 
     @property
     def intervals(self) -> FloatArray:
-        """95 % intervals, that of ``decay`` by its logarithm, shape (k, 2)."""
+        """95 % intervals (low, high) of the free coefficients, (k, 2); of ``decay`` by its logarithm."""
         reach = self.t_quantile * self.standard_error
         ends = np.stack([self.estimate - reach, self.estimate + reach], axis=1)
         decay, factor = self.law.decay, self.decay_factor
@@ -230,15 +239,19 @@ class StribeckFit:
         return orthogonal, np.full((size.size, size.size), np.inf)
 
 
-def _build_law(values: FloatArray, curve: FrictionCurve) -> FloatArray:
-    """Return the law at the speeds of a curve, shape (n,), of :attr:`StribeckFit.values`."""
+def _evaluate_law(values: FloatArray, curve: FrictionCurve) -> FloatArray:
+    """Return the coefficients of friction at the speeds of a curve, shape (n,).
+
+    ``values`` are those of :attr:`StribeckFit.values`: drop at the lowest speed, ``mu_k``, ``ln beta``,
+    ``nu``.
+    """
     drop, kinetic, log_decay, viscous = values
     path = curve.speed - curve.speed.min()
     return np.asarray(kinetic + drop * np.exp(-np.exp(log_decay) * path) + viscous * curve.speed)
 
 
 def _rounding_scale(curve: FrictionCurve) -> float:
-    """Return the least scale: what rounding leaves of exact data."""
+    """Return the least scale, in units of ``std``: what rounding leaves of exact data."""
     return _ROUNDING * float(np.max(np.abs(curve.coefficient / curve.std), initial=1e-14))
 
 
@@ -253,10 +266,20 @@ def fit_stribeck(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit
     Raises:
         FitError: The curve cannot identify the law.
     """
+    with explained_fit_errors(curve):
+        return _require_identified(_choose_fit(curve, viscous))
+
+
+@contextmanager
+def explained_fit_errors(curve: FrictionCurve) -> Iterator[None]:
+    """Raise numerical errors of the block as a FitError, and add questions on units to any FitError.
+
+    Floating-point warnings are silenced within it.
+    """
     questions = ' '.join(_unit_questions(curve))
     try:
         with np.errstate(all='ignore'):
-            return _require_identified(_choose_fit(curve, viscous))
+            yield
     except FitError as error:
         raise FitError(f'{error}. {questions}' if questions else str(error)) from error
     except (ArithmeticError, ValueError, IndexError, np.linalg.LinAlgError) as error:
@@ -274,9 +297,9 @@ def _choose_fit(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
     Raises:
         FitError: There are too few points, or ``viscous`` is 'yes' and the slope clearly negative.
     """
-    if lack := _lack_of_points(curve, RISING if viscous == 'yes' else PLAIN):
+    if lack := lack_of_points(curve, RISING if viscous == 'yes' else PLAIN):
         raise FitError(lack)
-    if _lack_of_points(curve, RISING):
+    if lack_of_points(curve, RISING):
         return solve_law(curve, PLAIN)
     full = solve_law(curve, RISING)
     f_value = float(full.values[3] ** 2 / full.covariance[3, 3])
@@ -293,6 +316,9 @@ def _choose_fit(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
 
 def solve_law(curve: FrictionCurve, names: tuple[str, ...], scale: float = 0.0) -> StribeckFit:
     """Compute the robust fit with some coefficients free, whether or not the curve identifies them.
+
+    Where numbers overflow or all speeds are equal, errors of numpy pass through
+    (:func:`explained_fit_errors`).
 
     Args:
         curve: The curve.
@@ -352,7 +378,7 @@ def _minimise_loss(fit: StribeckFit, scale: float, loss: str, loss_scale: float)
         return full
 
     def misfit(part: FloatArray) -> FloatArray:
-        return (_build_law(whole(part), fit.curve) - fit.curve.coefficient) / (scale * fit.curve.std)
+        return (_evaluate_law(whole(part), fit.curve) - fit.curve.coefficient) / (scale * fit.curve.std)
 
     exactly: Any = dict.fromkeys(('ftol', 'xtol', 'gtol'), 1e-15)
     how: Any = {'x_scale': 'jac', 'loss': loss, 'f_scale': loss_scale, 'max_nfev': 200}
@@ -371,7 +397,7 @@ def _robust_scale(fit: StribeckFit) -> float:
     return max(_MAD * caution * float(np.median(ordered[k - 1 :])), 0.01 * _rounding_scale(fit.curve))
 
 
-def _lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
+def lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
     """Return the rule that too few points or different speeds break, or '' if there are enough."""
     n, k = curve.speed.size, len(names)
     coefficients = f'{k} coefficients ({", ".join(names)})'
@@ -388,7 +414,8 @@ def _require_identified(free: StribeckFit) -> StribeckFit:
     """Return the fit if the curve identifies it; one with a negative ``mu_k`` is fitted anew without it.
 
     Raises:
-        FitError: It does not; the text says what is missing.
+        FitError: It does not: too few points lie on one curve, friction does not fall, the decay is open, or
+            two coefficients are known only together.
     """
     used_count, required_count = int(np.sum(free.weight > ASIDE)), len(free.names) + SPARE_POINTS
     if used_count < required_count:
@@ -585,7 +612,7 @@ def boundary_belief(fit: StribeckFit, bearing: Bearing, load: float) -> Belief:
 
     Args:
         fit: The fit.
-        bearing: The bearing, whose friction and lubrication give way to those of the fit.
+        bearing: The bearing, with damping above 0; its friction and lubrication give way to those of the fit.
         load: Load > 0 at which the effect of ``nu`` and of the exponent counts [N].
     """
     law, fitted = fit.law, replace(bearing, friction=fit.law, lubrication=fit.lubrication)

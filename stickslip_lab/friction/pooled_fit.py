@@ -16,7 +16,16 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from stickslip_lab.friction.curve_file import FrictionCurve
-from stickslip_lab.friction.friction_fit import CAUCHY, PLAIN, StribeckFit, Viscous, fit_stribeck, solve_law
+from stickslip_lab.friction.friction_fit import (
+    CAUCHY,
+    PLAIN,
+    StribeckFit,
+    Viscous,
+    explained_fit_errors,
+    fit_stribeck,
+    lack_of_points,
+    solve_law,
+)
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.lubrication import Lubrication, viscosity
 
@@ -24,6 +33,7 @@ LEAST_RATIO = 1.05
 """Loads that differ by less than this factor are one load: cells scatter by a few per cent."""
 # Exponents that are tried before the best is looked for: beyond 0 to 1 lies what scatter makes of its ends.
 _EXPONENTS = np.linspace(-0.5, 1.5, 9)
+# Steps of the exponent at which the search for it ends.
 _EXACT = 1e-7
 # Share of the fall of friction: by a smaller scale exact points would make the misfit a spike.
 _LEAST_SCALE = 1e-5
@@ -93,7 +103,7 @@ class PooledFit(StribeckFit):
 
     @property
     def sentence(self) -> str:
-        """Sentence on what the load does to the friction; '' without a column of loads."""
+        """Sentence on what the load does to the friction, with the exponent; '' without a column of loads."""
         if not self.has_exponent:
             return 'the points are of one load' if self.load == self.load else ''
         low, high = self.exponent_interval
@@ -109,7 +119,8 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
     """Fit the law to a curve, or to curves at several loads or water temperatures.
 
     Returns:
-        A :class:`PooledFit` if the curve has a load or a temperature, else a plain fit.
+        A :class:`PooledFit` at the geometric mean load and the mean temperature, if the curve has a load or a
+        temperature; else a plain fit.
 
     Raises:
         FitError: The curve cannot identify the law.
@@ -129,11 +140,14 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
         """Return the curve with its speeds divided by ``s``, for an exponent."""
         return replace(curve, speed=curve.speed * ratio * np.exp(-exponent * log_load))
 
-    differs = bool(np.ptp(log_load) > np.log(LEAST_RATIO))
-    exponent = _fit_exponent(reduced, PLAIN) if differs else 0.0
+    # Without enough points no exponent is looked for: the fit then says what is missing.
+    differs = bool(np.ptp(log_load) > np.log(LEAST_RATIO)) and not lack_of_points(curve, PLAIN)
+    with explained_fit_errors(curve):
+        exponent = _fit_exponent(reduced, PLAIN) if differs else 0.0
     fit = fit_stribeck(reduced(exponent), viscous)
     if differs and fit.names != PLAIN:
-        exponent = _fit_exponent(reduced, fit.names)
+        with explained_fit_errors(curve):
+            exponent = _fit_exponent(reduced, fit.names)
         fit = fit_stribeck(reduced(exponent), viscous)
     values = {field.name: getattr(fit, field.name) for field in fields(StribeckFit)}
     return PooledFit(
@@ -143,6 +157,8 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
 
 def _fit_exponent(reduced: Callable[[float], FrictionCurve], names: tuple[str, ...]) -> float:
     """Return the exponent of the load with the least misfit by Cauchy's loss.
+
+    Numerical errors pass through, as from :func:`.solve_law`.
 
     Args:
         reduced: Returns the curve at the reference load, for an exponent.

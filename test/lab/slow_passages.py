@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from stickslip_lab.calibration.calibration import Evidence
-from stickslip_lab.calibration.evidence import VibrationReport, bin_telemetry, level_over_speed
+from stickslip_lab.calibration.evidence import VibrationReport, bin_level, bin_telemetry
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
 
@@ -39,7 +39,7 @@ def slow_passage(
     for knock in knocks:
         loud |= (time >= knock) & (time <= knock + 6.0)
     decibels = 20.0 * np.log10(np.where(loud, speed, 0.05 * FOLD * RPM)) + noise
-    heard = level_over_speed(begin + time, decibels, begin + time, speed)
+    heard = bin_level(begin + time, decibels, begin + time, speed)
     return Evidence(course.name, (course,), level=heard)
 
 

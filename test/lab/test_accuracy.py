@@ -25,7 +25,7 @@ from stickslip_lab.accuracy.accuracy import (
     summarise,
     time_call,
 )
-from stickslip_lab.commands.accuracy import markdown
+from stickslip_lab.commands.accuracy import markdown_table
 from stickslip_monitor.drawing.canvas import write_csv
 from stickslip_monitor.errors import ConfigurationError
 
@@ -130,7 +130,8 @@ def test_csv_round_trip_to_the_last_bit(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('text', 'words'), [('', 'is no measurement'), ('a,b\n1,2\n', 'is no measurement'), (None, 'no number')]
+    ('text', 'words'),
+    [('', 'is not a measurement'), ('a,b\n1,2\n', 'is not a measurement'), (None, 'not a number')],
 )
 def test_what_is_no_measurement_is_refused(tmp_path, text, words):
     write_csv(columns([make_row()]), tmp_path / 'a.csv')
@@ -149,4 +150,4 @@ def test_the_page_shows_the_stored_measurement():
     shown = page.partition(mark)[2].partition('\n\n')[0].splitlines()
     assert len(shown) >= 10
     # The page leaves some methods out.
-    assert set(shown) <= set(markdown(read_rows(DOCS / 'accuracy.csv')).splitlines())
+    assert set(shown) <= set(markdown_table(read_rows(DOCS / 'accuracy.csv')).splitlines())

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 from slow_passages import BEARING, FOLD, ONSET, RPM, alternating_reports, slow_passage
 
-from stickslip_lab.calibration.calibration import Calibration, Evidence, calibrate, prior_of, read_levels
+from stickslip_lab.calibration.calibration import (
+    Calibration,
+    Evidence,
+    calibrate,
+    prior_covariance,
+    read_levels,
+)
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
@@ -72,7 +78,7 @@ def test_a_value_without_a_tolerance_is_as_uncertain_as_a_drawing() -> None:
         (Tolerance(static=0.05, kinetic=0.05), math.hypot(0.05 * 0.3, 0.05 * 0.1) / 0.2),
     ):
         wanted = [[0.09, -0.09], [-0.09, 0.09 + 0.16 + fall**2]]
-        np.testing.assert_allclose(prior_of(BEARING, tolerance), wanted, rtol=1e-12)
+        np.testing.assert_allclose(prior_covariance(BEARING, tolerance), wanted, rtol=1e-12)
 
 
 @pytest.mark.parametrize(('passages', 'expected'), [(4, False), (5, True)])

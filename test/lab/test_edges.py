@@ -12,7 +12,7 @@ from stickslip_lab.calibration.edges import (
     LAGS,
     SHARES,
     Reference,
-    edges_of,
+    find_edges,
     reported_course,
     time_beyond_fold,
 )
@@ -41,7 +41,7 @@ def test_a_bearing_without_a_fold_cannot_be_calibrated(bearing: object) -> None:
 
 def test_an_end_with_rising_speed_is_at_the_fold() -> None:
     one = slow_passage(level=False)
-    found = edges_of([(one.courses[0], one.reports)], REFERENCE)
+    found = find_edges([(one.courses[0], one.reports)], REFERENCE)
     (end,) = found.seen
     assert end.middle[0] / RPM == pytest.approx(FOLD, abs=0.3)
     (begun, quiet) = found.passages
@@ -51,7 +51,7 @@ def test_an_end_with_rising_speed_is_at_the_fold() -> None:
 
 def test_a_list_knows_no_cycle_that_outlives_its_fold_so_all_shares_are_alike() -> None:
     one = slow_passage(level=False)
-    (end,) = edges_of([(one.courses[0], one.reports)], REFERENCE).seen
+    (end,) = find_edges([(one.courses[0], one.reports)], REFERENCE).seen
     by_share = end.points.reshape(len(SHARES), len(LAGS), 2)
     assert np.array_equal(by_share, np.broadcast_to(by_share[0], by_share.shape))
     # The posterior weighs the shares alike: they lie evenly from none to all of the time.
@@ -70,7 +70,7 @@ def test_an_onset_on_a_ramp_of_half_a_minute_tells_nothing() -> None:
     """At 26 rpm a fall of 0.2 rpm a second is a factor e in 130 s, one of 2 rpm in 13 s."""
     for rate, told in ((0.2, True), (2.0, False)):
         one = slow_passage(rate=rate, level=False)
-        found = edges_of([(one.courses[0], one.reports)], REFERENCE)
+        found = find_edges([(one.courses[0], one.reports)], REFERENCE)
         assert any(each.began for each in found.passages) == told
 
 
@@ -84,7 +84,7 @@ def test_an_end_with_falling_speed_or_without_quiet_is_a_bound() -> None:
     # A minute without a report lies between.
     late = replace(quiet, start_ns=loud.end_ns + 60 * 10**9)
     for given in ((before, early, quiet), (before, loud), (before, loud, late)):
-        found = edges_of([(course, given)], REFERENCE)
+        found = find_edges([(course, given)], REFERENCE)
         (end,) = found.ends
         assert end.is_bound
         assert end.middle[0] / RPM < FOLD
@@ -97,7 +97,7 @@ def test_half_of_a_wide_tolerance_is_a_deviation(tolerance: float, deviation: fl
     """At V, rising by r a second, half of ln((V + r s)/(V - r s)) is atanh(r s/V)."""
     one = slow_passage(level=False)
     given = tuple(replace(report, tolerance=tolerance) for report in one.reports)
-    (end,) = edges_of([(one.courses[0], given)], REFERENCE).seen
+    (end,) = find_edges([(one.courses[0], given)], REFERENCE).seen
     expected = math.atanh(0.2 * deviation * RPM / end.middle[0])
     assert end.timing == pytest.approx(expected, rel=0.02)
 
@@ -106,7 +106,7 @@ def test_an_onset_is_worth_no_more_than_the_vibration_behind_it() -> None:
     one = slow_passage(level=False)
     before, loud, after = one.reports
     given = before, replace(loud, trust=0.4), after
-    assert [each.trust for each in edges_of([(one.courses[0], given)], REFERENCE).passages] == [0.4, 0.9]
+    assert [each.trust for each in find_edges([(one.courses[0], given)], REFERENCE).passages] == [0.4, 0.9]
 
 
 def test_a_shaft_that_stops_ends_no_episode_at_the_fold() -> None:
@@ -116,7 +116,7 @@ def test_a_shaft_that_stops_ends_no_episode_at_the_fold() -> None:
     still = TelemetryBins(course.name, course.time_ns, stopped, course.load)
     stop = int(course.time_ns[220])
     edges = [int(course.time_ns[0]), int(course.time_ns[170]), stop, int(course.time_ns[-1])]
-    (end,) = edges_of([(still, alternating_reports(edges, 'list'))], REFERENCE).ends
+    (end,) = find_edges([(still, alternating_reports(edges, 'list'))], REFERENCE).ends
     assert end.is_bound
 
 

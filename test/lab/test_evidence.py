@@ -12,8 +12,8 @@ from stickslip_lab.calibration.evidence import (
     BIN_NS,
     LevelBins,
     NoTwoModes,
+    bin_level,
     bin_telemetry,
-    level_over_speed,
     level_reports,
     read_reports,
     threshold_of,
@@ -87,7 +87,7 @@ TIME = np.arange(4000) * 0.25
 
 
 def level_course(decibels: FloatArray, speed: FloatArray | float = 0.2) -> LevelBins:
-    return level_over_speed(TIME, decibels, TIME, np.broadcast_to(speed, TIME.shape))
+    return bin_level(TIME, decibels, TIME, np.broadcast_to(speed, TIME.shape))
 
 
 def test_a_cycle_stands_out_whatever_its_gain() -> None:

@@ -466,7 +466,7 @@ def test_a_unit_of_the_coefficient_that_is_none(write: Write) -> None:
         ('speed,mu,std\n0.1,0.2,0\n', ", line 2, column 'std' = '0' must be a finite number above 0"),
         ('speed [rpm];mu\n1.200;0,15\n', ": '1.200' (line 2) has a point and '0,15' (line 2) a comma"),
         ('speed [rpm]\tmu\n1,200\t0.15\n', ": '0.15' (line 2) has a point and '1,200' (line 2) a com"),
-        ('speed (rpm) x1000,mu\n1,2\n', ", line 1, column 'speed (rpm) x1000': whether the numbers"),
+        ('speed (rpm) x1000,mu\n1,2\n', ", line 1, column 'speed (rpm) x1000': unclear whether numbers"),
         ('speed [kn],mu\n1,2\n', ", line 1, column 'speed [kn]': unit = 'kn' must be one of rpm"),
         ('speed [rpm],mu\n1,2\n', ": speeds in rpm need the journal's diameter"),
         (b'\xff\xfe\x00', ' has headings (line 1) but no points'),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sending import configured
 
-from stickslip_lab.calibration.calibration import courses_of
+from stickslip_lab.calibration.calibration import bin_courses
 from stickslip_lab.scenes.scene import Scene, simulate
 from stickslip_lab.scenes.telemetry import Messages
 from stickslip_monitor import Stream, hopf_speed
@@ -56,7 +56,7 @@ def test_a_calibration_takes_reference_points() -> None:
     seconds = np.arange(60)
     values = np.column_stack([np.full(60, LOAD), np.linspace(90.0, 30.0, 60)]).ravel()
     stream = Stream(np.repeat(seconds * 10**9, 2), np.tile([1, 0], 60), values)
-    (course,) = courses_of('aft', BearingScan(config, 0).finish(stream, None))
+    (course,) = bin_courses('aft', BearingScan(config, 0).finish(stream, None))
     assert course.load.max() == pytest.approx(1000.0)
     plain = replace(config.bearing, lubrication=None)
     there = hopf_speed(config.bearing, LOAD) / 2.0

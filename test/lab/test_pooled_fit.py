@@ -173,3 +173,10 @@ def test_a_table_of_another_form_is_told_how_to_write_it(tmp_path: Path, heading
     path.write_text(f'{headings}\n0.1,0.3,0.25\n')
     with pytest.raises(FitError, match=text):
         read_curve(path)
+
+
+def test_points_of_one_speed_at_several_loads_are_refused() -> None:
+    bench = make_bench(0.5, 0.01)
+    single = FrictionCurve(np.full(36, 0.1), bench.coefficient, bench.std, bench.line, 'm/s', '', bench.load)
+    with pytest.raises(FitError, match='different speeds = 1 must be at least 3'):
+        fit_curve(single)

@@ -9,7 +9,7 @@ from slow_passages import BEARING, RPM
 
 from stickslip_lab.calibration.edges import Edges, End, Passage, Reference, ReportedCourse
 from stickslip_lab.calibration.evidence import VibrationReport
-from stickslip_lab.calibration.posterior import Spreads, infer, log_passage
+from stickslip_lab.calibration.posterior import Spreads, infer, passage_log_likelihood
 from stickslip_monitor.arrays import FloatArray
 
 REFERENCE = Reference(BEARING)
@@ -85,7 +85,7 @@ def make_onset(rate: float, seconds: float, began: bool = True) -> Passage:
 
 def likelihood_at(passage: Passage, log_q: FloatArray) -> FloatArray:
     """Likelihood of a passage along ln q, e-folds summed over by their prior, without a lag."""
-    found = log_passage(passage, REFERENCE, np.zeros(log_q.size), log_q)
+    found = passage_log_likelihood(passage, REFERENCE, np.zeros(log_q.size), log_q)
     weight = np.exp(-0.5 * np.linspace(-2.2, 2.2, found.shape[1]) ** 2)
     return np.asarray(np.exp(found[:, :, 1]) @ weight)
 
