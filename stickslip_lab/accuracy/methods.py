@@ -239,7 +239,7 @@ def _find_slip_start(
     return time + max(start - x, 0.0) / speed, start, 1.0
 
 
-# Samples of a free vibration, between which turning points are found to rounding.
+# Samples of a free vibration, between which turning points are interpolated.
 _PER_CYCLE = 512
 # Amplitudes of successive parts that differ by less than this share are equal.
 _SETTLED = 1e-13

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The lining of one bearing, followed through a scene by the event-driven integrator.
+"""Follows the lining of one bearing through a scene by the event-driven integrator.
 
 Also here: its friction as it moves in time, the episodes of stick-slip that follow from its
 sticks, and its sampled amplitude.
@@ -35,15 +35,17 @@ from stickslip_monitor.physics.integrator import (
 )
 
 FACTOR = 'factor'
+"""Name of the parameter that multiplies all coefficients of a law."""
 # Of the parameters of all laws, those that a common factor multiplies.
 _COEFFICIENTS = ('static', 'kinetic', 'viscous')
 STEP = 1.0
+"""Time for which drifting friction is held constant [s]."""
 # Friction that depends on the load is that of the load at each begin of so long: a wave takes 5 s [s].
 _LOAD_STEP = 0.1
 
 
-def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
-    """Return the names of the parameters that may drift: the law's own, and ``factor`` on its coefficients.
+def drifting_parameters(law: FrictionLaw) -> tuple[str, ...]:
+    """Return the names of a law's parameters that may drift: its own, and ``factor`` on its coefficients.
 
     A table has the factor only.
     """
@@ -53,7 +55,7 @@ def parameters_of(law: FrictionLaw) -> tuple[str, ...]:
     return (*names, FACTOR)
 
 
-def with_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
+def replace_parameters(law: FrictionLaw, values: dict[str, float]) -> FrictionLaw:
     """Return a law with some parameters replaced and its coefficients scaled.
 
     Args:
@@ -88,16 +90,16 @@ class FrictionCourse:
     water: Profile | None = None  # temperature of the water [C]; None: as the bearing is configured
 
     @property
-    def moves(self) -> bool:
-        """Whether friction is another one from step to step."""
+    def is_moving(self) -> bool:
+        """Whether friction changes from step to step."""
         return bool(self.drifts) or self.water is not None
 
     def bearing_at(self, bearing: Bearing, time: float, *, scaled: bool = True) -> Bearing:
-        """Return a bearing with the law and the water of a time.
+        """Return a bearing with the law and the water of a time; the bearing itself where nothing moves.
 
         Args:
-            bearing: The bearing; itself where nothing moves.
-            time: Time since the scene's start [s].
+            bearing: The bearing, with the law of the configuration.
+            time: Time since the scene's start [s]; the start of its second counts.
             scaled: Whether the law has its common factor.
         """
         law = self.at(time, scaled=scaled)
@@ -116,7 +118,7 @@ class FrictionCourse:
         step = np.array([time // STEP * STEP])
         moved = {name: course for name, course in self.drifts.items() if scaled or name != FACTOR}
         values = {name: float(drift.at(step)[0]) for name, drift in moved.items()}
-        return with_parameters(self.law, values) if values else self.law
+        return replace_parameters(self.law, values) if values else self.law
 
     def factor(self, time: FloatArray) -> FloatArray:
         """Return the common factor of the coefficients at times [s], of their shape; 1 without a drift."""
@@ -162,10 +164,10 @@ class Episodes:
         self._sticking = 0.0
         self._open: float | None = None
 
-    def see(
+    def take_changes(
         self, changes: Sequence[Change], end: float
     ) -> tuple[list[tuple[float, float]], list[EpisodeEvent]]:
-        """Note the changes of a stretch in their order, and let time pass to its end.
+        """Take the changes of a stretch in their order, and let time pass to its end.
 
         Args:
             changes: The changes.
@@ -188,16 +190,16 @@ class Episodes:
                 self._resting = now
                 if now:
                     self.release(time)
-        return ended, events + self.passed(end)
+        return ended, events + self.advance(end)
 
     def stick(self, time: float) -> list[EpisodeEvent]:
-        """Note that a stick begins while the shaft turns.
+        """Count a stick that begins at a time [s], while the shaft turns; let time pass until then.
 
         Returns:
             The end of an episode that was over before, and the start of one that this stick, its second,
             makes; an empty list for neither.
         """
-        events = self.passed(time)
+        events = self.advance(time)
         if self._sticks == 0:
             self._first = time
         elif self._sticks == LEAST_STICKS - 1:
@@ -207,16 +209,17 @@ class Episodes:
         return events
 
     def release(self, time: float) -> None:
-        """Note the end of the stick that counts, if any: the lining slips, or the shaft comes to rest."""
+        """End the stick that goes on, if any, at a time [s]: the lining slips, or the shaft comes to rest."""
         if self._open is not None:
             self._sticking += time - self._open
             self._last, self._open = time, None
 
-    def passed(self, time: float) -> list[EpisodeEvent]:
-        """Let time pass [s]; forget sticks that are over.
+    def advance(self, time: float) -> list[EpisodeEvent]:
+        """Let time pass to ``time`` [s]; forget the sticks of an episode that is over by then.
 
         Returns:
-            The end of their episode; an empty list while it goes on, or where they were too few for one.
+            The end of that episode as a list of one; an empty list while it goes on, or where its sticks were
+            too few for an episode.
         """
         if not self._sticks or self._open is not None or time <= self._last + self.gap:
             return []
@@ -241,7 +244,7 @@ class Samples:
     """
 
     def __init__(self, rate: float, duration: float, period: float = 0.0) -> None:
-        self._rate, self._count = rate, telemetry.count(rate, duration)
+        self._rate, self._count = rate, telemetry.instant_count(rate, duration)
         steps = PERIODS * PER_PERIOD if period else 0
         self._before = np.arange(steps, -1, -1) * (period / PER_PERIOD)
         # A window before the scene's start is not there.
@@ -249,10 +252,10 @@ class Samples:
         self._asked = self._next * self._before.size
         self._kept = np.empty((4, 0))
 
-    def until(self, end: float) -> FloatArray:
+    def next_times(self, end: float) -> FloatArray:
         """Return the next times to sample the motion at, up to and with ``end`` [s], shape (n,).
 
-        They count as handed out: the motion at them is due at :meth:`add`.
+        They count as handed out: :meth:`add` must then get the motion at them.
         """
         size = self._before.size
         last = min(self._count, math.floor((end + self._before[0]) * self._rate) + 2)
@@ -263,14 +266,14 @@ class Samples:
         return time
 
     def add(self, motion: FloatArray) -> None:
-        """Store the motion at the times handed out last, as of :meth:`Lining.follow`, shape (4, n)."""
+        """Store the motion at the times handed out last, rows as in :meth:`Lining.follow`, shape (4, n)."""
         self._kept = np.concatenate([self._kept, motion], axis=1)
 
-    def due(self, end: float = math.inf) -> tuple[FloatArray, FloatArray]:
+    def pop_due(self, end: float = math.inf) -> tuple[FloatArray, FloatArray]:
         """Remove and return the complete samples before ``end`` [s].
 
         Returns:
-            Instants (m,) [s] and the motion at each, shape (4, m, samples in a window).
+            Instants (m,) [s] and the motion at each, shape (4, m, samples in a window); m may be 0.
         """
         size = self._before.size
         time = (self._next + np.arange(self._kept.shape[1] // size)) / self._rate
@@ -357,11 +360,16 @@ class Lining:
         return float(self._nodes[0, -1])
 
     def next_end(self, end: float) -> float:
-        """Return the end [s] of the first piece of the drive that reaches ``end`` [s], or the scene's end."""
+        """Return the end [s] of the first piece of the drive that reaches ``end`` [s].
+
+        It is never after the scene's end.
+        """
         return min(math.ceil(end * self.rate) / self.rate, self._duration)
 
     def follow(self, end: float, times: FloatArray) -> tuple[FloatArray, list[Change]]:
-        """Follow the lining to a later time; its state there is the next start. Its random stream advances.
+        """Follow the lining to a later time; its state there is where the next call starts.
+
+        The random stream of the load advances.
 
         Args:
             end: A time that :meth:`next_end` returned [s].
@@ -421,13 +429,13 @@ class Lining:
         return nodes
 
     def _uniform_stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
-        """Return the stretches with one law and no knock inside, as first and last index of ``nodes``.
+        """Yield the stretches with one law and no knock inside, as first and last index of ``nodes``.
 
         Neighbours share a node; ``nodes`` is time, speed and load, shape (3, n).
         """
         time = nodes[0]
         inner = np.isin(time, list(self._knocks))
-        if self._course.moves:
+        if self._course.is_moving:
             inner |= time % STEP == 0.0
         if self.config.bearing.lubrication is not None:
             inner |= np.diff(time // _LOAD_STEP, prepend=-1.0) != 0.0
@@ -465,7 +473,7 @@ class Lining:
     def _stick_changes(self, motion: Motion) -> list[Change]:
         """Return the changes between stick and slip in a stretch, by time; store whether it ends in a stick.
 
-        A knock or a new law at its start may begin or end a stick.
+        Each is a :data:`Change` of the lining. A knock or a new law at its start may begin or end a stick.
         """
         changes = []
         starts = motion.start.phase is Phase.STICK
@@ -483,8 +491,8 @@ class Lining:
     def _rest_changes(self, nodes: FloatArray) -> list[Change]:
         """Return the changes between rest and turning at nodes, by time; store whether the last is at rest.
 
-        At rest the speed is below the configured deadband. ``nodes`` is time, speed and load in SI units,
-        shape (3, n).
+        Each is a :data:`Change` of the shaft. At rest the speed is below the configured deadband. ``nodes``
+        is time, speed and load in SI units, shape (3, n).
         """
         resting = np.abs(nodes[1]) < max(self.config.speed.deadband, np.finfo(float).tiny)
         change = np.flatnonzero(resting != np.append(self._resting, resting[:-1]))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects on the lining: friction that drifts, and the truth about its motion.
+"""Declares effects on the lining: friction that drifts, and the truth about its motion.
 
 Friction drift changes a parameter of the law (``static``, ``kinetic``, ``decay``, ``viscous``) or
 a ``factor`` on the whole coefficient. Only the lining follows it; the monitor keeps its
@@ -35,9 +35,9 @@ from stickslip_lab.scenes.lining import (
     FrictionCourse,
     Lining,
     Samples,
+    drifting_parameters,
     half_peak_to_peak,
-    parameters_of,
-    with_parameters,
+    replace_parameters,
 )
 from stickslip_lab.scenes.settings import Profile, Settings, check_points, random_stream, read_profile
 from stickslip_lab.scenes.shaft_effects import UNITS, SceneRun, effect
@@ -69,7 +69,7 @@ def friction_drift(settings: Settings, run: SceneRun) -> None:
     drift = read_profile(settings, 'value', run.duration, run.folder)
     for config in run.bearings(settings, settings.text('parameter', 'what moves')):
         law = config.bearing.friction
-        name = settings.choice('parameter', parameters_of(law))
+        name = settings.choice('parameter', drifting_parameters(law))
         _check_drift(settings, config, name, drift)
         run.courses.setdefault(config.name, FrictionCourse(law)).drifts[name] = drift
 
@@ -114,26 +114,28 @@ def water_temperature(settings: Settings, run: SceneRun) -> None:
 
 
 def _check_drift(settings: Settings, config: BearingConfig, name: str, drift: Profile) -> None:
-    """Raise SceneError for a drift that breaks a rule of the law at one of its points.
+    """Check that a drift keeps the rules of the law at each of its points, and so between them.
 
-    Each rule is a bound, so that it holds between points too.
+    Raises:
+        SceneError: A value is negative, or the law refuses it.
     """
     for time, value in zip(drift.times.tolist(), drift.values.tolist(), strict=True):
         if value < 0.0:
             subject = f'{settings.name}: {name} = {value:g} at {time:g} s'
             raise SceneError(f'{subject} must not be negative')
         try:
-            with_parameters(config.bearing.friction, {name: value})
+            replace_parameters(config.bearing.friction, {name: value})
         except PhysicsError as error:
             raise SceneError(f'{settings.name} at {time:g} s: {error}') from error
 
 
+# Highest rate at which true margins are recorded [Hz]: that of the fastest telemetry.
 _HIGHEST_POINT_RATE = 1000.0
 
 
 @effect('lining', 'bearing', 'rate')
 def operating_point(settings: Settings, run: SceneRun) -> None:
-    """Add to the run an effect that records speed, load and true margins of each bearing at ``rate``.
+    """Add an effect to the run that records speed, load and true margins of each bearing at ``rate``.
 
     Raises:
         SceneError: The rate is missing, or not above 0 and up to 1 kHz.
@@ -156,7 +158,9 @@ def operating_point(settings: Settings, run: SceneRun) -> None:
 def _operating_point(
     config: BearingConfig, course: FrictionCourse, block: TimeBlock, time: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return speed [m/s], load [N], and the margins with the true friction by topic name, each of shape (n,).
+    """Return speed [m/s], load [N] and the margins with the true friction by topic name, shape (n,) each.
+
+    The names are ``speed``, ``load``, ``hopf_margin`` and ``fold_margin``.
 
     Args:
         config: The bearing.
@@ -182,13 +186,14 @@ def _operating_point(
     return {'speed': speed, 'load': load} | margins
 
 
+# Highest rate at which the motion is recorded [Hz].
 _HIGHEST_MOTION_RATE = 100_000.0
 # Natural periods without a stick after which an episode is over: longer than a ring-down, and than
 # the ripple of the blades takes to stop sticking and to let it begin again.
 _GAP = 50.0
 _MOTION = ('displacement', 'velocity', 'acceleration')
 Take = Callable[[TimeBlock, FloatArray, FloatArray], None]
-"""Takes what is due in a block: times [s], and the motion of :meth:`.Samples.due`."""
+"""Takes the samples that are due in a block: the block, times [s], and motion as :meth:`.Samples.pop_due`."""
 LEVEL_FACTORS = {
     name: (power, 1.0 / factor)
     for power, quantity in enumerate(('length', 'speed', 'acceleration'))
@@ -200,10 +205,10 @@ LEVEL_FACTORS = {
 
 @effect('lining', 'bearing', 'disturbance', 'knocks', 'knock_unit', 'amplitude', 'motion')
 def lining_motion(settings: Settings, run: SceneRun) -> None:
-    """Add to the run, for each bearing, an effect that follows its lining from block to block.
+    """Add an effect to the run, for each bearing, that follows its lining from block to block.
 
     Every block gets its sticks and events as truth; its amplitude and motion on request; and where the
-    scene sends a level, the lining's vibration in that.
+    scene sends a level, that level is raised by the lining's vibration. Bearings are claimed.
 
     Raises:
         SceneError: A setting is missing or breaks its rule, or a level is sent in a unit or at a rate that
@@ -225,11 +230,11 @@ def lining_motion(settings: Settings, run: SceneRun) -> None:
         # Windows of a higher rate would overlap.
         max_rate = 1.0 / (PERIODS * followed.period)
         if rate := _read_rate(settings, 'amplitude', max_rate):
-            followed.ask(rate, followed.record_amplitude, followed.period)
+            followed.request_motion(rate, followed.record_amplitude, followed.period)
         if rate := _read_rate(settings, 'motion', _HIGHEST_MOTION_RATE):
-            followed.ask(rate, followed.record_motion)
+            followed.request_motion(rate, followed.record_motion)
         if channel := _level_channel(run, config, max_rate):
-            followed.ask(channel.rate, partial(followed.send_level, channel), followed.period)
+            followed.request_motion(channel.rate, partial(followed.send_level, channel), followed.period)
         run.effects.append(followed.apply)
 
 
@@ -311,32 +316,33 @@ class FollowedLining:
         self._events: list[tuple[float, str]] = []
         self._add_event(0.0, 'start', 0.0)
 
-    def ask(self, rate: float, take: Take, period: float = 0.0) -> None:
-        """Request the motion at a rate in every block, before the first is followed.
+    def request_motion(self, rate: float, take: Take, period: float = 0.0) -> None:
+        """Request the motion at a rate in every block; call it before the first block.
 
         Args:
             rate: Rate of the instants [Hz].
-            take: Gets what is due in each block.
+            take: Called in each block with the block, the instants [s], shape (m,), and the motion at each,
+                shape (4, m, samples), as :meth:`.Samples.pop_due` returns them.
             period: Natural period [s], for a window of :data:`.lining.PERIODS` of them up to each instant; 0
                 for one sample at it.
         """
         self._asked.append((Samples(rate, self._run.duration, period), take))
 
     def record_amplitude(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-        """Append the amplitude at times [s] to the truth of a block."""
+        """Append the amplitude of the motion in windows that end at times [s] to the truth of a block."""
         block.truth.append(self._make_column('amplitude', FLOAT64, time, self._vibration_amplitude(motion)))
 
     def record_motion(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-        """Append displacement, velocity, acceleration and sticking to the truth of a block."""
+        """Append displacement, velocity, acceleration and sticking at times [s] to the truth of a block."""
         for name, values in zip(_MOTION, motion[:3, :, 0], strict=True):
             block.truth.append(self._make_column(name, FLOAT64, time, values))
         block.truth.append(self._make_column('sticking', BOOL, time, motion[3, :, 0].astype(np.bool_)))
 
     def send_level(self, channel: Channel, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-        """Add the RMS vibration of the lining to the level sent, as a root of the sum of squares.
+        """Add the lining's vibration to the values of a level, as a root of the sum of squares.
 
         Args:
-            channel: The level's channel, whose signal changes in place.
+            channel: The level's channel, whose signal in the block changes in place.
             block: The block.
             time: Instants of the windows, shape (n,) [s].
             motion: The motion in each window, shape (4, n, samples).
@@ -351,7 +357,10 @@ class FollowedLining:
         signal.value[:] = np.hypot(signal.value, values)
 
     def _vibration_amplitude(self, motion: FloatArray) -> FloatArray:
-        """Return the amplitude in each window [m], rounded as processors agree."""
+        """Return the amplitude in each window [m], shape (m,), rounded so that processors agree.
+
+        ``motion`` has the shape (4, m, samples).
+        """
         step = self.period / PER_PERIOD
         return np.round(half_peak_to_peak(motion[0], motion[1], step), _PLACES)
 
@@ -375,7 +384,7 @@ class FollowedLining:
         block.truth.append(self._make_column('stick', FLOAT64, *_take_due(self._sticks, due)))
         block.truth.append(self._make_column('events', STRING, *_take_due(self._events, due)))
         for samples, take in self._asked:
-            take(block, *samples.due(due))
+            take(block, *samples.pop_due(due))
 
     def _follow_until(self, end: float) -> None:
         """Follow the lining to ``end`` [s]; store samples, sticks and events until they are due.
@@ -385,21 +394,21 @@ class FollowedLining:
         Raises:
             SceneError: The integrator gave up.
         """
-        requested = [samples.until(end) for samples, _ in self._asked]
+        requested = [samples.next_times(end) for samples, _ in self._asked]
         times = np.unique(np.concatenate([np.empty(0), *requested]))
         motion, changes = self.lining.follow(end, times)
         for (samples, _), instants in zip(self._asked, requested, strict=True):
             samples.add(motion[:, np.searchsorted(times, instants)])
-        ended, events = self._episodes.see(changes, end)
+        ended, events = self._episodes.take_changes(changes, end)
         self._sticks += [(round(time, INSTANTS), round(duration, INSTANTS)) for time, duration in ended]
         for event in events:
             self._add_event(*event)
 
     def _add_event(self, known_at: float, name: str, time: float, more: Mapping[str, float] = {}) -> None:
-        """Store an event until the block in which it is due; times are rounded as processors agree.
+        """Store an event until the block in which it is due; times are rounded so that processors agree.
 
         Args:
-            known_at: When it can be known [s].
+            known_at: When it can be known [s]; from then on it is due.
             name: Its name.
             time: When it happens [s].
             more: More numbers of its record.
@@ -415,14 +424,14 @@ class FollowedLining:
 
 
 def _take_due(pending: list[tuple[float, Any]], end: float) -> tuple[FloatArray, NDArray[Any]]:
-    """Remove from ``pending`` what is before ``end`` [s].
+    """Remove the items before ``end`` [s] from ``pending``, and return them.
 
     Args:
-        pending: Times [s], which do not fall, with values; it is changed in place.
+        pending: Times [s], which do not fall, with values; changed in place.
         end: The time [s].
 
     Returns:
-        The removed times and values, shape (n,) each.
+        The removed times and values, shape (n,) each; n may be 0.
     """
     count = bisect.bisect_left(pending, end, key=lambda item: item[0])
     taken, pending[:count] = pending[:count], []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scene: what happens to one ship's shaft, and what its sensors send; its file, and its run.
+"""Reads and runs a scene: events on one ship's shaft, and the messages of its sensors.
 
 It runs block by block: memory does not grow with its duration.
 """
@@ -18,7 +18,7 @@ import numpy as np
 
 # The last two are imported for the effects that they declare.
 from stickslip_lab.scenes import lining_effects, sensor_effects, telemetry  # noqa: F401
-from stickslip_lab.scenes.settings import Settings, drawn, read_parameter_error, suggestion
+from stickslip_lab.scenes.settings import Settings, draw_numbers, read_parameter_error, suggestion
 from stickslip_lab.scenes.shaft_effects import DECLARED, Effect, SceneRun
 from stickslip_lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
 from stickslip_lab.scenes.truth import BOOL, FLOAT64, STRING
@@ -43,6 +43,7 @@ KEYS = (
 SENSORS_SCHEMA = 'stickslip_monitor/sensors/1'
 SENSORS_KEYS = ('sensors', 'description', 'telemetry', 'effects', 'parameter_error')
 _EPOCHS = (10**18, 4 * 10**18)  # 2001 to 2096: no time of a recording in a smaller unit is nanoseconds
+# Last time stamp that a recording can have [ns since 1970].
 _LATEST_NS = (1 << 63) - 1
 _EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
 STAGES: Mapping[str, tuple[str, ...]] = {
@@ -76,8 +77,10 @@ class Scene:
     def build(self) -> SceneRun:
         """Build one run of the scene: a fresh shaft with every effect added, in the order in which they act.
 
+        Tables that the effects name are read.
+
         Raises:
-            SceneError: A setting of an effect breaks a rule.
+            SceneError: A setting of an effect breaks a rule, or a table cannot be read.
         """
         shaft = Shaft(self.channels)
         run = SceneRun(self.duration, self.seed, self.channels, self.folder, self.start_ns, shaft)
@@ -107,7 +110,7 @@ def load_scene(path: str | Path, seed: int | None = None, sensors: str | Path | 
 
 
 def _read_document(path: str | Path, kind: str, meaning: str, schema: str) -> Any:
-    """Return the mapping in a YAML file, which is of the kind and schema wanted.
+    """Read a YAML file of the kind and schema wanted; return its mapping.
 
     Args:
         path: The file.
@@ -116,7 +119,7 @@ def _read_document(path: str | Path, kind: str, meaning: str, schema: str) -> An
         schema: The version that is read.
 
     Raises:
-        SceneError: The file cannot be read, or is of another kind or schema.
+        SceneError: The file cannot be read, or is of another kind or schema; the text names it.
     """
     try:
         document = load_yaml(path)
@@ -130,7 +133,13 @@ def _read_document(path: str | Path, kind: str, meaning: str, schema: str) -> An
 
 
 def _build_scene(path: Path, document: Any, seed: int | None, sensors: str | Path | None) -> Scene:
-    """Return the scene of a parsed file, as :func:`load_scene`, after building it once as a check.
+    """Return the scene of a parsed file; its effects are built once, as a check.
+
+    Args:
+        path: The file, from whose folder other paths count.
+        document: Its content.
+        seed: Seed in place of the file's; ``None`` for that one.
+        sensors: File of sensors in place of the one that the scene names; ``None`` for that one.
 
     Raises:
         SceneError: It breaks a rule; the text does not name the file.
@@ -139,12 +148,12 @@ def _build_scene(path: Path, document: Any, seed: int | None, sensors: str | Pat
     if seed is None:
         meaning = 'a whole number, from which all random numbers follow'
         seed = Settings('', document, document).whole('seed', meaning, 0)
-    settings = Settings('', drawn(document, seed), KEYS)
+    settings = Settings('', draw_numbers(document, seed), KEYS)
     given = _read_sensors(path.parent, settings, seed, sensors)
     description = settings.text('description', 'what the scene shows')
     duration = settings.number('duration', 's', above=0.0, maximum=_LATEST_NS * 1e-9)
-    start_ns = _start_ns(settings, duration)
-    config_path = _config_path(path.parent, settings, seed)
+    start_ns = _read_start_ns(settings, duration)
+    config_path = _choose_config_path(path.parent, settings, seed)
     config = load_config(config_path)
     telemetry, errors = (
         settings if given is None or key in settings else given for key in ('telemetry', 'parameter_error')
@@ -155,7 +164,7 @@ def _build_scene(path: Path, document: Any, seed: int | None, sensors: str | Pat
     for channel in channels:
         if start_ns + round(duration * 1e9) >= channel.stamps_end_ns:
             rule = f'in 2038 the time stamps in the headers of topic {channel.topic} end'
-            raise settings.broken('start', f'before that, with the whole scene: {rule}')
+            raise settings.value_error('start', f'before that, with the whole scene: {rule}')
     effects, wrong = _join_effects(settings, given), read_parameter_error(errors)
     place = path.parent, config_path, config
     scene = Scene(description, duration, start_ns, seed, *place, channels, effects, wrong)
@@ -164,8 +173,10 @@ def _build_scene(path: Path, document: Any, seed: int | None, sensors: str | Pat
     return scene
 
 
-def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
-    """Return the path of the configuration, which need not exist; of a folder of files the seed picks one.
+def _choose_config_path(folder: Path, settings: Settings, seed: int) -> Path:
+    """Return the path of the configuration, which need not exist.
+
+    Of a folder of files the seed chooses one.
 
     Raises:
         SceneError: The key is missing, or the folder has no ``.yaml`` file.
@@ -175,12 +186,12 @@ def _config_path(folder: Path, settings: Settings, seed: int) -> Path:
         return path
     candidates = sorted(path.glob('*.yaml'))
     if not candidates:
-        raise settings.broken('config', 'a folder with a .yaml file')
+        raise settings.value_error('config', 'a folder with a .yaml file')
     return candidates[seed % len(candidates)]
 
 
 def _read_sensors(folder: Path, settings: Settings, seed: int, path: str | Path | None) -> Settings | None:
-    """Return the content of a file of sensors, with its numbers drawn; ``None`` without one.
+    """Read a file of sensors; return its content with numbers drawn, or ``None`` where no file is named.
 
     Args:
         folder: Folder of the scene file, from which the path that the scene names counts.
@@ -197,7 +208,7 @@ def _read_sensors(folder: Path, settings: Settings, seed: int, path: str | Path 
         path = folder / settings.text('sensors', 'the path of a file of sensors')
     document = _read_document(path, 'sensors', 'file of sensors', SENSORS_SCHEMA)
     try:
-        return Settings('', drawn(document, seed, 'sensors'), SENSORS_KEYS)
+        return Settings('', draw_numbers(document, seed, 'sensors'), SENSORS_KEYS)
     except SceneError as error:
         raise SceneError(f'{path}: {error}') from error
 
@@ -223,29 +234,28 @@ def _join_effects(settings: Settings, sensors: Settings | None) -> tuple[Setting
     for name in (effect.name for effect in given):
         if name not in SENSOR_EFFECTS:
             raise refused('effect of the sensors', name, f'one of {", ".join(SENSOR_EFFECTS)}', SceneError)
-    return in_order([*own_effects, *(effect for effect in given if effect.name not in named)])
+    return sort_effects([*own_effects, *(effect for effect in given if effect.name not in named)])
 
 
 def read_effects(listed: Any) -> tuple[Settings, ...]:
     """Return the settings of the listed effects, in the order in which they act.
 
-    The list is of mappings ``{name: {settings}}`` or ``{effect: name, settings}``.
+    The list is of mappings ``{name: {settings}}`` or ``{effect: name, settings}``. Values are not checked.
 
     Raises:
-        SceneError: It is no such list, or an effect or one of its keys is unknown; none of their values
-            is looked at.
+        SceneError: It is no such list, or an effect or one of its keys is unknown.
     """
     if not isinstance(listed, list):
         raise refused('effects', listed, 'a list', SceneError)
-    return in_order(_effect_settings(number, entry) for number, entry in enumerate(listed, 1))
+    return sort_effects(_parse_effect(number, entry) for number, entry in enumerate(listed, 1))
 
 
-def in_order(effects: Iterable[Settings]) -> tuple[Settings, ...]:
-    """Return effects in the order in which they act."""
+def sort_effects(effects: Iterable[Settings]) -> tuple[Settings, ...]:
+    """Return effects sorted into the order in which they act."""
     return tuple(sorted(effects, key=lambda settings: list(EFFECTS).index(settings.name)))
 
 
-def _effect_settings(number: int, entry: Any) -> Settings:
+def _parse_effect(number: int, entry: Any) -> Settings:
     """Return the settings of entry ``number`` of the list of effects.
 
     Raises:
@@ -264,12 +274,14 @@ def _effect_settings(number: int, entry: Any) -> Settings:
     return Settings(name, content, EFFECTS[name].keys)
 
 
-def _start_ns(settings: Settings, duration: float) -> int:
-    """Return the ``start`` [ns since 1970] of nanoseconds or an ISO time, which is UTC without a zone.
+def _read_start_ns(settings: Settings, duration: float) -> int:
+    """Return the ``start`` [ns since 1970], which is given in nanoseconds or as an ISO time.
+
+    The time is UTC where it has no zone. ``duration`` [s] is the scene's.
 
     Raises:
         SceneError: It is missing or neither, looks like another unit, or the scene does not lie between
-            1970 and 2262; ``duration`` [s] is the scene's.
+            1970 and 2262.
     """
     meaning = 'an ISO time such as 2026-05-04T06:00:00Z, or whole nanoseconds since 1970'
     value = settings.value('start', meaning)
@@ -278,20 +290,21 @@ def _start_ns(settings: Settings, duration: float) -> int:
             dt.date.fromisoformat(value[:10]), dt.time.fromisoformat(value[11:16])
             time = dt.datetime.fromisoformat(value.replace('Z', '+00:00'))
         except ValueError:
-            raise settings.broken('start', meaning) from None
+            raise settings.value_error('start', meaning) from None
         zoned = time if time.tzinfo else time.replace(tzinfo=dt.timezone.utc)
         value = (zoned - _EPOCH) // dt.timedelta(microseconds=1) * 1000
     if isinstance(value, bool) or not isinstance(value, int):
-        raise settings.broken('start', meaning)
+        raise settings.value_error('start', meaning)
     for unit, factor in (('seconds', 10**9), ('milliseconds', 10**6), ('microseconds', 1000)):
         if _EPOCHS[0] <= value * factor < _EPOCHS[1]:
-            raise settings.broken('start', f'{value * factor}: nanoseconds since 1970, not {unit}')
+            raise settings.value_error('start', f'{value * factor}: nanoseconds since 1970, not {unit}')
     if not 0 <= value <= _LATEST_NS - round(duration * 1e9):
-        raise settings.broken('start', 'between 1970 and 2262, with the whole scene')
+        raise settings.value_error('start', 'between 1970 and 2262, with the whole scene')
     return value
 
 
 BLOCK_LENGTH = 60.0
+"""Length of a block [s]: memory is that of its samples."""
 
 
 def simulate(
@@ -300,12 +313,12 @@ def simulate(
     """Yield the blocks of a scene in order of time, to its end or where its recording is cut.
 
     Speeds and loads start at zero (a shaft at rest, no load), and each effect adds its own. The
-    outcome does not depend on the length of the blocks.
+    values do not depend on the length of the blocks.
 
     Args:
         scene: The scene.
         block_length: Length of a block > 0 [s].
-        run: A fresh run of it, which changes; by default one is built.
+        run: A fresh run of it, whose effects and memories advance; by default one is built.
 
     Raises:
         SceneError: A speed or load leaves what the telemetry can carry, or the lining cannot be followed.
@@ -324,14 +337,14 @@ def simulate(
 
 
 def _measure_channel(scene: Scene, run: SceneRun, channel: Channel, start: float, end: float) -> Signal:
-    """Return the measurements of a channel from ``start`` to before ``end`` [s].
+    """Return the signal of a channel from ``start`` to before ``end`` [s], before effects on sensors.
 
     The memory of its sensor advances.
 
     Raises:
         SceneError: A value is larger than the configuration allows.
     """
-    span = telemetry.numbers(channel.rate, start, end, scene.duration)
+    span = telemetry.instant_numbers(channel.rate, start, end, scene.duration)
     numbers = np.array(span, np.int64)
     time = numbers / channel.rate
     stamp_ns = scene.start_ns + np.rint(numbers * (1e9 / channel.rate)).astype(np.int64)
@@ -375,10 +388,12 @@ def write_bag(
 ) -> dict[str, int]:
     """Write a scene's telemetry and truth; the bag appears under its name when it is complete.
 
+    A scene that is cut leaves an unfinished file.
+
     Args:
         scene: The scene.
         path: A rosbag2 folder, or one file if the name ends in ``.mcap``.
-        progress: Gets the seconds simulated so far after each block.
+        progress: Called with the seconds simulated so far after each block.
 
     Returns:
         Number of messages written, by topic.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors, their clocks and the recorder: what becomes of a measurement.
+"""Declares effects of sensors, their clocks and the recorder on a measurement.
 
 The filter ``dy/dt = (x - y) / time_constant`` is solved exactly for an input that is linear
 between the instants of the sensor's grid. The mean is of the shaft itself, evaluated between the
@@ -25,8 +25,8 @@ from stickslip_lab.scenes.shaft_effects import (
     SceneRun,
     channel_effect,
     effect,
+    read_unit,
     require_header,
-    unit_of,
 )
 from stickslip_lab.scenes.telemetry import CHANNELS, MEMORY_CHANNELS, Channel, Memory, Signal, Term, TimeBlock
 from stickslip_monitor.arrays import FloatArray
@@ -47,18 +47,18 @@ def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
         SceneError: The time constant is not from 1 ms to 600 s.
     """
     lag = settings.number('time_constant', 's', minimum=_SHORTEST, maximum=_LONGEST)
-    run.sense(channel, Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag)))
+    run.add_memory(channel, Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag)))
 
 
 def low_pass(time_constant: float, step: float, value: float) -> Term:
     """Return a first-order low-pass filter for successive pieces of a signal.
 
-    It keeps its state from call to call.
+    The returned function keeps its state from call to call.
 
     Args:
         time_constant: Its lag [s].
         step: Time between samples [s].
-        value: What the input was until now: the filter has settled on it.
+        value: Value of the input until now: the filter has settled on it.
     """
     from scipy.signal import lfilter
 
@@ -84,18 +84,19 @@ def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
         SceneError: The window is not from 1 ms to 600 s.
     """
     window = settings.number('window', 's', minimum=_SHORTEST, maximum=_LONGEST)
-    run.sense(channel, Memory(window, window, partial(moving_mean, window)))
+    run.add_memory(channel, Memory(window, window, partial(moving_mean, window)))
 
 
 def moving_mean(window: float, step: float, value: float) -> Term:
     """Return a moving mean for successive pieces of a signal, by trapezia.
 
-    ``y(t) = (1/window) * integral of x from t - window to t``; it keeps its state from call to call.
+    ``y(t) = (1/window) * integral of x from t - window to t``; the returned function keeps its state from
+    call to call.
 
     Args:
         window: Length of the mean [s].
         step: Time between samples [s].
-        value: What the input was until now: the mean has settled on it.
+        value: Value of the input until now: the mean has settled on it.
     """
     steps = window / step
     whole, rest = int(steps), steps - int(steps)
@@ -130,7 +131,7 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
-    unit, _ = unit_of(settings, channel)
+    unit, _ = read_unit(settings, channel)
     bearing = channel.bearings[0].name
     fold = run.shaft.channel(bearing, 'speed').factor('fold')
     floor = settings.number('floor', unit, above=0.0)
@@ -158,7 +159,7 @@ def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
-    unit, factor = unit_of(settings, channel)
+    unit, factor = read_unit(settings, channel)
     drift = settings.number('drift', f'{unit} per hour') / _HOUR if 'drift' in settings else 0.0
     constant, rate = settings.number('bias', unit) * factor, drift * factor
 
@@ -175,7 +176,7 @@ def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
-    unit, factor = unit_of(settings, channel)
+    unit, factor = read_unit(settings, channel)
     deviation = settings.number('standard_deviation', unit, minimum=0.0) * factor
     random = run.random(settings, channel)
 
@@ -192,7 +193,7 @@ def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
-    unit, factor = unit_of(settings, channel)
+    unit, factor = read_unit(settings, channel)
     size = settings.number('size', unit) * factor
     hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
     random = run.random(settings, channel, 'sign')
@@ -212,7 +213,7 @@ def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     Raises:
         SceneError: The step is missing or below 1e-9.
     """
-    unit, factor = unit_of(settings, channel)
+    unit, factor = read_unit(settings, channel)
     step = settings.number('step', unit, minimum=1e-9) * factor
 
     def round_off(signal: Signal) -> None:
@@ -263,13 +264,13 @@ def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return spoil
 
 
-# Jitter beyond this is none any more; a jump is not beyond ten years [s].
+# Largest deviation of a clock's jitter, and largest jump of it: ten years [s].
 _MOST_JITTER, _LONGEST_JUMP = 10.0, 3.2e8
 
 
 @channel_effect('recording', CHANNELS, 'standard_deviation', section='the jitter')
 def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Return the change that scatters the stamps by a normal deviation; none comes to lie before 1970.
+    """Return the change that scatters the stamps by a normal deviation; stamps before 1970 become 1970.
 
     Raises:
         SceneError: The deviation is missing, or not from 0 to 10 s.
@@ -329,9 +330,9 @@ def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float
 
 @channel_effect('recording', CHANNELS, 'delay', 'windows', 'share', section='which messages are late')
 def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Return the change that delays the arrival of some messages: they are recorded out of order.
+    """Return the change that delays the arrival of some messages, which are then recorded out of order.
 
-    Stamps stay. It hits those in ``windows``, a random ``share``, or both.
+    Their stamps stay. It hits those in ``windows``, a random ``share``, or both.
 
     Raises:
         SceneError: The messages have no header, or a setting breaks its rule.
@@ -383,12 +384,14 @@ def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('recording', CHANNELS, 'value', 'unit', 'rate', section='what it sends')
 def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add to the run a second sender of a topic: a constant value, half-way between instants of its rate.
+    """Add an effect to the run that merges a second sender's messages into a topic's signal of each block.
+
+    It sends a constant value, half-way between instants of its rate.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
-    unit, factor = unit_of(settings, channel)
+    unit, factor = read_unit(settings, channel)
     value = settings.number('value', unit) * factor
     rate = settings.number('rate', 'Hz', above=0.0, maximum=1000.0)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One mapping of a scene file, read key by key; what it gives over time, and what varies with the seed.
+"""Reads a mapping of a scene file key by key: values, profiles over time, and numbers that vary by seed.
 
-Whatever breaks a rule is a SceneError, here and in all of this room, that names key, value and
+Whatever breaks a rule raises a SceneError, here and in all of this room, that names key, value and
 rule.
 """
 
@@ -24,7 +24,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import ConfigurationError, SceneError, StickslipError, did_you_mean
 from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, refused, shown
 
-# Far beyond every sensor and sea; products of a few such numbers are still finite.
+# Largest size of a number of a scene: far beyond every sensor and sea; products of a few are still finite.
 LARGEST = 1e15
 
 
@@ -50,7 +50,7 @@ class Settings:
         return key in self._content
 
     def label(self, key: str) -> str:
-        """Return the key's full name."""
+        """Return the key's full name, with that of the mapping before it."""
         return f'{self.name}.{key}' if self.name else key
 
     def value(self, key: str, meaning: str) -> Any:
@@ -71,7 +71,7 @@ class Settings:
         """
         value = self.value(key, meaning)
         if not isinstance(value, str) or not value.strip():
-            raise self.broken(key, f'a text: {meaning}')
+            raise self.value_error(key, f'a text: {meaning}')
         return value
 
     def choice(self, key: str, options: Sequence[str]) -> str:
@@ -134,7 +134,7 @@ class Settings:
             raise SceneError(str(error)) from None
 
     def rows(self, key: str, name: str, meaning: str) -> list[tuple[str, Any]]:
-        """Return the entries of a list that is not empty, as pairs of a name for errors and the entry.
+        """Return the entries of a list that is not empty, each as a name for errors and the unchecked entry.
 
         Args:
             key: The key.
@@ -146,7 +146,7 @@ class Settings:
         """
         listed = self.value(key, meaning)
         if not isinstance(listed, list) or not listed:
-            raise self.broken(key, meaning)
+            raise self.value_error(key, meaning)
         return [(f'{self.label(key)}: {name} {k}', row) for k, row in enumerate(listed, 1)]
 
     def section(self, key: str, keys: Iterable[str], meaning: str) -> Settings:
@@ -162,13 +162,13 @@ class Settings:
         """
         return Settings(self.label(key), self.value(key, meaning), keys)
 
-    def broken(self, key: str, rule: str) -> StickslipError:
+    def value_error(self, key: str, rule: str) -> StickslipError:
         """Return, not raise, the SceneError for a key's value that breaks a rule; that follows 'must be'."""
         return refused(self.label(key), self._content[key], rule, SceneError)
 
 
 def suggestion(key: Any, candidates: Sequence[str]) -> str:
-    """Return a hint on an unknown name: the candidate that it may mean, else all of them."""
+    """Return a hint on an unknown name: the candidate that is meant probably, else all of them."""
     return did_you_mean(key, candidates).removeprefix('; ') or f'there are: {", ".join(candidates)}'
 
 
@@ -178,7 +178,10 @@ def is_number(value: Any) -> bool:
 
 
 def too_large(*values: Any) -> str:
-    """Return the clause on :data:`LARGEST` where one of the values is a larger number, else ''."""
+    """Return the clause ', of a size up to ...' where one of the values is a number above :data:`LARGEST`.
+
+    '' where none is.
+    """
     beyond = any(_is_numeric(value) and abs(value) > LARGEST for value in values)
     return f', of a size up to {LARGEST:g}' if beyond else ''
 
@@ -217,7 +220,7 @@ class Profile:
 
 
 def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -> Profile:
-    """Return the profile of an effect: its ``points`` or, in their place, its ``table``.
+    """Read the profile of an effect: its ``points`` or, in their place, its ``table``.
 
     Args:
         settings: Settings of the effect.
@@ -226,7 +229,7 @@ def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -
         folder: Folder of the scene file, from which the table's path counts.
 
     Raises:
-        SceneError: Both or neither is given, or a point breaks a rule.
+        SceneError: Both or neither is given, the table cannot be read, or a point breaks a rule.
     """
     if 'table' in settings and 'points' in settings:
         raise SceneError(f'{settings.name} has points and a table: give one of them')
@@ -293,15 +296,18 @@ def _check_pair(name: str, pair: Any, meaning: str) -> None:
 
 
 def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
-    """Raise SceneError for times [s] that are no numbers, do not rise, or lie outside the scene.
+    """Check times of a scene [s].
 
     Args:
         rows: For each time its name, for errors, and its value.
         duration: Duration of the scene [s].
+
+    Raises:
+        SceneError: A time is not a number, lies outside the scene, or does not rise above the one before.
     """
     for name, time in rows:
         if not is_number(time):
-            raise SceneError(f'{name} is at {time!r}, which is no time in s')
+            raise SceneError(f'{name} is at {time!r}: a time must be a number of seconds')
         if not 0.0 <= time <= duration:
             outside = f'outside the scene, which lasts from 0 to {duration:g} s'
             raise SceneError(f'{name} is at {time:g} s, {outside}')
@@ -312,7 +318,7 @@ def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
 
 
 def _table_rows(path: Path) -> list[tuple[str, Any]]:
-    """Return a name for errors and [time, value] of each row of a table headed ``time,value``.
+    """Read a table headed ``time,value``; return a name for errors and [time, value] of each row.
 
     Raises:
         SceneError: The file cannot be read, has other headings, no rows, or a row that is not two numbers.
@@ -334,11 +340,11 @@ def _table_rows(path: Path) -> list[tuple[str, Any]]:
 
 
 Hit = Callable[[FloatArray], BoolArray]
-"""Whether the next samples, at some times [s], are hit."""
+"""Returns whether each of the next samples, at some times [s], is hit; of their shape (n,)."""
 
 
 def read_windows(settings: Settings, duration: float) -> Hit:
-    """Return a function of times [s], whether each lies in one of the ``windows`` [start, end).
+    """Return a function that says which times [s], shape (n,), lie in one of the ``windows`` [start, end).
 
     Raises:
         SceneError: There are none, one does not lie within the scene, or they overlap or are out of order.
@@ -368,9 +374,10 @@ def read_windows(settings: Settings, duration: float) -> Hit:
 
 
 def read_sample_mask(settings: Settings, duration: float, random: np.random.Generator) -> Hit:
-    """Return a function of times [s], whether each sample is hit by ``windows``, ``share`` or both.
+    """Return a function that says which samples, at times [s], are hit by ``windows``, ``share`` or both.
 
-    Random numbers are drawn only for a share, one for each sample at each call.
+    With both, those of the share that lie in a window. For a share, ``random`` advances by one number for
+    each sample at each call.
 
     Raises:
         SceneError: Neither is given, or one breaks its rule.
@@ -392,6 +399,7 @@ def read_sample_mask(settings: Settings, duration: float, random: np.random.Gene
 
 
 BETWEEN = 'between'
+"""Key of the mapping that stands for a number to draw."""
 PARAMETERS = (
     *('mass', 'damping', 'stiffness'),
     *(f'friction.{name}' for name in ('static', 'kinetic', 'decay', 'viscous')),
@@ -406,8 +414,8 @@ def random_stream(seed: int, *names: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
-def drawn(document: Any, seed: int, place: str = '') -> Any:
-    """Return a copy of a parsed scene with a number in place of each ``{between: [low, high]}``.
+def draw_numbers(document: Any, seed: int, place: str = '') -> Any:
+    """Return a copy of a parsed scene with a drawn number in place of each ``{between: [low, high]}``.
 
     Each is drawn evenly from a random stream of its own, named after its place in the file.
 
@@ -422,10 +430,12 @@ def drawn(document: Any, seed: int, place: str = '') -> Any:
     if isinstance(document, Mapping):
         if list(document) == [BETWEEN]:
             return _draw_between(document[BETWEEN], seed, place)
-        return {key: drawn(value, seed, f'{place}.{key}') for key, value in document.items()}
+        return {key: draw_numbers(value, seed, f'{place}.{key}') for key, value in document.items()}
     if isinstance(document, list):
         names = _number_repeated(document)
-        return [drawn(value, seed, f'{place}.{name}') for name, value in zip(names, document, strict=True)]
+        return [
+            draw_numbers(value, seed, f'{place}.{name}') for name, value in zip(names, document, strict=True)
+        ]
     return document
 
 
@@ -459,7 +469,7 @@ def _number_repeated(entries: list[Any]) -> list[str]:
 
 
 def read_parameter_error(settings: Settings) -> dict[str, float]:
-    """Return the ``parameter_error``: by parameter the largest relative error; empty without the section.
+    """Return the largest relative error of each parameter in ``parameter_error``; empty without the section.
 
     Raises:
         SceneError: A parameter is not one of :data:`PARAMETERS`, or an error is not from 0 to 0.9.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Effects on speed and load; also how every effect is declared, and the run of a scene it is built into.
+"""Declares effects on speed and load; also how every effect is declared, and the run it is built into.
 
 An effect is a function with a decorator that says at which stage it acts and which settings it
 takes; its name is the function's. Within a stage effects act in the order of their definition.
@@ -71,12 +71,15 @@ class SceneRun:
     _claimed: set[tuple[str, str]] = field(default_factory=set)
 
     def claim(self, effect: str, place: str = '', part: str = '') -> None:
-        """Note that an effect has a topic, a bearing or a part; raise SceneError if it is listed twice.
+        """Note that an effect acts on a topic, a bearing or a part of one.
 
         Args:
             effect: Name of the effect.
-            place: What it has, as words that end a sentence: ' for topic /x'; '' for the whole scene.
+            place: What it acts on, as words that end a sentence: ' for topic /x'; '' for the whole scene.
             part: The part of it, if the effect may be listed once for each.
+
+        Raises:
+            SceneError: The effect is listed twice for it.
         """
         owner = f"'{effect}' with {part}" if part else f"'{effect}'"
         if (owner, place) in self._claimed:
@@ -84,7 +87,7 @@ class SceneRun:
         self._claimed.add((owner, place))
 
     def pick(self, settings: Settings, quantity: str) -> Iterator[Channel]:
-        """Yield the channels of a quantity that serve an effect's ``bearing``, else all.
+        """Yield the channels of a quantity that serve an effect's ``bearing``, else all of the quantity.
 
         Each is claimed when it is yielded.
 
@@ -111,7 +114,7 @@ class SceneRun:
         return named
 
     def _named_bearings(self, settings: Settings) -> list[BearingConfig]:
-        """Return the ``bearing`` of an effect's settings, else all of the scene; claim nothing.
+        """Return the ``bearing`` of an effect's settings in a list, else all of the scene; claim nothing.
 
         Raises:
             SceneError: The scene has no such bearing.
@@ -128,17 +131,17 @@ class SceneRun:
         """
         return self.courses.get(config.name, FrictionCourse(config.bearing.friction))
 
-    def sense(self, channel: Channel, memory: Memory) -> None:
-        """Give the sensor of a channel a memory, behind those it has already."""
+    def add_memory(self, channel: Channel, memory: Memory) -> None:
+        """Add a memory to the sensor of a channel, behind those it has; the first one creates the sensor."""
         blank = Sensor(self.shaft, channel)
         self.sensors.setdefault(channel.topic, blank).memories.append(memory)
 
     def random(
         self, settings: Settings, channel: Channel | None = None, *purpose: str
     ) -> np.random.Generator:
-        """Return the random stream of an effect, its own whatever else the scene lists.
+        """Return a new random stream of an effect, which depends on the seed and these names alone.
 
-        It depends on the seed and these names alone.
+        It is the same whatever else the scene lists.
 
         Args:
             settings: Settings of the effect; of a section's name what stands before its first point counts.
@@ -151,7 +154,7 @@ class SceneRun:
 
 
 Change = Callable[[Signal], None]
-"""Changes the signal of the next block."""
+"""Changes in place the signal of the next block; blocks come in order, each once."""
 Builder = Callable[[Settings, SceneRun], None]
 ChannelEffect = Callable[[Settings, Channel, SceneRun], Change | None]
 
@@ -191,9 +194,9 @@ def channel_effect(
 ) -> Callable[[ChannelEffect], ChannelEffect]:
     """Return a decorator that declares an effect on each channel of some quantities, as :func:`effect`.
 
-    The channels are those of its ``bearing``, or of all bearings. The decorated function is called once for
-    each. It returns a function that changes the signal of each block in place, or ``None`` if the effect
-    has added itself to the run.
+    The channels are those of its ``bearing``, or of all bearings, and are claimed. The decorated function is
+    called once for each, with settings, channel and run. It returns a function that changes the signal of
+    each block in place, or ``None`` if the effect has added itself to the run.
 
     Args:
         stage: Stage at which it acts.
@@ -233,8 +236,8 @@ def _on_signal(topic: str, change: Change) -> Callable[[TimeBlock], None]:
     return lambda block: change(block.signals[topic])
 
 
-def unit_of(settings: Settings, channel: Channel) -> tuple[str, float]:
-    """Return the ``unit`` of an effect's settings, and what one of it is on a channel in SI units.
+def read_unit(settings: Settings, channel: Channel) -> tuple[str, float]:
+    """Return the ``unit`` of an effect's settings, and the SI value of one of it on a channel.
 
     Raises:
         SceneError: The unit is missing, is not one of the quantity, or has no meaning on this channel.
@@ -269,7 +272,7 @@ _LN2_HIGH, _LN2_LOW = float.fromhex('0x1.62e42feep-1'), float.fromhex('0x1.a39ef
 def exp(x: FloatArray) -> FloatArray:
     """Compute ``e^x`` of numbers up to 700, of any shape, with the same bits on every machine.
 
-    Below -700 it is that of -700.
+    Below -700 the result is ``e^-700``.
     """
     x = np.maximum(x, -700.0)
     twos = np.rint(x * (1.0 / math.log(2.0)))
@@ -295,7 +298,7 @@ def _evaluate_polynomial(coefficients: list[float], x: FloatArray) -> FloatArray
 
 
 def _add_course(channel: Channel, run: SceneRun, course: Profile | Response, factor: float) -> None:
-    """Add a course to the shaft on a channel, and of a speed its integral, which turns the shaft.
+    """Add a course to the shaft of the run, on a channel; of a speed add its integral, which turns the shaft.
 
     Args:
         channel: The channel.
@@ -317,7 +320,7 @@ def _add_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
-    unit, factor = unit_of(settings, channel)
+    unit, factor = read_unit(settings, channel)
     _add_course(channel, run, read_profile(settings, unit, run.duration, run.folder), factor)
 
 
@@ -327,7 +330,7 @@ def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
-    unit, factor = unit_of(settings, channel)
+    unit, factor = read_unit(settings, channel)
     _add_course(channel, run, read_steps(settings, unit, run.duration), factor)
 
 
@@ -352,16 +355,17 @@ def speed_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 
 STEPS = ('dead slow', 'slow', 'half', 'full')
+"""Steps of the engine telegraph, ahead or astern, by rising speed."""
 
 
 @channel_effect('shaft', ['speed'], 'unit', 'ahead', 'astern', 'orders', 'time_constant')
 def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add the response to telegraph orders to the shaft's speed.
+    """Add the response to telegraph orders to the shaft's speed in ``run.shaft``, and turn the shaft by it.
 
     Raises:
         SceneError: A setting is missing or breaks its rule, or an order has no speed.
     """
-    unit, factor = unit_of(settings, channel)
+    unit, factor = read_unit(settings, channel)
     time_constant = settings.number('time_constant', 's', above=0.0)
     times, targets = _read_orders(settings, _telegraph_speeds(settings, unit), run.duration)
     _add_course(channel, run, Response.to(times, targets * factor, time_constant), 1.0)
@@ -425,7 +429,7 @@ class Response:
 
     @classmethod
     def to(cls, times: FloatArray, targets: FloatArray, time_constant: float) -> Response:
-        """Compute the response to targets, which begins settled on the first of them.
+        """Make the response to targets, which begins settled on the first of them.
 
         Args:
             times: When each target is set, rising, shape (n,) [s].
@@ -440,11 +444,11 @@ class Response:
         return response
 
     def at(self, time: FloatArray) -> FloatArray:
-        """Return the values at some times [s], shape (n,)."""
+        """Return the values at times [s], of their shape (n,); the first target before it is set."""
         return self._evaluate_piece(time, self._last_change(time))[0]
 
     def integral(self, time: FloatArray) -> FloatArray:
-        """Return the integral from 0 to some times [s], shape (n,)."""
+        """Return the integral of the values from 0 to times [s], of their shape (n,)."""
         return self._evaluate_piece(time, self._last_change(time))[1]
 
     def _last_change(self, time: FloatArray) -> Any:
@@ -452,7 +456,7 @@ class Response:
         return np.maximum(np.searchsorted(self.times, time, side='right') - 1, 0)
 
     def _evaluate_piece(self, time: FloatArray, k: Any) -> tuple[FloatArray, FloatArray]:
-        """Return value and integral from 0 at times [s], each of their shape.
+        """Return value and integral from 0 at times [s], each of their shape, after the k-th target was set.
 
         Args:
             time: Times [s].
@@ -486,6 +490,7 @@ def load_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 
 COMPONENTS = 200
+"""Cosines of a sea."""
 # Period of the shortest waves at sea that are not ripples [s].
 _SHORTEST = 0.1
 # The sea ends at five times the peak frequency, beyond which lies 0.2 % of the variance.
@@ -494,12 +499,12 @@ _RANGE = np.linspace(0.25, 5.0, 20_000)
 
 @channel_effect('shaft', ['load'], 'unit', 'significant_height', 'peak_period', 'gamma', 'load_per_metre')
 def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add the load of a sea to the shaft, the same waves for all bearings.
+    """Add the load of a sea to ``run.shaft`` on a channel; all bearings have the same waves.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
-    unit, factor = unit_of(settings, channel)
+    unit, factor = read_unit(settings, channel)
     per_metre = settings.number('load_per_metre', f'{unit}/m') * factor
     sea = Sea.of(
         settings.number('significant_height', 'm', minimum=0.0),
@@ -520,7 +525,7 @@ class Sea:
 
     @classmethod
     def of(cls, height: float, period: float, gamma: float, random: np.random.Generator) -> Sea:
-        """Draw a sea by the JONSWAP spectrum from a random stream, which advances.
+        """Draw a sea of :data:`COMPONENTS` cosines by the JONSWAP spectrum; the random stream advances.
 
         Args:
             height: Significant height [m].
@@ -557,7 +562,7 @@ def _energy_below(gamma: float) -> FloatArray:
 
 @channel_effect('turning', ['speed'], 'blades', 'amplitude')
 def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add ripple to the shaft's speed at the rate of the blades, with an amplitude that is a share of it.
+    """Add ripple at the rate of the blades to the shaft's speed, with an amplitude that is a share of it.
 
     It follows from the turning of the shaft, and does not turn it.
 
@@ -582,7 +587,7 @@ def misalignment(settings: Settings, channel: Channel, run: SceneRun) -> None:
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
-    unit, factor = unit_of(settings, channel)
+    unit, factor = read_unit(settings, channel)
     amplitude = settings.number('amplitude', unit, minimum=0.0) * factor
     shaft, bearing = run.shaft, channel.bearings[0].name
     shaft.add_ripple(channel.topic, lambda time: amplitude * cos_turns(shaft.turns(bearing, time)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The true operating point over time, and the channels of telemetry that sample it.
+"""Evaluates the true operating point over time, and the channels of telemetry that sample it.
 
 The shaft is not sampled. Telemetry, a sensor that averages between its samples, the lining's
 integrator and the recorded truth each evaluate it at their own instants and get identical values
@@ -37,28 +37,30 @@ from stickslip_monitor.physics.friction import speed_scales
 from stickslip_monitor.physics.lubrication import as_measured
 
 
-def count(rate: float, duration: float) -> int:
+def instant_count(rate: float, duration: float) -> int:
     """Return the number of instants ``k / rate`` from 0 to ``duration`` [s], with both ends; rate in Hz."""
     return math.floor(duration * rate * (1.0 + 1e-12)) + 1
 
 
-def numbers(rate: float, start: float, end: float, duration: float) -> range:
-    """Return the ``k`` of the instants ``k / rate`` from ``start`` to before ``end`` [s].
+def instant_numbers(rate: float, start: float, end: float, duration: float) -> range:
+    """Return the numbers ``k`` of the instants ``k / rate`` from ``start`` to before ``end`` [s]; rate in Hz.
 
     Stretches that join cover every instant of the scene once; the last one, which ends at
-    ``duration``, has the instant at its end too.
+    ``duration`` [s], has the instant at its end too.
     """
-    whole = count(rate, duration)
+    whole = instant_count(rate, duration)
     stop = whole if end == duration else min(whole, math.ceil(end * rate))
     return range(min(stop, math.ceil(start * rate)), stop)
 
 
-# The reference bearing's 1 kN: 200 N is the least load at which its sliding can be unstable.
+# Nominal load over the least load at which sliding can be unstable: 1 kN over 200 N on the reference bearing.
 _NOMINAL = 5.0
 
 
 def nominal_load(config: BearingConfig) -> float:
-    """Return the largest load that is assumed, or five times the least that any speed is unstable at [N].
+    """Return the nominal load of a bearing [N]: the largest that is assumed in its configuration.
+
+    Without an assumed load it is five times the least load at which any speed is unstable.
 
     Raises:
         SceneError: Sliding is unstable at no load.
@@ -91,7 +93,10 @@ class Channel:
 
     @property
     def input(self) -> InputConfig:
-        """Topic, scale and offset; a load that the monitor assumes has a topic that it does not read."""
+        """Configuration of the topic; of a load that the monitor only assumes, one with a topic of its own.
+
+        That topic, ``/bearing/NAME/load``, has the true load, and the monitor does not read it.
+        """
         bearing = self.bearings[0]
         source = bearing.inputs[self.quantity]
         if not source.is_assumed:
@@ -123,7 +128,7 @@ class Channel:
         return STAMP_END if self.is_stamped else 1 << 63
 
     def factor(self, unit: str) -> float:
-        """Return the SI value of one of a unit on this channel: m/s, N, C; of a level in its own unit.
+        """Return the SI value of one of a unit on this channel: m/s, N, C; of a level 1, in its own unit.
 
         ``nominal`` is a load, :func:`nominal_load`, and ``fold`` the averaged fold speed at that load.
 
@@ -176,7 +181,10 @@ class Signal:
     arrival_ns: IntArray | None = None
 
     def messages(self) -> Messages:
-        """Return the messages to record: raw numbers that the monitor scales to these values, with copies."""
+        """Return the messages to record, each as often as ``copies`` says.
+
+        Their numbers are raw: the monitor scales them to these values.
+        """
         source = self.channel.input
         raw = np.repeat((self.value / source.factor - source.offset) / source.scale, self.copies)
         stamp = np.repeat(self.stamp_ns, self.copies)
@@ -197,6 +205,7 @@ CHANNELS = INPUTS
 """The inputs that a scene may record: speed and load, and those beside that ``telemetry`` has a rate for."""
 MEMORY_CHANNELS = tuple(name for name in CHANNELS if name != INPUTS[LEVEL])
 """Those whose sensors may have a memory: a value of a level covers four natural periods already."""
+# Rates of telemetry that a scene may have [Hz]: a sample in twelve days, and beyond any ship's sensor.
 _LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0
 
 
@@ -258,7 +267,7 @@ def _check_input(name: str, settings: InputConfig) -> None:
 
 
 def _share_channel(existing: Channel, added: Channel) -> Channel:
-    """Return one channel for the bearings of two on one topic.
+    """Return one channel for the bearings of two on one topic: ``existing`` with the bearing of ``added``.
 
     Raises:
         SceneError: They differ in quantity, type, field, rate, unit, scale or offset.
@@ -277,7 +286,10 @@ def _share_channel(existing: Channel, added: Channel) -> Channel:
 
 
 def _channel_meaning(channel: Channel, bearing: BearingConfig) -> tuple[float, float, float]:
-    """Return scale, offset and unit of a channel's numbers, of speeds by the turning of the shaft."""
+    """Return scale, offset and factor of a channel's numbers: three numbers that must agree on one topic.
+
+    The factor is the SI value of one unit; of speeds it is the turning of the shaft [Hz].
+    """
     turning = bearing.bearing.speed.factor('Hz') if channel.quantity == 'speed' else 1.0
     return channel.input.scale, channel.input.offset, channel.input.factor / turning
 
@@ -305,7 +317,7 @@ class Shaft:
                 self.set_water(channel.topic, partial(np.full_like, fill_value=lubrication.water_temperature))
 
     def set_water(self, topic: str, course: Term) -> None:
-        """Replace the temperature of the water on a channel [C]."""
+        """Replace the temperature of the water on a channel: ``course`` gives it at times [s], in C."""
         self._means[topic] = [course]
 
     def add(self, topic: str, term: Term, way: Term | None = None) -> None:
@@ -358,7 +370,7 @@ class Shaft:
         return self.value(self.channel(bearing, 'load').topic, time)
 
     def channel(self, bearing: str, quantity: str) -> Channel:
-        """Return the channel of a quantity of a bearing.
+        """Return the channel of a quantity that serves a bearing.
 
         Raises:
             KeyError: The scene has none.
@@ -394,11 +406,12 @@ class TimeBlock:
 
         Those of all blocks together are ``k / rate`` from 0 to the scene's end, each once.
         """
-        return np.array(numbers(rate, self.start, self.end, self.duration)) / rate
+        return np.array(instant_numbers(rate, self.start, self.end, self.duration)) / rate
 
 
 # The ripple of a propeller's blades reaches some 30 Hz.
 _LEAST_RATE = 100.0
+# Steps of a sensor's grid in the shortest time that its memories resolve.
 _STEPS_IN_SCALE = 20.0
 
 
@@ -445,6 +458,8 @@ class Sensor:
 
     def _settle_filter(self, first: int, rate: float) -> None:
         """Start every memory so early that the initial state is negligible at the first sample.
+
+        Sets the chain of memories and the number of the next step.
 
         Args:
             first: Number of that sample on the finer grid.

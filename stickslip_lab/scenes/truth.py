@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The truth of a scene: what no sensor of a ship measures, on topics that no monitor reads.
+"""Reads and names the truth of a scene: numbers no sensor measures, on topics that no monitor reads.
 
 Its clock is the recorder's, as is the monitor's.
 """
@@ -59,7 +59,8 @@ def read_truth(bag: Recording, bearing: str) -> TruthRecord:
     """Read the truth about a bearing whose lining was followed.
 
     Raises:
-        BagError: The recording holds none, or an event is not of the schema that this version knows.
+        BagError: The recording holds none, cannot be read, or an event is not of the schema that this version
+            knows.
     """
     name = topic(bearing, 'events')
     if not has_truth(bag, bearing):
@@ -72,17 +73,17 @@ def read_truth(bag: Recording, bearing: str) -> TruthRecord:
             + (f'it is about {names}' if names else have)
         )
     if bag.topics[name].type != STRING:
-        raise BagError(f"topic '{name}' of bag '{bag.path}' is no {STRING}")
+        raise BagError(f"topic '{name}' of bag '{bag.path}' is of type {bag.topics[name].type}, not {STRING}")
     return known_truth(bag, bearing)
 
 
 def known_truth(bag: Recording, bearing: str) -> TruthRecord:
-    """Read what a recording holds of the truth about a bearing, as far as there is any.
+    """Read as much of the truth about a bearing as a recording holds.
 
     Without a lining that was followed it has no episodes; numbers that were not recorded are empty.
 
     Raises:
-        BagError: An event is not of the schema that this version knows.
+        BagError: The recording cannot be read, or an event is not of the schema that this version knows.
     """
     name = topic(bearing, 'events')
     messages = bag.messages([name]) if has_truth(bag, bearing) else ()
@@ -116,13 +117,13 @@ def _decode_event(bag: Recording, data: bytes, topic: str) -> tuple[str, int]:
             return str(record['event']), int(record['time'])
     except (struct.error, ValueError, LookupError, TypeError, OverflowError, RecursionError):
         pass
-    raise BagError(f"topic '{topic}' of bag '{bag.path}' holds an event that is no {EVENT_SCHEMA}")
+    raise BagError(f"topic '{topic}' of bag '{bag.path}' holds an event that is not of schema {EVENT_SCHEMA}")
 
 
 def _find_episodes(events: Iterable[tuple[str, int]], end: int) -> Iterable[tuple[int, int]]:
-    """Yield first and last stick of each episode [ns], of events by name and time in their order.
+    """Yield the times [ns] of first and last stick of each episode, by events in order of time.
 
-    One that is going on at the end ends there.
+    ``events`` are names and times [ns]. An episode that goes on ends at ``end`` [ns].
     """
     first: int | None = None
     for name, time in events:
@@ -152,17 +153,17 @@ class Column:
     values: Sequence[Any] | FloatArray
 
     def stamps(self, start_ns: int) -> IntArray:
-        """Log times [ns] in a scene that starts at ``start_ns``."""
+        """Return the log times [ns], shape (n,), in a scene that starts at ``start_ns``."""
         return start_ns + np.rint(self.time * 1e9).astype(np.int64)
 
 
 def topic(bearing: str, name: str) -> str:
-    """Return the truth topic ``name`` of a bearing."""
+    """Return the name of the truth topic ``name`` of a bearing."""
     return f'{ROOT}/{bearing}/{name}'
 
 
 def event_text(bearing: str, event: str, time_ns: int, **more: float) -> str:
-    """Return an event of the lining as JSON; docs/interfaces.md has the schema.
+    """Return an event of the lining as a JSON text; docs/interfaces.md has the schema.
 
     Args:
         bearing: Name of the bearing.

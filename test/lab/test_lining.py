@@ -25,9 +25,9 @@ from stickslip_lab.scenes.lining import (
     EpisodeEvent,
     Episodes,
     Samples,
+    drifting_parameters,
     half_peak_to_peak,
-    parameters_of,
-    with_parameters,
+    replace_parameters,
 )
 from stickslip_lab.scenes.scene import Scene, simulate
 from stickslip_monitor.physics import integrator
@@ -202,7 +202,7 @@ def episodes_of(*sticks: tuple[float, float], until: float = 100.0) -> list[Epis
         events += episodes.stick(start)
         if math.isfinite(end):
             episodes.release(end)
-    return events + episodes.passed(until)
+    return events + episodes.advance(until)
 
 
 def last_stick_event(known: float, time: float, sticks: int, sticking: float) -> EpisodeEvent:
@@ -249,12 +249,12 @@ PERIOD = 0.03
 def test_windows_give_the_amplitude_of_a_motion_that_grows() -> None:
     """``x = e t + A exp(t/5) sin(omega t)``: half the peak to peak over the last four periods."""
     omega, windows = 2.0 * np.pi / PERIOD, Samples(2.0, 10.0, PERIOD)
-    t = windows.until(10.0)
+    t = windows.next_times(10.0)
     grown = 1e-3 * np.exp(t / 5.0)
     x = 1e-6 * t + grown * np.sin(omega * t)
     v = 1e-6 + grown * (np.sin(omega * t) / 5.0 + omega * np.cos(omega * t))
     windows.add(np.stack([x, v, x, v]))
-    time, motion = windows.due()
+    time, motion = windows.pop_due()
     amplitude = half_peak_to_peak(motion[0], motion[1], PERIOD / PER_PERIOD)
     assert np.array_equal(time, np.arange(1, 21) / 2.0)
     # The last maximum and minimum lie within the last period.
@@ -294,14 +294,14 @@ def drift_effect(parameter: str, points: list[list[float]], **more: Any) -> dict
     'law', [Stribeck(0.3, 0.1, 10.0, 0.02), Coulomb(0.3, 0.1), Tabulated([0.0, 0.1, 0.3], [0.3, 0.2, 0.1])]
 )
 def test_the_factor_multiplies_the_whole_coefficient(law: Any) -> None:
-    scaled = with_parameters(law, {'factor': 1.3})
+    scaled = replace_parameters(law, {'factor': 1.3})
     assert type(scaled) is type(law)
     assert scaled.static == pytest.approx(1.3 * law.static)
     assert scaled.coefficient(SPEEDS) == pytest.approx(1.3 * law.coefficient(SPEEDS))
     assert scaled.slope(SPEEDS) == pytest.approx(1.3 * law.slope(SPEEDS))
     own = ['static', 'kinetic', 'decay', 'viscous'] if isinstance(law, Stribeck) else []
     own = ['static', 'kinetic'] if isinstance(law, Coulomb) else own
-    assert parameters_of(law) == (*own, 'factor')
+    assert drifting_parameters(law) == (*own, 'factor')
 
 
 def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None:

@@ -77,7 +77,7 @@ speed_steps: {unit: rpm, rise: 4, steps: [[0, 1], [10, 2], [13, 3]]}
 manoeuvre: {unit: rpm, time_constant: 8, ahead: {half: 60}, orders: [[0, full speed]]}
   => order 1 is 'full speed', which has no speed in this scene
 manoeuvre: {unit: rpm, time_constant: 8, ahead: {half: 60}, orders: [[now, stop]]}
-  => order 1 is at 'now', which is no time in s
+  => order 1 is at 'now': a time must be a number of seconds
 manoeuvre: {unit: rpm, time_constant: 8, ahead: {half: 60}, orders: [stop]}
   => order 1 = 'stop' must be a pair, [time in s, 'slow ahead']
 manoeuvre: {unit: rpm, time_constant: 8, ahead: {slow: 40, half: 40}, orders: []}

@@ -21,7 +21,7 @@ from own_law import OwnLaw
 
 from benchmarks.voyages import with_parameter_errors
 from stickslip_lab.scenes.scene import Scene
-from stickslip_lab.scenes.settings import drawn
+from stickslip_lab.scenes.settings import draw_numbers
 from stickslip_lab.scenes.shaft_effects import cos_turns, exp
 from stickslip_lab.scenes.telemetry import Channel, Messages, nominal_load
 from stickslip_monitor.errors import SceneError
@@ -104,17 +104,17 @@ def test_noise_is_white_and_depends_on_its_seed_alone(make_scene: MakeScene, mes
 def test_numbers_are_drawn_evenly_and_each_from_its_own_stream() -> None:
     one = {'speed_steps': {'rise': {'between': [2.0, 4.0]}}}
     other = {'bias': {'load': {'bias': {'between': [0, 1]}}}}
-    values = [drawn({'effects': [one]}, seed)['effects'][0] for seed in range(400)]
+    values = [draw_numbers({'effects': [one]}, seed)['effects'][0] for seed in range(400)]
     rises = np.array([value['speed_steps']['rise'] for value in values])
     assert rises.min() >= 2.0
     assert rises.max() <= 4.0
     # The mean of 400 has a standard deviation of 2 / sqrt(12 * 400) = 0.029.
     assert rises.mean() == pytest.approx(3.0, abs=0.12)
     # Another effect before it changes nothing; the same number in another place is another draw.
-    assert drawn({'effects': [other, one]}, 7)['effects'][1] == values[7]
-    twice = drawn({'effects': [one, one]}, 7)['effects']
+    assert draw_numbers({'effects': [other, one]}, 7)['effects'][1] == values[7]
+    twice = draw_numbers({'effects': [one, one]}, 7)['effects']
     assert twice[0] == values[7] != twice[1]
-    assert drawn([[1, 'a'], {'b': None, 'c': 2}], 0) == [[1, 'a'], {'b': None, 'c': 2}]
+    assert draw_numbers([[1, 'a'], {'b': None, 'c': 2}], 0) == [[1, 'a'], {'b': None, 'c': 2}]
 
 
 def test_parameters_are_off_by_no_more_than_is_said() -> None:

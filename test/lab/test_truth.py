@@ -115,11 +115,11 @@ def test_events_of_another_kind_are_named(tmp_path: Path, text: str) -> None:
     with pytest.raises(BagError) as caught:
         read_truth_bag(path)
     assert str(caught.value) == (
-        f"topic '{EVENTS}' of bag '{path}' holds an event that is no stickslip_monitor/truth/1"
+        f"topic '{EVENTS}' of bag '{path}' holds an event that is not of schema stickslip_monitor/truth/1"
     )
 
 
 def test_events_of_another_type_are_named(tmp_path: Path) -> None:
     path = write_truth_bag(tmp_path / 'a.mcap', [], 'std_msgs/msg/Float64')
-    with pytest.raises(BagError, match=r'is no std_msgs/msg/String$'):
+    with pytest.raises(BagError, match=r'not std_msgs/msg/String$'):
         read_truth_bag(path)
