@@ -15,6 +15,7 @@ MOST = {
     'stickslip_monitor/commands': 1,
     'stickslip_monitor/dashboard': 2,
     'stickslip_monitor/monitor': 5,
+    'stickslip_monitor/offline': 1,
 }
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which topic or column of a recording each input of a configuration is."""
+"""Binds each input of a configuration to a topic or column of a recording."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.offline.input_columns import Bound, ColumnBinding
 
-# Of what could not be read so many parts are named, where a topic may lie in them.
+# Unreadable parts that are named at most, where a topic may lie in them.
 _MAX_LOSSES_NAMED = 5
 
 
 def bind(bag: Recording, config: MonitorConfig) -> Bound:
     """Bind every input of a configuration to a topic of a bag or a column of a log.
 
-    A log changes: it is told which columns to deliver, and it notes the guesses. A bag stays as it is.
+    A log changes: it is set to deliver the columns, and gets notes on the guesses. A bag stays as it is.
 
     Returns:
         The configuration with full topic names (for a log also timeouts); by bearing and quantity, why
@@ -55,8 +55,8 @@ def bind_at_least_one(bag: Recording, config: MonitorConfig) -> Bound:
     """Bind a configuration to a recording as :func:`bind` does, and require one bearing with its inputs.
 
     Raises:
-        BagError: No bearing has both speed and load; the text says why of one, and what is lost of the bag.
-            Or a damaged bag has nothing that can be read.
+        BagError: No bearing has both speed and load; the text says why for one of them, and what is lost of
+            the bag. Or a damaged bag has nothing that can be read.
     """
     if bag.losses and not bag.topics:
         raise BagError(f"nothing of '{bag.path}' can be read: {'; '.join(bag.losses[:_MAX_LOSSES_NAMED])}")
@@ -72,7 +72,7 @@ def bind_at_least_one(bag: Recording, config: MonitorConfig) -> Bound:
 def _absence_text(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
     """Return why a recording lacks an input, in the words of the running monitor; '' if it has it."""
     if not source.topic:
-        return f"its topic is missing: '{path}' has topics, and columns are of logs"
+        return f"its topic is missing in the configuration: '{path}' has topics, and only a log has columns"
     topic = topics.get(source.topic)
     facts = InputFacts(source.topic, source.type, lost=True)
     if topic is None:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One pass over a recording: the monitor's verdicts on every bearing, and what is done with them.
+"""Checks a recording in one pass: runs the monitor over every bearing, and passes the verdicts on.
 
-Each stretch of a recording goes once through the rule. What comes of it is added up here, and
-handed to sinks, which write messages or clips or keep what they need; so memory does not grow with
-the recording unless a sink's does. :func:`to_json` makes the record of it, from which JSON, text and
-report are made.
+Each stretch of a recording goes once through the rule. Its verdicts are added up here and
+passed to sinks, which write messages or clips or keep what they need; so memory does not grow with
+the recording unless a sink's does. :func:`to_json` makes the record of the result, from which JSON, text
+and report are made.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class BearingReport:
 
     @property
     def complaints(self) -> list[str]:
-        """Return what was wrong with the samples, one clause for each kind."""
+        """What was wrong with the samples, one clause for each kind; empty if nothing was."""
         return [text for item in self.inputs for text in item.complaints]
 
 
@@ -109,7 +109,7 @@ class StretchSink:
         """Take the next stretch."""
 
     def finish(self) -> None:
-        """Finish, after all stretches were given; not called where an error ended the check."""
+        """Finish, after all stretches were taken; not called where an error ended the check."""
 
 
 def check_recording(
@@ -132,11 +132,11 @@ def check_recording(
         long: Whether the rule runs compiled; ``None``: where a recording is long.
 
     Returns:
-        The report. Its bag has notes on guessed columns and sparse samples, and its losses those of inputs.
+        The report. Notes on guessed columns and sparse samples, and losses of inputs, are added to its bag.
 
     Raises:
         BagError: The recording cannot be read, is empty, or has no bearing with both speed and load.
-        Exception: Whatever a sink raises, as a BagError of a file that cannot be written.
+        Exception: Any error of a sink passes through, as a BagError for a file that cannot be written.
     """
     bag = open_bag(path)
     if bag.files and not any(file.stat().st_size for file in bag.files):
@@ -204,7 +204,7 @@ def _judge_stretches(
 def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> None:
     """Note on the bag where samples are far apart, lack an hour of summer time, or are stored at changes.
 
-    ``inputs`` are the speed and the load of each bearing, with its name.
+    ``inputs`` are the reports on speed and load of each bearing, with its name.
     """
     coarse = max((item.gaps.usual for _, item in inputs if item.gaps.usual >= COARSE), default=0.0)
     if coarse > 0.0:
@@ -274,14 +274,17 @@ class _BearingCheck:
         return Heard(stream, repeats, scan)
 
     def finish(self, end_ns: int | None) -> Heard:
-        """Add up and return the verdicts up to the end of the recording [ns], without samples."""
+        """Run the rule to the end of the recording [ns]; add up and return the verdicts, without samples.
+
+        They are stored for :meth:`report`. There was one part at least.
+        """
         assert self._scan is not None
         self._end = self._scan.finish(_SILENCE, end_ns)
         self._add_scan(self._end)
         return Heard(_SILENCE, np.zeros(0, np.bool_), self._end)
 
     def _add_scan(self, scan: Scan) -> None:
-        """Add up the points and events of a scan in all that judges the bearing as a whole."""
+        """Add the points and events of a scan to the totals of the bearing."""
         self._events += scan.events
         self._evaluations += scan.time_ns.size
         if not self.config.load.is_assumed:
@@ -338,14 +341,14 @@ class _BearingCheck:
 
 
 def is_long(bag: Recording, config: MonitorConfig) -> bool:
-    """Return whether to run the rule compiled: a compiler is there, and the bearings' messages are many."""
+    """Return whether to run the rule compiled: a compiler is there, and the bearings have many messages."""
     topics = {request.topic for bearing in config.bearings for request in requests_of(bearing)}
     counts = (topic.count for name, topic in bag.topics.items() if name in topics)
     return jit.has_compiler() and sum(counts) >= LONG
 
 
 def requests_of(config: BearingConfig) -> tuple[Request, ...]:
-    """Return what to read for a bearing: one request for each of its inputs, in their order."""
+    """Return the requests to read a bearing's inputs: one for each, in their order."""
     return tuple(Request(i.topic, i.field_text, i.type) for i in config.inputs.values())
 
 
@@ -415,7 +418,7 @@ class Kept(StretchSink):
         self._parts: list[Stretch] = []
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """Remember the recording, its start ``start_ns`` and its end."""
+        """Store the recording, its start ``start_ns`` [ns] and its end."""
         self.bag, self.start_ns, self.end_ns = bag, start_ns, bag.end_ns
 
     def take(self, stretch: Stretch) -> None:
@@ -423,7 +426,11 @@ class Kept(StretchSink):
         self._parts.append(stretch)
 
     def stream(self, name: str) -> Stream:
-        """Return the samples of a bearing (by name) in the whole recording."""
+        """Return the samples of a bearing in the whole recording, with repeats of values that stand.
+
+        Raises:
+            KeyError: No bearing has this name.
+        """
         parts = [part.bearings[name].stream for part in self._parts]
         time_ns, inputs, value, arrival_ns = (
             np.concatenate([getattr(part, name) for part in parts])
@@ -432,7 +439,11 @@ class Kept(StretchSink):
         return Stream(time_ns, inputs, value, arrival_ns=arrival_ns)
 
     def scan(self, name: str) -> Scan:
-        """Return the verdicts on a bearing (by name) in the whole recording."""
+        """Return the verdicts on a bearing in the whole recording as one scan.
+
+        Raises:
+            KeyError: No bearing has this name.
+        """
         return joined([part.bearings[name].scan for part in self._parts])
 
 
@@ -447,7 +458,7 @@ def to_json(report: CheckReport) -> dict[str, Any]:
 
 
 def bag_record(bag: Recording) -> dict[str, Any]:
-    """Return the facts of a recording that need no check as a JSON object: times [ns], the duration [s]."""
+    """Return the facts of a recording that need no check as a JSON object: times [ns], duration [s]."""
     start, end = bag.start_ns, bag.end_ns
     return {
         'path': str(bag.path),

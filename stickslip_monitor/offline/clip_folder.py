@@ -114,9 +114,9 @@ class ClipFolder:
         return True
 
     def clips(self) -> list[Path]:
-        """Return the clips of the folder, the oldest first.
+        """Return the paths of the folder's clips, the oldest first.
 
-        A clip has a name and a label of ours: one that was renamed is somebody's to keep.
+        A clip has a name and a label of ours: one that was renamed is not ours to delete.
         """
         paths = []
         for path in self.path.iterdir():
@@ -167,7 +167,7 @@ class ClipWriter(StretchSink):
         self.counts = ClipCounts()
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """Reset for a recording: it has no alarms and no waiting parts yet. ``counts`` go on.
+        """Reset for a recording: it has no alarms and no waiting parts yet; ``counts`` are kept.
 
         ``start_ns`` is its start on the clock of the samples [ns], ``None`` if it is empty.
         """
@@ -214,14 +214,14 @@ class ClipWriter(StretchSink):
         )
         inputs = self._bag.messages(self._topics, spans_here) if spans_here.spans else iter(())
         columns = [*columns_of(inputs), *self._messages.of(stretch, spans)]
-        for message in _in_order(columns):
+        for message in _sort_messages(columns):
             self._recorder.add(message)
             if message.topic == f'/{NODE}/warnings':
                 self._recorder.note(next(following))
             self._write_due()
 
     def _write_due(self) -> None:
-        """Write the clips that are complete, and count them or list why they could not be written."""
+        """Write the clips that are complete, and update ``counts``: written, failed and removed ones."""
         for clip in self._recorder.clips():
             try:
                 self._store.write(clip)
@@ -231,7 +231,7 @@ class ClipWriter(StretchSink):
         self.counts.removed = self._store.removed
 
 
-def _in_order(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
+def _sort_messages(columns: Sequence[MessageColumn]) -> list[ClipMessage]:
     """Return the messages of all topics in order of time; those of one time in the order of the columns."""
     ordered = []
     for topic, kind, time_ns, payload in columns:

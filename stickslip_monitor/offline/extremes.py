@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording in outline: few verdicts with the extremes of all, its worst moments, its spells.
+"""Reduces the verdicts on a recording: to few with the extremes of all, to worst moments, to spells.
 
 A spell is the stretch of time between two changes of the alarm.
 """
@@ -23,7 +23,9 @@ from stickslip_monitor.monitor.statements import Event
 from stickslip_monitor.physics.boundary_table import known_table
 from stickslip_monitor.physics.lubrication import as_measured
 
+# Groups of rows at most; of each up to eleven rows stay in an outline.
 _MOST = 600
+# A saved heaviest point serves loads down to this share below it.
 _HEAVIER = 1.1
 _MARGINS = 'hopf_margin', 'fold_margin'
 _STABLE, _BISTABLE, _UNSTABLE = map(REGIMES.index, (Regime.STABLE, Regime.BISTABLE, Regime.UNSTABLE))
@@ -79,7 +81,7 @@ class Outliner:
         self._last: tuple[int, int] | None = None
 
     def take(self, scan: Scan) -> None:
-        """Take the next verdicts: keep their events, and the rows that may be extreme."""
+        """Take the next verdicts: keep their events, and rows that may be extreme; lengthen the groups."""
         self._events += scan.events
         if not scan.time_ns.size:
             return
@@ -91,7 +93,7 @@ class Outliner:
         self._rows = self._thin_rows(rows) if rows.size > 24 * _MOST else rows
 
     def _new_rows(self, scan: Scan) -> NDArray[np.void]:
-        """Return the verdicts of a scan as rows (:data:`_ROW`), and remember time and end of its last one."""
+        """Return the verdicts of a scan as rows (:data:`_ROW`); store time and end of its last one."""
         points, time = scan.assessment, scan.time_ns
         amplitude = np.full(time.size, np.nan)
         sticking = np.flatnonzero(scan.sticking)
@@ -157,7 +159,7 @@ class Outliner:
 
 
 def _first_chosen(chosen: BoolArray, starts: NDArray[np.intp]) -> IndexArray:
-    """Return the index of the first chosen row of each group; groups without one have none.
+    """Return the index of the first chosen row of each group that has one, ascending.
 
     Args:
         chosen: Which rows are chosen, shape (n,).
@@ -232,7 +234,10 @@ def coarsen_spells(parts: Sequence[ConditionInterval], max_count: int) -> list[C
 def join_spells(
     parts: Iterable[ConditionInterval], conditions: Collection[Condition]
 ) -> list[ConditionInterval]:
-    """Return the spells in any of some conditions, adjacent ones joined (with the last condition)."""
+    """Return the spells in any of some conditions, in order; adjacent ones are joined.
+
+    A joined spell has the condition of its last part.
+    """
     intervals: list[ConditionInterval] = []
     for spell in parts:
         if spell.condition not in conditions:
@@ -300,10 +305,11 @@ class Extremes:
             self._take_rows(scan, rows[_outermost_points(size[rows], scan.load[rows])], 'amplitude')
 
     def _heaviest_point(self, scan: Scan) -> Assessments:
-        """Return a point at least as heavy as all of a scan, shape (1,); reuse the saved one if it fits.
+        """Return a point at least as heavy as all of a scan, shape (1,); store it for the next scans.
 
-        Its boundaries are upper limits of theirs. Boundaries rise with the load but for the fold,
-        which may fall again: here it is the highest of any load up to this.
+        The stored one is returned where it is up to 10 % heavier. Its boundaries are upper limits of theirs.
+        Boundaries rise with the load but for the fold, which may fall again: here it is the highest of any
+        load up to this.
         """
         max_load = scan.load.max()
         if self._top is None or not max_load <= self._top.load[0] <= _HEAVIER * max_load:
@@ -341,7 +347,7 @@ class Extremes:
         return slow
 
     def _take_rows(self, scan: Scan, rows: IndexArray, *names: str) -> None:
-        """Update ``found`` by rows of a scan, for the named quantities: least margin, greatest amplitude."""
+        """Update ``found`` by the named quantities in rows of a scan: least margin, greatest amplitude."""
         points = scan.assessed(rows)
         for name in names:
             sign = -1 if name == 'amplitude' else 1

@@ -38,7 +38,7 @@ class HeldValues:
         return bool(self._schedules)
 
     def fill(self, stream: Stream, until_ns: int | None) -> tuple[Stream, BoolArray]:
-        """Insert the repeats due up to a time, and remember the latest values for the next part.
+        """Insert the repeats due up to a time, and store the latest values for the next part.
 
         Args:
             stream: The next samples, in order of arrival.
@@ -67,7 +67,7 @@ class HeldValues:
     def _make_repeats(
         self, place: int, stream: Stream, until_ns: int
     ) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return stamps, arrivals [ns] and values of one input's due repeats; remember its last value."""
+        """Return stamps, arrivals [ns] and values of one input's due repeats; store its last value."""
         rows, schedule = stream.inputs == place, self._schedules[place]
         stamp_ns, arrival_ns, value = stream.time_ns[rows], stream.arrival_ns[rows], stream.value[rows]
         made = np.zeros(value.size, np.int64)
@@ -90,7 +90,7 @@ class HeldValues:
         return stamp_ns[of], arrival_ns[of] + schedule[steps], value[of]
 
     def _is_valid(self, place: int, number: float) -> bool:
-        """Return whether the rule accepts a value, given as sent, of the input with this number."""
+        """Return whether the rule accepts a number, as sent, of the input ``place``."""
         return (
             judge_value(self._numbers, place, number, si_value(self._numbers, place, number))
             == Status.ACCEPTED
@@ -98,7 +98,7 @@ class HeldValues:
 
 
 def _repeat_schedule(hold_ns: int) -> IntArray:
-    """Return the delays after its arrival at which a value is repeated, up to ``hold_ns`` [ns]."""
+    """Return the delays after its arrival [ns] at which a value is repeated, up to ``hold_ns``, ascending."""
     offsets, passed_ns = list[int](), repeat_step(0)
     while passed_ns <= hold_ns:
         offsets.append(passed_ns)

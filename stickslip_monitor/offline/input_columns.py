@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which column of a log an input of a configuration is, and what its numbers are."""
+"""Finds the column of a log that an input of a configuration is, and the unit of its numbers."""
 
 from __future__ import annotations
 
@@ -92,7 +92,8 @@ class ColumnBinding:
 
         Returns:
             The configuration with topics and timeouts for the log; why other inputs are absent: no single
-            column fits, or bearings with different topics share one; and the questions.
+            column fits, or bearings with different topics share one; and the questions. No BagError is
+            raised.
         """
         absent: dict[tuple[str, str], str] = {}
         columns: list[tuple[BearingConfig, str, InputConfig, LogColumn]] = []
@@ -156,7 +157,7 @@ class ColumnBinding:
     def _no_column_text(
         self, bearing: str, quantity: str, heading: str, candidates: Sequence[LogColumn]
     ) -> str:
-        """Return the error that no single column is the input, and what to write.
+        """Return the text of the error that no single column is the input, with the parameter to write.
 
         Args:
             bearing: The name of the bearing.
@@ -185,8 +186,8 @@ class ColumnBinding:
         )
         remedy = f', or {bearing}.load.constant or .over_speed' if quantity == 'load' else ''
         return (
-            f"log '{self._path}': no column is to be known as the {quantity} of {bearing} by"
-            f' its unit or its name: it has {listed(headings)}; write {example}{remedy}'
+            f"log '{self._path}': no column looks like the {quantity} of {bearing} by its unit or name"
+            f' (columns: {listed(headings)}): write {example}{remedy}'
         )
 
     def _columns_called(self, heading: str) -> Sequence[LogColumn]:
@@ -328,7 +329,7 @@ class _ColumnUse:
         return self.source.gear_text if isinstance(self.source, SpeedConfig) else ''
 
     def conversion(self) -> SourceColumn:
-        """Return the column with what makes the numbers those of the configured unit; no time-out yet."""
+        """Return the column with the conversion of its numbers to the configured unit; without a timeout."""
         if self.unit is None:
             return SourceColumn(self.column)
         source = self.source
@@ -340,7 +341,7 @@ class _ColumnUse:
         return SourceColumn(self.column, ratio, scale, offset - bias, kept=NO_VALUES)
 
     def remark(self) -> str:
-        """Return the remark which column the input is, in which unit, and which scale or gear applies."""
+        """Return a sentence: which column the input is, in which unit, and which scale or gear applies."""
         name, source = self.bearing.name, self.source
         why = 'by its heading' if self.unit else f'as {name}.{self.quantity}.unit says'
         unit = self.unit or source.unit
@@ -410,7 +411,10 @@ def _is_named_after(column: LogColumn, bearing: str, topic: str = '') -> bool:
 
 
 def _is_plain(column: LogColumn, quantity: str, other_words: set[str]) -> bool:
-    """Return whether a heading names the quantity, or only a unit, and has no words beyond the allowed."""
+    """Return whether a heading names the quantity, or only a unit, and has no words beyond the allowed.
+
+    Allowed are words of the quantity, of a unit and of measurement, numbers, and ``other_words``.
+    """
     words = {word for word in parse_heading(column.heading).name.split() if not word.isdecimal()}
     unit = {*parse_heading(parse_heading(column.heading).unit or '').name.split()}
     unit |= {word for word in words if unit_of(word, 'force')}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes of the inputs of a bearing over a recording: counts, gaps, faults and questions."""
+"""Reports on the inputs of a bearing over a recording: counts, gaps, faults and questions."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, Stream
 from stickslip_monitor.monitor.statements import rounded
 
+# Gaps that are named at most, the longest ones.
 _MOST_NAMED = 5
 COARSE = 10.0
 """From this interval on samples are too far apart for short stick-slip [s]."""
@@ -92,7 +93,7 @@ class Gaps:
     def take(self, stamp_ns: IntArray, log_time_ns: IntArray) -> None:
         """Count the intervals of more stamps and log times [ns], shape (n,), in order of arrival.
 
-        A step back counts as no time.
+        Updates counts, gaps and rate. A step back counts as no time.
         """
         if not stamp_ns.size:
             return
@@ -131,7 +132,7 @@ class Gaps:
         return passed_ns
 
     def _take_log(self, step: IntArray) -> None:
-        """Count log times that differ, and update the longest run of equal ones, by more steps [ns]."""
+        """Update the number of different log times and the longest run of equal ones by more steps [ns]."""
         self._times += int(np.count_nonzero(step))
         runs = np.array([self._run, 1])
         if not step.all():
@@ -153,7 +154,7 @@ class Gaps:
         return count * 1e9 / passed_ns if passed_ns > 0.0 else math.nan
 
     def crowd(self, topic: str) -> str:
-        """Return the fault that too many messages have equal or nearly equal log times, or ''."""
+        """Return the fault that too many messages have equal or nearly equal log times; '' for none."""
         count, longest = self._messages, self._longest_run
         remedy = 'were they recorded without a clock (use_sim_time), or are their times in another unit?'
         if count > _CROWD and count > _CROWD_RATE * self._log_passed_ns * 1e-9:
@@ -206,7 +207,7 @@ class InputReport:
 
     @property
     def complaints(self) -> list[str]:
-        """Return the faults of the input, one clause for each kind; [] without any."""
+        """The faults of the input, one clause for each kind; empty without any."""
         place = f'{self.quantity} on {self.topic}'
         texts = [f'{place}: {fault.count} x {fault.text}' for fault in self.faults]
         return [*texts, f'{place}: {self.fault}'] if self.fault else texts
@@ -272,7 +273,7 @@ class InputCheck:
         self._messages = self._delay_ns = 0
 
     def take(self, series: Series, stream: Stream, scan: Scan, fitness: FitnessWatch) -> None:
-        """Add up the next part of the input; its valid values also go to the bearing's ``fitness``.
+        """Add up the next part of the input; pass its valid values to the bearing's ``fitness``.
 
         Args:
             series: The samples of this input as recorded.
@@ -312,9 +313,9 @@ class InputCheck:
             return si_value(self._numbers, self._place, number)
 
     def _describe_fault(self) -> str:
-        """Return what is wrong with an absent, silent, mostly refused input, or one stamped off its arrival.
+        """Return the sentence on why an input is absent, silent, mostly refused or stamped off its arrival.
 
-        It is a sentence, empty if nothing is wrong.
+        '' if nothing is wrong.
         """
         if self._absent:
             return f'{self._absent}.'
@@ -377,7 +378,7 @@ class InputCheck:
         )
 
     def _changes_only(self) -> bool:
-        """Return whether values come only where they change: a value that is the same ends a gap."""
+        """Return whether the source sends changes only: gaps have much of the time, few values are equal."""
         gaps, equal = self._gaps, max(0, self._equal - self._gaps.count)
         is_sparse = gaps.count >= _CHANGES_GAPS and gaps.share >= _CHANGES_TIME
         return is_sparse and not self._source.hold_ns and equal <= _CHANGES_EQUAL * self._messages
@@ -419,7 +420,7 @@ class Plausibility:
         self._most = -math.inf
 
     def take(self, speed: FloatArray, load: FloatArray, limit: Callable[[IndexArray], FloatArray]) -> None:
-        """Count more operating points.
+        """Count more operating points; compute fold speeds only while none is fast enough to be plausible.
 
         Args:
             speed: Surface speeds [m/s], shape (n,).
@@ -473,7 +474,10 @@ class Plausibility:
         return texts
 
     def _distance_questions(self, nearest: float) -> list[str]:
-        """Return a question on units if all points of the turning shaft are far from the fold; else []."""
+        """Return a question on units in a list if all points are far from the fold; else an empty list.
+
+        ``nearest`` is the least speed of the turning shaft relative to the fold.
+        """
         question = 'are units, scales and topics of speed and load right?'
         if FAR_ABOVE < nearest < math.inf:
             return [f'is never below {nearest:.3g} times the fold speed: {question}']
@@ -482,7 +486,7 @@ class Plausibility:
         return []
 
     def _two_levels(self) -> list[str]:
-        """Return a question if the loads have two levels as of N and kN, in a list; [] if they do not."""
+        """Return a question in a list if the loads have two levels, as of N and kN; else an empty list."""
         share = np.cumsum(self._loads) / max(int(self._loads.sum()), 1)
         places = np.flatnonzero(self._loads > 0.001 * self._loads.sum())
         for below, above in zip(places[:-1].tolist(), places[1:].tolist(), strict=True):
@@ -496,7 +500,7 @@ class Plausibility:
 
 
 def _count_by_size(load: FloatArray) -> IntArray:
-    """Count positive loads [N] by quarter of a decade from 1e-6 N on, shape (_BINS,).
+    """Count loads > 0 [N] by quarter of a decade from 1e-6 N on, shape (_BINS,).
 
     Those below the first or above the last quarter count in it.
     """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calls spread over processes on this machine, or over a Dask cluster. Nothing else knows Dask.
+"""Spreads calls over processes on this machine, or over a Dask cluster. Nothing else knows Dask.
 
-One that dies costs its own call only.
+A process that dies costs its own call only.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ _PATIENCE = 10.0
 """How long a scheduler may take to answer [s]."""
 _LOOK = 60.0
 """A cluster may be without any worker for so long: one that died may be started again [s]."""
+# Calls given to a cluster at a time.
 _MANY = 1000
 
 
@@ -41,7 +42,7 @@ def core_count() -> int:
 
 
 def has_died(outcome: object) -> bool:
-    """Return whether an outcome is the exception of a worker that died in this call or in another one."""
+    """Return whether an outcome is the exception of a worker that died, in this call or in another one."""
     dask = sys.modules.get('distributed')
     return isinstance(outcome, BrokenExecutor if dask is None else (BrokenExecutor, dask.KilledWorker))
 
@@ -49,7 +50,9 @@ def has_died(outcome: object) -> bool:
 def spread(
     pool: Pool, function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]], jobs: int
 ) -> Generator[tuple[_Key, Any], None, None]:
-    """Call a function many times, several calls at once.
+    """Call a function many times, several calls at once; yield outcomes in the order in which they are done.
+
+    Calls that a dying worker took along are repeated, each alone.
 
     Args:
         pool: Opens an executor with a number of workers, as a context manager.
@@ -58,8 +61,8 @@ def spread(
         jobs: Calls at a time.
 
     Yields:
-        The key of each call, as it is done, and its result or the exception it raised; one of
-        which :func:`has_died` is true where its worker died.
+        The key of each call, and its result or the exception that it raised; :func:`has_died` is true of
+        that where its worker died.
 
     Raises:
         FleetError: The scheduler is lost, or has no worker any more.
@@ -82,6 +85,8 @@ def _completed_calls(
     workers: Executor, function: Callable[..., Any], calls: Mapping[_Key, tuple[Any, ...]]
 ) -> Iterator[tuple[_Key, Any]]:
     """Submit all calls; yield the key and the result or exception of each as it completes.
+
+    Exceptions of the function are yielded, not raised.
 
     Raises:
         FleetError: The scheduler is lost, or has no worker any more.
@@ -125,7 +130,7 @@ def open_processes(jobs: int) -> Iterator[Executor]:
 
 @contextlib.contextmanager
 def _ignore_interrupts() -> Iterator[None]:
-    """Ignore Ctrl-C in this process, so that workers started meanwhile inherit that and leave it to us.
+    """Ignore Ctrl-C in this process within the block; workers started in it inherit that.
 
     Does nothing outside the main thread, which alone may set signal handlers.
     """
@@ -208,7 +213,7 @@ def versions() -> dict[str, str]:
 
 
 def _format_versions(versions_there: dict[str, str] | Exception) -> str:
-    """Return the versions of a worker as words, or why it could not be asked."""
+    """Return the versions of a worker in words, or the line of the error that came instead of them."""
     if isinstance(versions_there, Exception):
         return _error_line(versions_there)
     return ', '.join(f'{name} {version}' for name, version in versions_there.items())

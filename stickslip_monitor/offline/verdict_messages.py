@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The verdicts on a recording as messages, as the node would have published them.
+"""Makes messages of the verdicts on a recording, as the node would have published them.
 
 The numbers are columns of the pass over the recording. A state of the bearings, every second and
 at every change, is that after all samples that had arrived by then: a second scan follows the
@@ -56,6 +56,7 @@ SILENCE_NS = 3600 * 10**9
 """Diagnostics of a longer silence end [ns]: a clock that was wrong for one message would else
 make them for years."""
 ALWAYS = TimeSpans([(0, (1 << 63) - 1)])
+"""All times that a recording can have."""
 
 
 class MessageColumn(NamedTuple):
@@ -126,7 +127,11 @@ class VerdictWriter(StretchSink):
 
 
 def topics(bag: Recording, config: MonitorConfig) -> Iterator[tuple[str, str, str | None]]:
-    """Yield name, type and definition of every input and verdict topic; no definition (None) if built in."""
+    """Yield name, type and definition of every input and verdict topic; None for a built-in definition.
+
+    Raises:
+        BagError: The definition of an input cannot be read.
+    """
     for name in input_topics(bag, config):
         yield name, bag.topics[name].type, bag.definition(name)
     for name, kind in output_topics(config.bearings, f'/{NODE}').items():
@@ -140,7 +145,7 @@ def input_topics(bag: Recording, config: MonitorConfig) -> list[str]:
 
 
 def columns_of(messages: Iterator[Message]) -> Iterator[MessageColumn]:
-    """Read all messages of an iterator, and yield a column for each topic and type; none without any."""
+    """Read all messages of an iterator, then yield a column for each topic and type; none without any."""
     columns: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
     for message in messages:
         rows = columns.setdefault((message.topic, message.type), [])
@@ -201,7 +206,8 @@ class VerdictMessages:
     ) -> Iterator[MessageColumn]:
         """Yield one column of /diagnostics: at every second, change and loss within the spans.
 
-        Yields nothing if there are none. Remembers the changes after the stretch, and up to when it went.
+        Yields nothing if there are none. Stores the changes after the stretch, and the time up to which it
+        went.
         """
         arrivals = [samples.stream.arrival_ns for samples in stretch.bearings.values()]
         is_last = not any(arrival.size for arrival in arrivals)
@@ -231,7 +237,7 @@ class VerdictMessages:
     def _seconds_until(self, arrival_ns: IntArray, until_ns: int) -> Iterator[int]:
         """Yield the times of whole seconds since the start, up to a time [ns], but none in a long silence.
 
-        They go on behind the ticks of earlier stretches. Remembers the last of the arrivals [ns].
+        They follow the ticks of earlier stretches. The last of the arrivals [ns] is stored.
         """
         times = np.concatenate([[self._heard_ns], arrival_ns, [until_ns + 1]])
         self._heard_ns = int(times[-2])
@@ -264,11 +270,11 @@ class _Follower:
     def encode_topics(self, scan: Scan, spans: TimeSpans) -> tuple[IntArray, Iterator[tuple[str, Messages]]]:
         """Encode the verdicts of the next part that are published and lie in spans.
 
-        Remembers the latest published one, also outside the spans.
+        Stores the latest published one, also outside the spans.
 
         Returns:
-            The times of the verdicts [ns], shape (n,); and the last word of each topic with its n messages,
-            encoded one topic after the other. Nothing follows if no verdict is published.
+            The times of the verdicts [ns], shape (n,); and an iterator of the last word of each topic with
+            its n messages, encoded one topic after the other. Both are empty if no verdict is published.
         """
         rows = np.flatnonzero(self._choose_published(scan) & spans.holds(scan.time_ns))
         if not rows.size:
@@ -296,7 +302,7 @@ class _Follower:
     def _choose_published(self, scan: Scan) -> BoolArray:
         """Return which verdicts are published: one in each period, and all with a change; shape (n,).
 
-        Without a period all are. Remembers the latest published one, and the samples that brought changes.
+        Without a period all are. Stores the latest published one, and the samples that brought changes.
         """
         is_published = np.ones(scan.time_ns.size, np.bool_)
         if not self._period_ns:
@@ -311,9 +317,10 @@ class _Follower:
         return is_published
 
     def loss_times(self, samples: Heard) -> list[int]:
-        """Return the time at which the first input times out [ns], in a list.
+        """Return the time at which the first input times out [ns] as a list of one.
 
-        It is empty if the part has samples, if nothing was received before it, or if an input is lost.
+        The list is empty if the part has samples, if nothing was received before it, or if an input is lost
+        already.
         """
         state = self._scan.state
         if samples.stream.time_ns.size or state.now == NEVER or state.lost:
@@ -341,7 +348,10 @@ class _Follower:
         ]
 
     def _assess_points(self, points: Sequence[FloatArray]) -> Iterator[Assessment]:
-        """Yield the assessment of each point: speed [m/s], load [N], water [C], and chances if any."""
+        """Yield the assessment of each point: speed [m/s], load [N], water [C], and chances if any.
+
+        All numbers are computed at the first.
+        """
         if points:
             speed, load, water, *chances = np.array(points).T
             config, table = self._config, self._bearing.settings.boundaries
@@ -366,9 +376,9 @@ class _Follower:
         return totals
 
     def _mixed_reasons(self, samples: Heard, ends: IndexArray, ticks: Sequence[int]) -> Iterator[str]:
-        """Yield for each time the sentence that an input has two sources; '' if none has.
+        """Return an iterator, for each time, of the sentence that an input has two sources; '' if none has.
 
-        ``ends`` counts the samples that had arrived at each of ``ticks`` [ns]. Advances the watches.
+        ``ends`` counts the samples that had arrived at each of ``ticks`` [ns]. Advances the watches at once.
         """
         stream, valid = samples.stream, samples.scan.status == Status.ACCEPTED
         standing = [
