@@ -81,7 +81,7 @@ class NumberField:
         self._called: dict[int, str] = {}
 
     def read(self, message: Any) -> float:
-        """Return the number at the path in a decoded ROS message.
+        """Return the number at the path in a decoded ROS message; remember names of indexed elements.
 
         Raises:
             NoSuchElementError: The message is not for this number, as it names other elements only.
@@ -95,7 +95,7 @@ class NumberField:
             if isinstance(step, str):
                 parent, value = value, getattr(value, step)
                 continue
-            place = step if isinstance(step, int) else _field_place(parent, step)
+            place = step if isinstance(step, int) else _find_named_index(parent, step)
             if isinstance(step, int):
                 self._check_name(number, parent, place)
             value = value[place]
@@ -103,16 +103,32 @@ class NumberField:
         return float(value[0] if isinstance(value, bytes) else value)
 
     def _check_name(self, number: int, parent: Any, place: int) -> None:
-        """Raise a LookupError where an indexed element has another name than in the first message."""
+        """Check that an indexed element has the name that it has in the first message, and store that name.
+
+        A message without a list of names, or with a shorter one, passes.
+
+        Args:
+            number: Number of the step in the path.
+            parent: The message that has the list.
+            place: Index of the element.
+
+        Raises:
+            LookupError: The name is another one.
+        """
         names = getattr(parent, NAMES, None)
         if not isinstance(names, list) or place >= len(names):
             return
         if self._called.setdefault(number, names[place]) != names[place]:
-            raise LookupError(f'element {place} is another one')
+            raise LookupError(f'element {place} has another name than in the first message')
 
 
-def _field_place(parent: Any, step: ByName) -> int:
-    """Return the index of a named element; raise a NoSuchElementError where the message names others."""
+def _find_named_index(parent: Any, step: ByName) -> int:
+    """Return the index of a named element in the lists of ``parent``, by its list of names.
+
+    Raises:
+        NoSuchElementError: The message names others only.
+        AttributeError: It has no list of names.
+    """
     names = getattr(parent, NAMES)
     if step.name not in names:
         raise NoSuchElementError(step.name, names)
@@ -120,9 +136,9 @@ def _field_place(parent: Any, step: ByName) -> int:
 
 
 def signalk_source(update: Mapping[str, Any]) -> str:
-    """Return the sender of an update of Signal K: its ``$source``, or what a server makes of ``source``.
+    """Return the sender of an update of Signal K: ``$source``, or the label that servers make of ``source``.
 
-    Empty where it names none.
+    '' where it names none.
 
     >>> signalk_source({'source': {'label': 'N2K', 'type': 'NMEA2000', 'src': '17', 'pgn': 127488}})
     'N2K.17'

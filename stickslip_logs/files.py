@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of others, read within limits, and drafts of files that are being written."""
+"""Reads files of others within limits, and manages drafts of files that are being written."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def open_file(path: str | Path) -> IO[bytes]:
 
 
 def near_name(path: str | Path) -> str:
-    """Return the end of a sentence on a missing path: where its link leads, or a similar name; else empty."""
+    """Return the end of a sentence on a missing path: where its link leads, or a similar name; else ''."""
     path = Path(path)
     if path.is_symlink():
         return f": it is a link that leads nowhere, to '{path.readlink()}'"
@@ -75,7 +75,11 @@ def read_file(path: str | Path, max_bytes: int) -> bytes:
 
 
 def _check_kind(path: str | Path, mode: int) -> None:
-    """Raise an OSError where the mode is not that of a regular file."""
+    """Check that a mode is that of a regular file.
+
+    Raises:
+        OSError: It is that of a folder, pipe, socket or device.
+    """
     kind = KINDS.get(stat.S_IFMT(mode))
     if kind == 'a folder':
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -93,7 +97,11 @@ def hold(number: int) -> bool:
 
 
 def sweep(folder: Path, name: str) -> None:
-    """Remove drafts of an output that no process has locked any more, as they were killed."""
+    """Delete the drafts of an output that are older than 10 s and that no process has locked.
+
+    Their writers were killed. Drafts that cannot be deleted are left. ``name`` is that of the output in
+    ``folder``.
+    """
     for draft in folder.glob(f'{glob.escape(name)}.*{DRAFT}'):
         with contextlib.suppress(OSError), contextlib.ExitStack() as opened:
             number = os.open(draft, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which of several senders of one value of a bus is used, live and in a log."""
+"""Chooses one of several senders of one value of a bus, live and in a log."""
 
 from __future__ import annotations
 
@@ -26,9 +26,11 @@ class SourceAdmission:
         self._left_out: set[str] = set()
 
     def admits(self, source: str, now: float, *, valid: bool = True) -> bool:
-        """Return whether a value of a source is used; replace a source that fell silent, and log it.
+        """Return whether a value of a source is used; replace a source that fell silent.
 
-        A value that is not a number does not keep another source out: a stopped engine may send it for ever.
+        The state changes with each call. A change of the source, and the first value of each source that is
+        left out, are logged. A value that is not a number does not keep another source out: a stopped engine
+        may send it for ever.
 
         Args:
             source: Who sends it.
@@ -53,4 +55,5 @@ class SourceAdmission:
         return False
 
     def _report(self, text: str) -> None:
+        """Log a sentence on a source, which begins with its name."""
         self._log(f'{self._label}: source {text}')

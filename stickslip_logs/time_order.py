@@ -270,7 +270,10 @@ def _is_leap(step_ns: IntArray, leap_ns: int) -> BoolArray:
 
 
 def _join_segments(segments: IntArray, begin: IntArray) -> IntArray:
-    """Join segments: each from one that begins, by its index, up to the next."""
+    """Join segments, each from one of the indexes ``begin`` up to the next; return them in order.
+
+    Steps and first rows are those of the first segment of each.
+    """
     result = segments[begin]
     result[:, 3] = segments[np.append(begin[1:], len(segments)) - 1, 3]
     result[:, 4] = np.minimum.reduceat(segments[:, 4], begin)
@@ -319,9 +322,10 @@ class TimeOrder:
         return self._sources[source].add(time_ns, place, offset)
 
     def course(self, wanted: Collection[int] | None = None, *, is_sorted: bool = False) -> TimeCourse:
-        """Return the course of some sources, by their numbers, or of all.
+        """Judge the order of some sources, by their numbers, or of all; return the course.
 
-        With ``is_sorted`` no clock was set: all rows are to be sorted by the times as written.
+        Without rows it is an empty course. With ``is_sorted`` no clock was set: all rows are to be sorted by
+        the times as written.
         """
         sources = {k: segments for k, segments in self._sources.items() if wanted is None or k in wanted}
         if not sources:
@@ -340,7 +344,8 @@ class TimeOrder:
 def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
     """Explain all steps back of sources by clocks that were set, leaps ahead and late rows.
 
-    Fills in the course. Returns False, with the course half filled, where rows have to be sorted instead.
+    Fills in shifts, steps and counts of the course. Returns False, with the course half filled, where rows
+    have to be sorted instead.
     """
     steps: list[_Step] = []
     fits, max_leap_ns = True, max(source.leap_ns for source in sources.values())
@@ -503,7 +508,10 @@ def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
 
 
 def _longest_delay(before_ns: IntArray, time_ns: IntArray) -> int:
-    """Return the longest that a time is behind those beside or before it [ns]."""
+    """Return the longest time by which a row is behind the latest row up to it [ns]; 0 without rows.
+
+    ``before_ns`` and ``time_ns`` have the shape (n,).
+    """
     return int((np.maximum.accumulate(before_ns) - time_ns).max(initial=0))
 
 
@@ -519,7 +527,10 @@ class Sorter:
         self._waiting: list[Columns] = []
 
     def add(self, columns: Columns) -> Iterator[Columns]:
-        """Add rows (columns, times [ns] first), and yield those that no later row can precede."""
+        """Add rows (columns, times [ns] first), and yield those that no later row can precede.
+
+        Takes effect only as the iterator is read.
+        """
         self._waiting.append(columns)
         if self._wait_ns is None:
             return
@@ -530,7 +541,7 @@ class Sorter:
             yield select_rows(columns, slice(count))
 
     def rest(self) -> Iterator[Columns]:
-        """Yield the rows that still wait; to be called when all were added."""
+        """Yield the rows that still wait, sorted, if there are any; call it once, when all were added."""
         if self._waiting and (columns := self._sort_waiting())[0].size:
             yield columns
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Units: each is declared once, with the quantity that it measures, its factor and its spellings.
+"""Declares units, each once, with the quantity that it measures, its factor and its spellings.
 
 Options, configuration, scenes, logs and buses take their units from here: one more unit is one more row of
 :data:`UNITS`.
@@ -78,7 +78,10 @@ def names_of(quantity: str) -> tuple[str, ...]:
 
 
 def factors_of(*names: str) -> dict[str, float]:
-    """Return the SI value of one of each unit.
+    """Return the SI value of one of each unit, by name.
+
+    Raises:
+        KeyError: A name is not that of a unit.
 
     >>> factors_of('kN', 'mm')
     {'kN': 1000.0, 'mm': 0.001}
@@ -87,9 +90,9 @@ def factors_of(*names: str) -> dict[str, float]:
 
 
 def affine_conversion(name: str, target: str) -> tuple[float, float] | None:
-    """Return by what to multiply a number in one unit, and what to add then, to have it in another unit.
+    """Return factor and summand that convert a number in one unit to another unit: ``n * factor + summand``.
 
-    None where the units measure different quantities.
+    None where the units measure different quantities, or a name is not that of a unit.
 
     >>> affine_conversion('kN', 'N')
     (1000.0, 0.0)
@@ -104,7 +107,9 @@ def affine_conversion(name: str, target: str) -> tuple[float, float] | None:
 
 
 def conversion(name: str, target: str) -> float | None:
-    """Return how many of another unit one of a unit is; None where no factor alone converts them.
+    """Return the factor that converts one unit to another; None where no factor alone does.
+
+    So also for a name that is not that of a unit.
 
     >>> conversion('kN', 'N')
     1000.0
@@ -114,11 +119,14 @@ def conversion(name: str, target: str) -> float | None:
 
 
 def turning_factor(name: str, diameter: float) -> float:
-    """Return the surface speed [m/s] that one of a unit of turning is on a journal.
+    """Return the surface speed [m/s] of a journal that turns at one of a unit of turning.
 
     Args:
         name: Name of the unit.
         diameter: Diameter of the journal [m].
+
+    Raises:
+        KeyError: The name is not that of a unit.
 
     >>> turning_factor('rad/s', 0.5)
     0.25
@@ -145,7 +153,7 @@ def find_unit(text: str, quantity: str = '') -> Unit | None:
 
 
 def conversion_from_text(text: str, target: str) -> float | None:
-    """Return how many of a unit one of the unit is that a text spells; None where it spells no such unit.
+    """Return the factor from the unit that a text spells to another; None where it spells no such unit.
 
     >>> conversion_from_text('r/min', 'Hz') == 1 / 60
     True

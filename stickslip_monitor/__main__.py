@@ -8,7 +8,7 @@ from stickslip_monitor import interruption
 
 
 def main() -> int:
-    """Run the command line, which is loaded only when signals are taken."""
+    """Run the command line, which is imported only when signals are handled; return the exit code."""
     interruption.end_at_once()
     code: int = importlib.import_module('stickslip_monitor.cli').main()
     return code

@@ -88,7 +88,7 @@ class LinkError(StickslipError):
 
 
 def no_ros(error: ImportError) -> RosError:
-    """Return the error for a missing ROS 2."""
+    """Return, not raise, the error for a missing ROS 2."""
     return RosError(
         f'ROS 2 is not available ({error}): source its setup file, or install this package with'
         " the extra 'ros'"
@@ -96,13 +96,13 @@ def no_ros(error: ImportError) -> RosError:
 
 
 def cause(error: BaseException) -> str:
-    """Return why something failed, without the system's error number and place in C."""
+    """Return the reason of an error as text, without the system's error number and place in C."""
     text = getattr(error, 'strerror', None) or str(error) or type(error).__name__
     return re.sub(r'^\[SSL: \w+\] (.*) \(_ssl\.c:\d+\)$', r'TLS: \1', text)
 
 
 def program_fault(error: BaseException) -> str:
-    """Return the text that a user sees of an unexpected error."""
+    """Return the text for a user on an unexpected error, with how to report it."""
     return (
         f'this is a fault of the program, not of what it was given: {type(error).__name__}:'
         f' {error}. Please report it to its maintainers, with what the same command prints with'
@@ -140,4 +140,5 @@ def require_not_negative(name: str, value: float, unit: str = '') -> None:
 
 
 def _show_value(value: float, unit: str) -> str:
+    """Return a number and its unit, if any, as text."""
     return f'{value:g} {unit}'.rstrip()

@@ -12,10 +12,8 @@ MOST = {
     'stickslip_logs/recordings': 3,
     'stickslip_logs/tables': 1,
     'stickslip_monitor': 3,
-    'stickslip_monitor/commands': 1,
     'stickslip_monitor/dashboard': 2,
     'stickslip_monitor/monitor': 5,
-    'stickslip_monitor/offline': 1,
 }
 
 

@@ -56,7 +56,7 @@ _REPORT_SUCCESSORS = {
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Work on each recording; it can be sent to another process or machine."""
+    """Work to do on each recording; it can be sent to another process or machine."""
 
     config: MonitorConfig
     is_reported: bool = False  # whether a report is wanted, which has pictures
@@ -71,7 +71,7 @@ class CheckResult:
 
     document: dict[str, Any]  # what `check --json` prints of it
     part: RecordingPart | None = None  # its part of the report, where one is wanted
-    clips: ClipCounts | None = None  # what came of its clips, where they were wanted
+    clips: ClipCounts | None = None  # numbers of its clips, where they were wanted
     faulty: bool = False  # whether it could not be checked by a fault of the program
 
     @property
@@ -113,14 +113,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_file(parser, '--mcap', is_folder=False, metavar='FILE', help=text)
     text = 'write a clip of each alarm into this folder'
     options.add_file(parser, '--clips', is_folder=True, metavar='DIR', help=text)
-    text = 'check so many recordings at a time (default: one for each core)'
+    text = 'check N recordings at a time (default: one for each core)'
     options.add_number(parser, '--jobs', 1, metavar='N', help=text)
     text = "check on the workers of a Dask cluster: tcp://host:port (extra 'fleet')"
     parser.add_argument('--scheduler', metavar='ADDRESS', help=text)
 
 
 def _report_path(path: str) -> str:
-    """Return the path of a report as it is.
+    """Return the path of a report unchanged.
 
     Raises:
         argparse.ArgumentTypeError: It has the ending of a format that is gone; the text has the successor.
@@ -180,6 +180,7 @@ def _check_bags(
         The exit code, the highest of all recordings.
 
     Raises:
+        ConfigurationError: The configuration cannot be read or is refused.
         BagError: ``--mcap`` is given for several recordings, or its file exists or has a wrong ending.
         FleetError: The cluster of ``--scheduler`` cannot be used.
         ReportError, OutputError: The report cannot be made (Jinja2 is missing) or written.
@@ -204,22 +205,23 @@ def _check_bags(
     text = output.json_text(documents if listed else documents[0])
     output.write_outputs(args, report=lambda: _report_page(args, task, archive))
     if args.mcap is not None:
-        output.say_written(args.mcap)
+        output.report_written(args.mcap)
     sys.stdout.write(text if args.json else _advice_text(task.config))
     return code
 
 
 def _advice_text(config: MonitorConfig) -> str:
-    """Return a line that advises a tolerance for the bearings without; empty where all have one."""
+    """Return a line that advises a tolerance for the bearings without one; '' where all have one."""
     exact = printable(', '.join(bearing.name for bearing in config.bearings if bearing.belief is None))
     advice = f'{exact}: add a tolerance for probabilities (docs/calibration.md)'
     return f'{_wrap_line(advice, output.line_width())}\n' if exact else ''
 
 
 def _make_task(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
-    """Return the task of each recording, and refuse a bad ``--mcap``.
+    """Load the configuration, and return the task of each recording.
 
     Raises:
+        ConfigurationError: The configuration cannot be read or is refused.
         BagError: ``--mcap`` is for several recordings, exists or has a wrong ending.
     """
     from stickslip_logs.recordings.folders import left_out
@@ -238,7 +240,13 @@ def _make_task(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
 def _check_all(
     task: Task, bags: Sequence[Path], args: argparse.Namespace, meter: output.ProgressBar
 ) -> Iterator[CheckResult]:
-    """Yield the result of each recording in the order of the arguments, and show the progress between."""
+    """Check all recordings; yield each result in the order of the arguments, and show the progress between.
+
+    With a scheduler, recordings are named by their absolute paths.
+
+    Raises:
+        FleetError: The cluster of ``--scheduler`` cannot be used.
+    """
     if args.scheduler is not None:
         bags = [bag.absolute() for bag in bags]
     # What is left out is said once, with the first.
@@ -260,7 +268,7 @@ def _check_all(
 def _run_checks(
     calls: dict[int, tuple[Task, Path]], args: argparse.Namespace, meter: output.ProgressBar
 ) -> Any:
-    """Return a generator of the number and the outcome of each recording, as it is done.
+    """Return a generator of the number and the outcome of each recording, as each is done.
 
     An outcome is a result; where processes or a cluster check, it may be an exception.
     """
@@ -280,12 +288,13 @@ def check_one(
     """Check one recording; write its clips and its recording of verdicts, where the task has them.
 
     Args:
-        task: What is wanted.
+        task: Work on the recording.
         bag: The recording.
-        progress: Called with what is being done, and how much of how much of it is done.
+        progress: Called with the name of the recording, and with bytes done and bytes in all.
 
     Returns:
-        The result; of a recording that cannot be checked, or outputs that cannot be written, the error.
+        The result; of a recording that cannot be checked, or outputs that cannot be written, one with the
+        text of the error. Other exceptions than this package's pass through.
     """
     from stickslip_monitor.offline.check import check_recording, to_json
 
@@ -341,7 +350,7 @@ def _report_part(
 
 
 def _as_result(task: Task, bag: Path, outcome: Any) -> CheckResult:
-    """Return the outcome of a call if it is a result; of an exception or a dead process, that of an error."""
+    """Return an outcome that is a result; of an exception or a dead process, the result of an error."""
     if isinstance(outcome, CheckResult):
         return outcome
     from stickslip_monitor.offline.processes import has_died
@@ -356,7 +365,12 @@ def _as_result(task: Task, bag: Path, outcome: Any) -> CheckResult:
 
 
 def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) -> bytes:
-    """Return the report (HTML) of all parts in ``archive``, which must not be ``None``.
+    """Return the report of all parts in ``archive`` as HTML.
+
+    Args:
+        args: The arguments, which name the configuration.
+        task: The task, with the configuration itself.
+        archive: The parts; not ``None``, as a report is wanted.
 
     Raises:
         ReportError: Jinja2 is not installed.
@@ -370,10 +384,10 @@ def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) 
 
 
 def _print_result(result: CheckResult, args: argparse.Namespace, *, listed: bool, shown: str | None) -> None:
-    """Print the result of one recording: its text or JSON, or its error, and what came of its clips.
+    """Print the result of one recording: its text or JSON, or its error, and the counts of its clips.
 
-    Where ``shown`` is given, it takes the place of the path in the result's document, too. The JSON of one of
-    several recordings (``listed``) is left to the list of all.
+    Errors and counts go to standard error. Where ``shown`` is given, it takes the place of the path in the
+    result's document, too. The JSON of one of several recordings (``listed``) is left to the list of all.
     """
     document, error = result.document, result.document.get('error')
     if shown is not None:
@@ -408,7 +422,7 @@ _NARROW = 90
 
 
 def to_text(document: Mapping[str, Any], *, coloured: bool = False, width: int | None = None) -> str:
-    """Return the text on one recording.
+    """Return the text on one recording that was checked, line by line.
 
     Args:
         document: Its record, as ``check --json`` prints it.
@@ -422,7 +436,7 @@ def to_text(document: Mapping[str, Any], *, coloured: bool = False, width: int |
 
 
 def _colour_text(text: str, document: Mapping[str, Any]) -> str:
-    """Colour the text of one recording: path, marks of faults, and conditions of events."""
+    """Return the text of one recording with colours for path, marks of faults, and conditions of events."""
 
     def paint(kind: str, part: str) -> str:
         return f'\x1b[{_COLOURS[kind]}m{part}\x1b[0m'
@@ -501,7 +515,7 @@ def _event_lines(event: Mapping[str, Any], text: str, start: int, width: int | N
 
 
 def _input_text(item: Mapping[str, Any]) -> str:
-    """Write the range of an input's numbers, its rate, and the share used."""
+    """Return the range of an input's numbers, its rate, and the share used, as words."""
     if 'assumed' in item:
         return f'{item["values"]}, assumed: nothing measures it'
     if not item['used']:

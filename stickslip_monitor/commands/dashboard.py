@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from stickslip_monitor.ros.other_nodes import Watcher
 
 DEFAULT_PORT = 8370
+# Speeds at which the boundaries of a map are computed.
 _SPEEDS_DRAWN = 120
 # A map for an unloaded bearing has this share of the loads that suit the bearing.
 _LOWEST_MAP = 0.1
@@ -117,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _node_names(args: argparse.Namespace) -> list[str]:
-    """Return the full names of the monitors, by default the one node.
+    """Return the full names of the monitors that ``--node`` gives, else that of the default node.
 
     Raises:
         ConfigurationError: Two of them are in the same namespace.
@@ -141,7 +142,7 @@ def _namespace_of(node: str) -> str:
 def make_watched_monitor(
     config: MonitorConfig, source: str, node: str = '', *, replay: bool = False
 ) -> WatchedMonitor:
-    """Return a monitor for the page, without data yet.
+    """Return a monitor as the page shows it, with the maps of its bearings and without data yet.
 
     Args:
         config: The configuration of the monitor.
@@ -158,7 +159,7 @@ def make_watched_monitor(
 
 @contextmanager
 def open_event_log(args: argparse.Namespace) -> Iterator[EventLog]:
-    """Yield the record of what happened, kept in the file of ``--log`` if there is one.
+    """Yield the event log, kept in the file of ``--log`` if that is given, and close the file at the end.
 
     A damaged file is warned of in the log of the program.
 
@@ -183,7 +184,11 @@ def open_event_log(args: argparse.Namespace) -> Iterator[EventLog]:
 
 
 def require_extra() -> None:
-    """Raise DashboardError, with how to install it, where what a page needs is missing."""
+    """Check that the packages are installed which a page needs.
+
+    Raises:
+        DashboardError: One is missing; the text says how to install it.
+    """
     for name in ('aiohttp', 'prometheus_client'):
         if find_spec(name) is None:
             raise DashboardError(
@@ -193,10 +198,11 @@ def require_extra() -> None:
 
 
 def read_page_access(args: argparse.Namespace) -> Access:
-    """Return the token of the page, read from its file, and the host names that it answers to.
+    """Read the token of the page from its file; return it with the host names that the page answers to.
 
     Raises:
-        DashboardError: The page would be open to others without a token, or its file cannot be used.
+        DashboardError: The page would be open to others without a token.
+        ConfigurationError: The token's file cannot be read, is open to others, or the token is too short.
     """
     from stickslip_monitor.dashboard.access import Access
 
@@ -214,12 +220,16 @@ async def _serve_page(
 ) -> None:
     """Serve the page of live monitors or of a replay until a signal ends it.
 
-    Actions on the page go to the monitors. What ended a replay before, is raised at the end.
+    Actions on the page go to the monitors. An error that ended a replay is raised when the page ends.
+
+    Raises:
+        DashboardError: The address or the port cannot be used.
+        RosError: Live monitors are to be shown, and ROS 2 is not there.
     """
     from stickslip_monitor.dashboard.server import Server
 
     async def show(player: Replay | None) -> None:
-        await Server(board, access, player).serve(args.host, args.port, say_address)
+        await Server(board, access, player).serve(args.host, args.port, print_address)
 
     if args.bag is None:
         monitors = {monitor.source: monitor for monitor in board.monitors}
@@ -240,7 +250,7 @@ async def _serve_page(
         task.cancel()
 
 
-def say_address(url: str) -> None:
+def print_address(url: str) -> None:
     """Print the address of the page at once."""
     Console(markup=False, highlight=False, soft_wrap=True).print(f'Dashboard on {url}')
     sys.stdout.flush()
@@ -248,10 +258,10 @@ def say_address(url: str) -> None:
 
 @contextmanager
 def listen_to_nodes(listeners: Mapping[str, Sink], diagnostics: str) -> Iterator[Watcher]:
-    """Yield a watcher that hears nodes in a thread of its own, and hands what they say to the running loop.
+    """Yield a watcher that receives from nodes in its own thread, and passes that on in the running loop.
 
     Args:
-        listeners: Who takes it, by the node's full name.
+        listeners: The sink of each node, by the node's full name.
         diagnostics: The topic of their diagnostics.
 
     Raises:
@@ -267,12 +277,12 @@ def listen_to_nodes(listeners: Mapping[str, Sink], diagnostics: str) -> Iterator
 
 
 def make_bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0.0) -> BearingView:
-    """Return the bearing with its stability map.
+    """Return the bearing as the page shows it, with the curves of its stability map.
 
     Args:
         config: The bearing.
         speed: The least speed that the map goes to [m/s]; it goes past the fold in any case.
-        load: The load that it goes to [N], at least a tenth of what suits the bearing; 0 for the latter.
+        load: The load that the map goes to [N], at least a tenth of the usual one; 0 for the usual one.
     """
     from stickslip_monitor.dashboard.seen_monitors import BearingView
 

@@ -20,9 +20,11 @@ from stickslip_monitor.files import printable, read_token
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Severity
 from stickslip_monitor.monitor.value_check import refused
 
+# Longest time to wait for an answer [s].
 _LONGEST = 600
 ALONE = 1.5
 """Every monitor publishes once a second: after so long [s] there is no other."""
+# Time between two looks for a message [s].
 _POLL = 0.02
 
 
@@ -33,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     settings: dict[str, Any] = {
         'default': 5.0,
         'metavar': 'S',
-        'help': 'wait so many seconds for an answer (default 5)',
+        'help': 'wait up to S seconds for an answer (default 5)',
     }
     options.add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **settings)
     options.add_shared(parser, '--diagnostics')
@@ -77,13 +79,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _ask_page(args: argparse.Namespace) -> int:
-    """Ask a page for its figures, print whether all works, and return the exit code.
+    """Read the metrics of a page, print whether all works, and return the exit code.
 
     It is 0 if there are monitors, and each of them and each link to a bus works; else 1.
 
     Raises:
-        ConfigurationError: The address is none of HTTP.
-        DashboardError: The page gives no figures, or the token cannot be read.
+        ConfigurationError: The address does not begin with ``http://`` or ``https://``, or the token cannot
+            be read.
+        DashboardError: The page gives no metrics.
     """
     from urllib.request import Request, urlopen
 
@@ -104,18 +107,18 @@ def _ask_page(args: argparse.Namespace) -> int:
     ups = re.findall(r'^stickslip_(monitor|link)_up\{\w+="([^"]*)"\} (\S+)$', figures, re.MULTILINE)
     down = [f'{part} {name}' for part, name, value in ups if float(value) != 1.0]
     works = bool(ups) and not down
-    text = 'Monitoring.' if works else f'it does not work: {", ".join(down) or "no monitor"}'
+    text = 'Monitoring.' if works else f'not working: {", ".join(down) or "no monitor is on the page"}'
     sys.stdout.write(f'{printable(text)}\n')
     return int(not works)
 
 
-def _wait_for_message(found: dict[str, tuple[int, str]], node: str | None, seconds: float) -> None:
-    """Wait up to some seconds until another thread has put a node among the found.
+def _wait_for_message(results: dict[str, tuple[int, str]], node: str | None, seconds: float) -> None:
+    """Wait until another thread has put a node into ``results``; return silently after ``seconds`` [s].
 
-    Without a name any node will do; then wait a little for a second one.
+    Without a name any node will do; then wait ``ALONE`` longer for a second one.
     """
     end = time.monotonic() + seconds
-    while time.monotonic() < end and not (node in found if node else found):
+    while time.monotonic() < end and not (node in results if node else results):
         time.sleep(_POLL)
-    if node is None and found:
+    if node is None and results:
         time.sleep(ALONE)

@@ -30,9 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what a recording or log holds; return 1 if no line has a time, or nothing could be read.
-
-    Otherwise return 0.
+    """Print what a recording or log holds; return 1 if no line has a time or nothing could be read, else 0.
 
     Raises:
         BagError: It cannot be opened.
@@ -65,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write_summary(record: Mapping[str, Any]) -> str:
-    """Write how many messages there are, and from when to when."""
+    """Return a sentence: how many messages there are, and from when to when."""
     text = f'{record["path"]}: {plural(record["messages"], "message")}'
     if record['duration'] is None:
         return text

@@ -160,7 +160,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print a parameter file and what to measure next; write the file if asked; return 0.
 
-    Given nothing on a terminal, ask for all, and note answers and the file to write in ``args``.
+    Given nothing on a terminal, ask for all; answers and the file to write are stored in ``args``.
 
     Raises:
         ConfigurationError: A value is missing, given twice, or refused.
@@ -182,25 +182,25 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigurationError('--load-over-speed and --load-topic are given: choose one')
     if table and 'load' not in given:
         given['load'] = Given(sum(table[1::2]) / len(table[1::2]) * LOAD_UNITS[args.load_unit])
-    require_all(given)
+    require_complete(given)
     bearing_names({'bearings': [args.name]})
     check_topic('--speed-topic', args.speed_topic)
     if args.load_topic is not None:
         check_topic('--load-topic', args.load_topic)
     values = estimate(given, args.material)
-    text = parameter_file(values, args)
+    text = parameter_file_text(values, args)
     if args.json:
         output.print_json(to_json(values, text))
     else:
-        output.console().print(f'{text}\n{report(values)}', markup=False, soft_wrap=True)
+        output.console().print(f'{text}\n{summary_text(values)}', markup=False, soft_wrap=True)
     output.write_outputs(args, output=lambda: text)
     return 0
 
 
 def ask(answer: Callable[[str], str]) -> dict[str, Given]:
-    """Ask for all that is needed; an empty answer goes on to what may be given instead.
+    """Ask for one value of each line of :data:`NEEDS`, and return the answers by name.
 
-    What is refused is shown by ``answer``, too, and asked again.
+    An empty answer moves on to the alternative. A refused value is reported by ``answer``, and asked again.
 
     Args:
         answer: Shows a text and returns what is typed.
@@ -222,7 +222,10 @@ def ask(answer: Callable[[str], str]) -> dict[str, Given]:
 
 
 def ask_more(answer: Callable[[str], str], args: argparse.Namespace) -> None:
-    """Ask for what may be left out, and note the answers in the arguments; an empty one leaves it out."""
+    """Ask for gear and table of loads, and store the answers in ``args``; an empty answer leaves ``None``.
+
+    A refused value is reported by ``answer``, and asked again.
+    """
     for name, read, text in (
         ('gear', _read_gear, 'gear between engine and shaft, where the engine speed is measured'),
         ('load_over_speed', _read_table, f'load over the shaft speed {_TABLE_TEXT}'),
@@ -239,7 +242,11 @@ def ask_more(answer: Callable[[str], str], args: argparse.Namespace) -> None:
 
 
 def _read_gear(text: str | None) -> float:
-    """Return the ratio of a gear; 1 for None. Raise ConfigurationError if the text is no valid ratio."""
+    """Return the ratio of a gear; 1 for None.
+
+    Raises:
+        ConfigurationError: The text is not a valid ratio.
+    """
     if text is None:
         return 1.0
     (row,) = (parameter for parameter in INPUT_PARAMETERS['speed'] if parameter.name == 'speed.gear')
@@ -268,11 +275,12 @@ def _read_table(text: str | None) -> list[float]:
     return numbers
 
 
-def require_all(given: Mapping[str, Given]) -> None:
-    """Refuse what is not enough, naming all that is missing, or what is given twice.
+def require_complete(given: Mapping[str, Given]) -> None:
+    """Check that of each line of :data:`NEEDS` exactly one value is given, and that friction falls.
 
     Raises:
-        ConfigurationError: Of a line of :data:`NEEDS` nothing is given, or more than one.
+        ConfigurationError: Nothing is given of some lines, all of which are named, or more than one value of
+            a line; or static friction is not above kinetic.
     """
     missing = []
     for need in NEEDS:
@@ -290,7 +298,11 @@ def require_all(given: Mapping[str, Given]) -> None:
 
 
 def _require_fall(given: Mapping[str, Given]) -> None:
-    """Raise ConfigurationError if both are given and static friction is not above kinetic."""
+    """Check that static friction is above kinetic, where both are given.
+
+    Raises:
+        ConfigurationError: It is not.
+    """
     static, kinetic = given.get('static'), given.get('kinetic')
     if static and kinetic and static.value <= kinetic.value:
         raise ConfigurationError(
@@ -300,12 +312,12 @@ def _require_fall(given: Mapping[str, Given]) -> None:
 
 
 def _format_number(value: float, places: int = 6) -> str:
-    """Write a number as ROS 2 reads a float."""
+    """Return a number as text that ROS 2 reads as a float: with a point or an exponent."""
     text = f'{value:.{places}g}'
     return text if set(text) & set('.e') else f'{text}.0'
 
 
-def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
+def parameter_file_text(values: Sequence[Estimate], args: argparse.Namespace) -> str:
     """Return the text of the parameter file, with formula, source and spread of values as comments.
 
     Raises:
@@ -349,7 +361,7 @@ def parameter_file(values: Sequence[Estimate], args: argparse.Namespace) -> str:
     return '\n'.join(lines) + '\n'
 
 
-def report(values: Sequence[Estimate]) -> str:
+def summary_text(values: Sequence[Estimate]) -> str:
     """Return a text of several lines: the boundaries at the mean load, and what to measure next."""
     bearing, load = bearing_of(values), values[-1].value
     per_rpm = bearing.speed.factor('rpm')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What commands take: files, numbers, the bearing, ranges, and quantities such as ``20rpm``.
+"""Declares and parses options: files, numbers, the bearing, ranges, and quantities such as ``20rpm``.
 
 An option that names a file is added by :func:`add_file`, so that :func:`.output.check_files` knows
 all that a command reads and writes.
@@ -43,7 +43,7 @@ _SHARED: Mapping[str, Mapping[str, Any]] = {
     },
 }
 
-_Options = argparse._ActionsContainer  # a parser or a group of its options
+OptionGroup = argparse._ActionsContainer  # a parser or a group of its options
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +62,10 @@ class FileOption:
         return self.marks is None and self.is_folder is None
 
     def paths(self, args: argparse.Namespace) -> Sequence[str]:
-        """Return the paths that the argument was given; none without it.
+        """Return the paths given for the option; empty without it.
 
         Raises:
-            OutputError: One is empty.
+            OutputError: One is an empty text.
         """
         value = getattr(args, self.dest)
         if value is None:
@@ -77,7 +77,7 @@ class FileOption:
 
 
 def add_file(
-    options: _Options,
+    options: OptionGroup,
     *names: str,
     marks: Marks | None = None,
     renews: bool = False,
@@ -102,26 +102,29 @@ def add_file(
     options.set_defaults(files=(*files, FileOption(action.dest, spelling, marks, renews, is_folder)))
 
 
-def add_shared(options: _Options, *names: str, **more: Any) -> None:
-    """Add options that several commands have, as ``--json``; keywords go before their own."""
+def add_shared(options: OptionGroup, *names: str, **more: Any) -> None:
+    """Add options that several commands have, as ``--json``.
+
+    Keywords ``more`` of ``add_argument`` replace the usual ones.
+    """
     for name in names:
         options.add_argument(name, **{**_SHARED[name], **more})
 
 
-def add_picture(options: _Options, text: str) -> None:
-    """Add ``--picture``."""
+def add_picture(options: OptionGroup, text: str) -> None:
+    """Add ``--picture``, an output; ``text`` says what the picture shows."""
     add_file(options, '--picture', marks=PICTURES, help=f'.png or .svg: {text}')
 
 
-def add_config(options: _Options, *, required: bool = True, node: bool = True) -> None:
-    """Add ``--config``, and ``--node`` for a file of several nodes."""
+def add_config(options: OptionGroup, *, required: bool = True, node: bool = True) -> None:
+    """Add ``--config``, and ``--node`` to choose a node in a file for several."""
     add_file(options, '--config', '-c', required=required, metavar='FILE', help='ROS 2 parameter file')
     if node:
         add_shared(options, '--node')
 
 
 def add_drawing(parser: argparse.ArgumentParser) -> None:
-    """Add what both drawing commands take: configuration, bearing, where to write, and ``--force``."""
+    """Add the options of both drawing commands: configuration, bearing, output file, and ``--force``."""
     add_config(parser)
     add_shared(parser, '--bearing', help=ONE_OF_SEVERAL)
     text = 'file to write: .png, .svg or .csv'
@@ -130,7 +133,7 @@ def add_drawing(parser: argparse.ArgumentParser) -> None:
 
 
 def add_number(
-    options: _Options,
+    options: OptionGroup,
     name: str,
     low: float,
     high: float = math.inf,
@@ -139,9 +142,9 @@ def add_number(
     kind: type[float] = int,
     **more: Any,
 ) -> None:
-    """Add an option that takes a number from ``low`` (``above``: from beyond it) to ``high``.
+    """Add an option that takes a number from ``low`` (``above``: greater than it) to ``high``.
 
-    Any other makes the parser raise ConfigurationError. The keywords ``more`` are argparse's.
+    The parser raises ConfigurationError for any other. The keywords ``more`` are argparse's.
     """
     keywords: dict[str, Any] = {'rule': (low, high, above), 'kind': kind, 'type': partial(_read_number, kind)}
     options.add_argument(name, action=_Number, **keywords, **more)
@@ -223,7 +226,11 @@ def parse_load(text: str, noun: str = 'load') -> float:
 
 
 def parse_positive_load(text: str) -> float:
-    """Return the load [N] of a text, which must be above 0; raise ConfigurationError for any other."""
+    """Return the load [N] of a text such as ``'1.2kN'``, which must be above 0.
+
+    Raises:
+        ConfigurationError: It is not a load with a unit, or not above 0.
+    """
     load = parse_load(text)
     if load <= 0.0:
         raise refused('load', text, 'above 0: without load, no friction')
@@ -249,7 +256,7 @@ def require_single_bearing(config: MonitorConfig) -> BearingConfig:
     """Return the only bearing of a configuration.
 
     Raises:
-        ConfigurationError: There are several; the text names them.
+        ConfigurationError: There are several; the text names them and the option that chooses one.
     """
     if len(config.bearings) > 1:
         names = ', '.join(bearing.name for bearing in config.bearings)
@@ -268,10 +275,15 @@ def parse_speed_range(text: str | None, config: BearingConfig) -> Range | None:
 
 
 def parse_range(text: str | None, noun: str, parse: Callable[[str], float]) -> Range | None:
-    """Return two quantities with a colon between them, not negative and rising; ``None`` for no text.
+    """Return the two quantities of a text ``'LOW:HIGH'``, as numbers; ``None`` for no text.
+
+    Args:
+        text: The text.
+        noun: Name of the quantity, for the error.
+        parse: Parses each of the two.
 
     Raises:
-        ConfigurationError: The text is anything else; it is named, with the rule.
+        ConfigurationError: It is no such text, or the numbers do not rise or are below 0.
     """
     if text is None:
         return None

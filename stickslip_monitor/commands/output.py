@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What commands put out: files that are checked before the work, tables, JSON and progress.
+"""Checks and writes the outputs of commands: files, tables, JSON and progress.
 
 Before a command runs, :func:`check_files` refuses every output that would destroy something: one
 that is an input by any name, also a file that only the configuration names, one that is another
@@ -35,11 +35,11 @@ _CUT = '\N{HORIZONTAL ELLIPSIS}'
 _YAML = ('.yaml', '.yml')
 
 
-def ending(path: str | Path, marks: Marks) -> str:
+def output_ending(path: str | Path, marks: Marks) -> str:
     """Return the ending of an output's path in lower case; '' for any other where that is allowed.
 
     Raises:
-        OutputError: It is none of those that can be written.
+        OutputError: No format has this ending.
     """
     suffix = Path(path).suffix.lower()
     if suffix in marks or '' in marks:
@@ -70,7 +70,11 @@ def check_files(args: argparse.Namespace) -> None:
 
 
 def _check_recording(path: str, option: FileOption, inputs: Sequence[str]) -> None:
-    """Refuse a recording to write inside a folder that is read; raise OutputError."""
+    """Check that a recording to write does not lie in a folder that is read.
+
+    Raises:
+        OutputError: It does.
+    """
     folder = Path(path) if option.is_folder else Path(path).parent
     for read in inputs:
         if Path(read).is_dir() and is_same(folder, read):
@@ -83,7 +87,7 @@ def _check_recording(path: str, option: FileOption, inputs: Sequence[str]) -> No
 def _check_output(path: str, option: FileOption, inputs: Sequence[str], *, force: bool) -> None:
     """Raise OutputError if an output is an input, has a wrong ending, or would replace a foreign file."""
     marks = option.marks or {}
-    mark = marks[ending(path, marks)]
+    mark = marks[output_ending(path, marks)]
     if Path(path).exists() and not (option.renews and mark and holds_mark(path, mark)):
         for file in itertools.chain.from_iterable(map(_find_input_paths, inputs)):
             if is_same(path, file):
@@ -123,30 +127,36 @@ def _find_texts(document: Any) -> Iterator[str]:
 
 
 def write_outputs(args: argparse.Namespace, **makers: Callable[[], Any]) -> None:
-    """Write those outputs that are asked for, and say on the error stream which.
+    """Write the outputs that are asked for, and report each on the error stream.
 
     Args:
         args: The arguments.
-        makers: By the destination of its option, what makes the contents of an output: the
+        makers: By the destination of its option, a function that makes the contents of an output: the
             columns of a table, a figure, a text, or bytes.
 
     Raises:
         DrawingError, OutputError: One cannot be written.
+        Exception: An error of a maker passes through.
     """
     for dest, make in makers.items():
         path = getattr(args, dest)
         if path is not None:
             (marks,) = (option.marks for option in args.files if option.dest == dest)
             _write_file(path, make(), marks or {}, force=args.force)
-            say_written(path)
+            report_written(path)
 
 
 def _write_file(path: str, contents: Any, marks: Marks, *, force: bool) -> None:
-    """Write a text, bytes, columns (CSV) or a figure; raise OutputError or DrawingError."""
+    """Write a text, bytes, columns (CSV) or a figure to a file.
+
+    Raises:
+        OutputError: The file cannot be written.
+        DrawingError: A figure cannot be written.
+    """
     data = contents.encode() if isinstance(contents, str) else contents
     if isinstance(data, bytes):
         try:
-            write_whole(path, data, marks[ending(path, marks)] or b'', force=force)
+            write_whole(path, data, marks[output_ending(path, marks)] or b'', force=force)
         except OSError as error:
             raise OutputError(f"'{path}' cannot be written: {cause(error)}") from error
         return
@@ -156,7 +166,7 @@ def _write_file(path: str, contents: Any, marks: Marks, *, force: bool) -> None:
     write(contents, path, force)
 
 
-def say_written(path: str | Path) -> None:
+def report_written(path: str | Path) -> None:
     """Report on the error stream that a file is written."""
     sys.stderr.write(f'{printable(str(path))} written\n')
 
@@ -180,7 +190,7 @@ class ProgressBar:
     def show(self, text: str, done: float, total: float | None) -> None:
         """Show how far the work is: ``done`` of ``total`` in any unit, None if the total is unknown.
 
-        Does nothing in the first moments, or if standard error is no terminal.
+        Does nothing in the first half second, or if standard error is no terminal.
         """
         if not self._wanted or time.monotonic() - self._begin < _PATIENCE:
             return
@@ -199,7 +209,7 @@ class ProgressBar:
         self._bar.update(self._task, description=escape(printable(text)), completed=done, total=total)
 
     def hide(self) -> None:
-        """Take the bar away, so that something else can be written."""
+        """Remove the bar, so that something else can be printed; the next :meth:`show` draws it again."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
@@ -216,7 +226,7 @@ def print_json(document: Any) -> None:
 
 
 def line_width() -> int | None:
-    """Return the letters on a line of the terminal; ``None`` where the output goes elsewhere, unbroken."""
+    """Return the letters on a line of the terminal; ``None`` where the output is not a terminal."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
@@ -269,7 +279,7 @@ def make_table(title: str, headings: str, left: Collection[int] = (0,), caption:
 
 
 def _as_list(table: Table) -> Group:
-    """Lay a table out for a narrow screen: a block for each row, a line for each cell that is not empty."""
+    """Return a table as a list for a narrow screen: a block a row, a line for each cell that is not empty."""
     from rich.console import Group
 
     headings = [str(column.header).replace('-\n', '').replace('\n', ' ') for column in table.columns]

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'playback speed (default 1)'
     options.add_number(parser, '--rate', 0, above=True, kind=float, default=1.0, help=text)
     options.add_number(parser, '--loop', 1, default=1, metavar='N', help='play it N times')
-    text = 'wait at most so long for a subscriber before starting'
+    text = 'wait up to SECONDS for a subscriber before starting'
     options.add_number(parser, '--wait', 0, kind=float, default=0.0, metavar='SECONDS', help=text)
 
 
@@ -56,10 +56,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _play_recording(player: Player, bag: Recording, args: argparse.Namespace) -> None:
-    """Publish a recording as often as asked; say on the error stream what is skipped, played or damaged.
+    """Publish a recording as often as asked; report on the error stream what is skipped, played or damaged.
 
     Raises:
         RosError: It has no topic that can be played, or a subscriber does not keep up.
+        BagError: It cannot be read.
     """
     skipped = player.skipped | {
         t.name: f"its messages are '{t.encoding}', not CDR"
@@ -87,4 +88,5 @@ def _play_recording(player: Player, bag: Recording, args: argparse.Namespace) ->
 
 
 def _print_line(text: str) -> None:
+    """Print a line on the error stream, with control characters made harmless."""
     sys.stderr.write(f'{printable(text)}\n')

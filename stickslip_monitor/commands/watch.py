@@ -60,7 +60,9 @@ SILENT = 3.0
 """A node without a message for so long is taken for gone [s]."""
 LOGGED_AGAIN = 300.0
 """The same state of a link is logged again after so long [s]."""
+# Time between two ticks of the clients, and of the watchdog [s].
 _TICK = 0.5
+# Time that clients have to finish, and tasks to end [s].
 _GOING = 2.0
 _log = logging.getLogger(NODE_NAME)
 
@@ -135,7 +137,7 @@ def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]
 
 
 def _name_inputs(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
-    """Return the configuration with the labels of inputs on their bus as topics, for texts to people.
+    """Return the configuration with bus labels as topics of the inputs, for texts to people.
 
     Raises:
         ConfigurationError: An input has no bus, or a level is configured.
@@ -187,7 +189,7 @@ class Feed(Sink):
         return self._watches and time.monotonic() - self._heard < SILENT
 
     def take_record(self, record: dict[str, Any]) -> None:
-        """Pass the record of a bearing to every sink; note the time, and whether its monitor is active."""
+        """Pass the record of a bearing to every sink; store the time, and whether its monitor is active."""
         self._heard, self._watches = time.monotonic(), record.get('monitoring') is not False
         for sink in self.sinks:
             sink.take_record(record)
@@ -198,7 +200,7 @@ class Feed(Sink):
             monitor.take_health(level, text)
 
     def take_other(self, node: str) -> None:
-        """Tell the page that another monitor sends."""
+        """Pass the name of another monitor that sends to the page."""
         for monitor in self.monitors:
             monitor.take_other(node)
 
@@ -245,12 +247,12 @@ async def _watch_ship(
 ) -> None:
     """Run monitor, clients and page until one of them ends, then let the clients finish and cancel the rest.
 
-    A page gets states, actions and link states.
+    The page, if any, gets states, actions and link states.
 
     Raises:
         LinkError, ConfigurationError: A token, certificate or port cannot be used; see :func:`_make_clients`.
         RosError: ROS 2 is not there for ``--node``, or a state file cannot be used.
-        Exception: What the one that ended has raised; the clients are then cancelled at once.
+        Exception: Any error of the part that ended; the clients are then cancelled at once.
     """
     feed = Feed(() if board is None else board.monitors)
     report = LinkStates({} if board is None else board.links).report
@@ -314,7 +316,7 @@ async def _serve_until_signal(args: argparse.Namespace, board: DashboardState | 
         for monitor in board.monitors:
             monitor.act = feed.act
         server = Server(board, dashboard.read_page_access(args))
-        await server.serve(args.host, args.port, dashboard.say_address)
+        await server.serve(args.host, args.port, dashboard.print_address)
         return
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
     for number in end_signals():
@@ -337,12 +339,13 @@ async def _tick_clients(clients: Sequence[Client], feed: Feed) -> None:
 def _make_monitor(
     args: argparse.Namespace, config: MonitorConfig, links: LinksConfig, feed: Feed
 ) -> Iterator[tuple[Take, Callable[[], Coroutine[Any, Any, Any]]]]:
-    """Yield what takes samples, and the coroutine that runs the monitor, here or (``--node``) in ROS.
+    """Yield the handler of samples, and the coroutine that runs the monitor, here or (``--node``) in ROS.
 
-    Sets ``feed.act``; at the end the file of states is closed, or the node's watcher.
+    Sets ``feed.act``, and logs warnings on the configuration; at the end the state file is closed, or the
+    node's watcher.
 
     Raises:
-        RosError: A node is asked for, and ROS 2 is not there.
+        RosError: A node is asked for, and ROS 2 is not there; or the state file cannot be used.
     """
     if args.node is not None:
         with dashboard.listen_to_nodes({args.node: feed}, args.diagnostics) as watcher:
@@ -373,7 +376,7 @@ def _make_monitor(
 async def _report_files(
     config: MonitorConfig, store: StateWriter | None, live: LiveMonitor, feed: Feed
 ) -> None:
-    """Look for ever which files cannot be used; report each change to the page, new faults to the log."""
+    """Check for ever which files cannot be used; report each change to the page, new faults to the log."""
     reported = ''
     while True:
         fault = '' if store is None else store.fault
@@ -388,10 +391,11 @@ async def _report_files(
 
 
 def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
-    """Return a handler that passes samples on without stamps, and drops copies; warn of each input once.
+    """Return a handler that passes samples to ``take`` without stamps, and drops copies.
 
-    A server that repeats the last value of a dead source would keep it alive for a node, which
-    sees no stamp. A copy has the stamp [ns] and the value of the one before; one without a stamp is none.
+    A copy has the stamp [ns] and the value of the sample before; a sample without a stamp is never one. The
+    first copy of each input is warned of. A server that repeats the last value of a dead source would keep it
+    alive for a node, which sees no stamp.
     """
     latest: dict[tuple[str, Input], tuple[int | None, float]] = {}
     reported: set[tuple[str, Input]] = set()
@@ -438,7 +442,7 @@ def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
         url = urlsplit(links.nmea.listen)
         if url.scheme == 'udp' and not is_loopback(url.hostname):
             _log.warning(
-                'nmea.listen: a datagram proves nothing of its sender; use a network of ships'
+                "nmea.listen: anybody on this network can send datagrams: use one with the ship's"
                 ' instruments only'
             )
         clients.append(NmeaClient(links.nmea, links.of(NMEA), side))

@@ -59,7 +59,7 @@ class BearingReport:
 
     @property
     def complaints(self) -> list[str]:
-        """What was wrong with the samples, one clause for each kind; empty if nothing was."""
+        """Faults of the samples, one clause for each kind; empty if there are none."""
         return [text for item in self.inputs for text in item.complaints]
 
 

@@ -255,13 +255,13 @@ def test_copies_are_not_published_where_no_stamp_is_seen(caplog: pytest.LogCaptu
     ('figures', 'code', 'said'),
     [
         ('stickslip_monitor_up{namespace="/"} 1.0\nstickslip_link_up{link="nmea_in"} 1.0', 0, 'Monitoring.'),
-        ('stickslip_monitor_up{namespace="/"} 0.0', 1, 'it does not work: monitor /'),
+        ('stickslip_monitor_up{namespace="/"} 0.0', 1, 'not working: monitor /'),
         (
             'stickslip_monitor_up{namespace="/"} 1.0\nstickslip_link_up{link="nmea_in"} 0.0',
             1,
-            'it does not work: link nmea_in',
+            'not working: link nmea_in',
         ),
-        ('<html>', 1, 'it does not work: no monitor'),
+        ('<html>', 1, 'not working: no monitor is on the page'),
     ],
 )
 def test_health_by_a_page(
