@@ -83,7 +83,7 @@ def test_order_in_the_file_and_length_of_the_blocks_change_no_bit(
 
 @pytest.fixture
 def streams(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, ...], np.random.Generator]:
-    """The random streams that are made, by name; their states tell what was draw_numbers."""
+    """The random streams that are made, by name; their states tell what was drawn."""
     made: dict[tuple[str, ...], np.random.Generator] = {}
 
     def spy(seed: int, *names: str) -> np.random.Generator:
@@ -103,14 +103,14 @@ def test_leaving_an_effect_out_changes_no_stream_of_another(
     streams: dict[tuple[str, ...], np.random.Generator],
     name: str,
 ) -> None:
-    def draw_numbers(effects: list[dict[str, Any]]) -> dict[tuple[str, ...], Any]:
+    def drawn(effects: list[dict[str, Any]]) -> dict[tuple[str, ...], Any]:
         scene = make_scene('watered', effects=effects, telemetry=RATES)
         streams.clear()
         messages_of(scene)
         return {key: stream.bit_generator.state for key, stream in streams.items()}
 
-    full = draw_numbers(ALL)
-    less = draw_numbers([effect for effect in ALL if name not in effect])
+    full = drawn(ALL)
+    less = drawn([effect for effect in ALL if name not in effect])
     assert less == {key: state for key, state in full.items() if key[0] != name}
     fresh = {key: random_stream(7, *key).bit_generator.state for key in full}
     used = {key[0] for key in full if full[key] != fresh[key]}
