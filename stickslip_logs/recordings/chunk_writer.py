@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writing the container of a recording: MCAP in compressed chunks with an index, by the column.
+"""Writes the container of a recording: MCAP in compressed chunks with an index, by the column.
 
 Its bytes are those of ``mcap.writer.Writer``, which takes messages one by one; here the records of
 many messages are laid into one buffer by numpy. All other records are encoded by the ``mcap``

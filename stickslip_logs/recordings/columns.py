@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which columns of a log to deliver, under which name, and in which unit."""
+"""Describes the columns of a log to deliver, their names and units."""
 
 from __future__ import annotations
 

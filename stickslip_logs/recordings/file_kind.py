@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tells what a file is: by its content, and what its name says alone."""
+"""Detects the kind of a file by its content, or by its name alone."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Log times in another unit, and those that pass at another pace than the stamps."""
+"""Detects log times in another unit, and those that pass at another pace than the stamps."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one MCAP file holds: channels, counts, the blocks to read, and where it is cut.
+"""Scans one MCAP file: channels, counts, the blocks to read, and where it is truncated.
 
-The heads of all records are looked at, whatever the summary says of them. Blocks are decompressed
+The heads of all records are read, whatever the summary says of them. Blocks are decompressed
 here only where no summary says what is in them.
 """
 

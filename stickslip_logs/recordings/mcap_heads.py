@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The heads of the records of an MCAP file: its blocks, what its summary says, and where it is damaged."""
+"""Reads the heads of the records of an MCAP file: its blocks, its summary, and where it is damaged."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The order of time of MCAP files, by the indexes of the messages: nothing has to be unpacked for it."""
+"""Judges the order of time of MCAP files by the indexes of the messages, without unpacking them."""
 
 from __future__ import annotations
 

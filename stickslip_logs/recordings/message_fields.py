@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers out of CDR messages: where each lies, and the way to it in many messages at once.
+"""Reads numbers out of CDR messages: where each lies, and the way to it in many messages at once.
 
 A message is a row of tokens.  A cursor steps over them: one number for all messages while nothing
 of variable length was met, an array of one per message behind it.

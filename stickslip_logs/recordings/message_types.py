@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Types of messages: their definitions in ``ros2msg`` text, with the texts known here, and their fields."""
+"""Parses types of messages: definitions in ``ros2msg`` text, with the texts known here, and fields."""
 
 from __future__ import annotations
 

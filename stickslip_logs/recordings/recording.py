@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol of every recording, what is asked of it, and what it gives."""
+"""Defines the protocol of every recording, its requests and its results."""
 
 from __future__ import annotations
 

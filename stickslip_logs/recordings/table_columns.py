@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The columns of a table of numbers with times: names, units, marks of quality, and what tells rows apart.
+"""Finds the columns of a table with times: names, units, marks of quality, and keys of the rows.
 
-What the file does not say is guessed, and reported.
+What the file does not state is guessed, and reported.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A pass over a table for numbers of some columns: what each cell counts as, and in which order of time."""
+"""Reads numbers of some columns of a table in one pass, and judges their order of time."""
 
 from __future__ import annotations
 

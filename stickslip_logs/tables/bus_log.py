@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Logs of a ship's buses as rows of one value: NMEA 0183 with times, Signal K deltas, NMEA 2000 of canboat.
+"""Reads bus logs as rows of one value: NMEA 0183 with times, Signal K deltas, NMEA 2000 of canboat.
 
 A value's name is what a configuration calls it: ``RPM S 1``, the name of a transducer, a path of Signal K, or
 ``127488.engine.0.Speed``, with the number of a PGN, its instance where it has one, and a field.

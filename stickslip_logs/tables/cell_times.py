@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How dates, times and numbers in cells are read as times.
+"""Reads dates, times and numbers in cells as times.
 
 All become nanoseconds since 1970, or since a start, exactly.
 """

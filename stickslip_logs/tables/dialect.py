@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a text file of rows is written: encoding, delimiter, headings, units and numbers.
+"""Detects how a text file of rows is written: encoding, delimiter, headings, units and numbers.
 
-Nothing of it is asked for; it is found by the head and the tail of the file.
+Nothing is asked for: the head and the tail of the file show it.
 """
 
 from __future__ import annotations

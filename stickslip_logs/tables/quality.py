@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns that say of the numbers of another whether they count, by words and by the codes of OPC.
+"""Finds columns of marks that say whether the numbers of another count: words, flags, codes of OPC.
 
 OPC DA (Data Access 3.00, section 6.8): the two highest bits of the low byte are 11 for good, so 192 and more.
 OPC UA (Part 4, section 7.39): the two highest of 32 bits are the severity, 00 for good. Flags of quality

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns that tell rows apart: of which shaft, vessel or device each is."""
+"""Finds columns that tell rows apart: of which shaft, vessel or device each is."""
 
 from __future__ import annotations
 

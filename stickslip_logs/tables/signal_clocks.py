@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The times of a table in which each signal has a column of times of its own, as trends are exported."""
+"""Finds the times of a table in which each signal has its own column of times, as in exports of trends."""
 
 from __future__ import annotations
 

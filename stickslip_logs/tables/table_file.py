@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A file of rows with times, text or Parquet (by pyarrow, extra ``logs``): columns, block by block."""
+"""Reads a file of rows with times, text or Parquet (by pyarrow, extra ``logs``), block by block."""
 
 from __future__ import annotations
 

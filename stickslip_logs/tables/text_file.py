@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A file of text, packed or not: its head and tail, and its lines."""
+"""Reads a file of text, packed or not: its head and tail, and its lines."""
 
 from __future__ import annotations
 
@@ -122,7 +122,10 @@ def opened(path: Path) -> Any:
 
 
 def unpacked_begin(path: Path) -> bytes:
-    """Return the first 4096 unpacked bytes of a file; fewer, or none, where it ends or is damaged."""
+    """Return the first 4096 unpacked bytes of a file; fewer where it ends or is damaged.
+
+    Empty for a file that cannot be opened or read.
+    """
     begin = b''
     with contextlib.suppress(*BROKEN), opened(path) as file:
         while len(begin) < _BEGIN and (piece := file.read1(_BEGIN - len(begin))):

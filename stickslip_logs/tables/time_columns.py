@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which columns of a table hold the times of its rows, and what their cells mean.
+"""Finds the columns of a table that hold the times of its rows, and the meaning of their cells.
 
-What the rows make certain is taken; what they leave open is a question for the owner.
+A meaning that the rows make certain is used; one that they leave open is a question for the owner.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small table of any kind read as a whole: its headings with their units, and its rows by their lines."""
+"""Reads a small table of any kind as a whole: headings with their units, and rows with their lines."""
 
 from __future__ import annotations
 
@@ -43,31 +43,19 @@ def read_table(
         path: The file, packed or not.
         max_bytes: The largest size that is read [bytes].
         error: The type of the error that is raised for a file that cannot be read, is larger, or is damaged.
-        is_heading: Tells cells that are headings of such a table. Where none are, those above the numbers are
-            taken, or the first line that is no comment.
+        is_heading: Returns whether cells are headings of such a table. Where none are, those above the
+            numbers are taken, or the first line that is no comment.
 
     Returns:
         The rows, the headings first, and the delimiter. Without headings the rows are all that are no
         comments.
+
+    Raises:
+        StickslipError: Of the type ``error``: the file cannot be read, is larger, or a row is damaged.
     """
-    try:
-        with opened(Path(path)) as file:
-            data = file.read(max_bytes + 1)
-        if len(data) > max_bytes:
-            raise OSError(errno.EFBIG, f'it is larger than {max_bytes} bytes, the limit', str(path))
-    except BROKEN as cause:
-        raise error(f'{path}: {getattr(cause, "strerror", None) or cause}') from None
-    lines = lines_of(data.decode(encoding_of(data), 'replace'))
+    lines = _read_lines(path, max_bytes, error)
     delimiter = find_delimiter(lines)
-    rows, damaged = list[TableRow](), dict[int, Exception]()
-    for number, line in enumerate(lines, start=1):
-        try:
-            strict = csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=delimiter == ' ')
-            (cells,) = strict if line.strip() else ([],)
-        except (csv.Error, ValueError) as cause:
-            cells, damaged[number] = [line], cause
-        rows.append(TableRow(number, [cell.strip() for cell in cells]))
-    rows = [row for row in rows if any(row.cells)]
+    rows, damaged = _split_rows(lines, delimiter)
     at = _find_headings(rows, is_heading)
     below = [row for row in rows[at + 1 :] if not row.cells[0].startswith(COMMENTS)]
     for row in below:
@@ -80,6 +68,38 @@ def read_table(
         units = below.pop(0).cells
         names = [f'{name} [{unit}]' if unit else name for name, unit in zip(names, units, strict=True)]
     return [TableRow(rows[at].line, names), *below], delimiter
+
+
+def _read_lines(path: str | Path, max_bytes: int, error: type[StickslipError]) -> list[str]:
+    """Read the lines of a file, packed or not, of up to ``max_bytes``.
+
+    Raises:
+        StickslipError: Of the type ``error``: the file cannot be read, is larger, or is damaged.
+    """
+    try:
+        with opened(Path(path)) as file:
+            data = file.read(max_bytes + 1)
+        if len(data) > max_bytes:
+            raise OSError(errno.EFBIG, f'it is larger than {max_bytes} bytes, the limit', str(path))
+    except BROKEN as cause:
+        raise error(f'{path}: {getattr(cause, "strerror", None) or cause}') from None
+    return lines_of(data.decode(encoding_of(data), 'replace'))
+
+
+def _split_rows(lines: Sequence[str], delimiter: str) -> tuple[list[TableRow], dict[int, Exception]]:
+    """Return the rows that are not blank, and by line the error of each that csv refuses.
+
+    Such a row has its line as the only cell: it may be a remark above the headings.
+    """
+    rows, damaged = list[TableRow](), dict[int, Exception]()
+    for number, line in enumerate(lines, start=1):
+        try:
+            strict = csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=delimiter == ' ')
+            (cells,) = strict if line.strip() else ([],)
+        except (csv.Error, ValueError) as cause:
+            cells, damaged[number] = [line], cause
+        rows.append(TableRow(number, [cell.strip() for cell in cells]))
+    return [row for row in rows if any(row.cells)], damaged
 
 
 def _find_headings(rows: Sequence[TableRow], is_heading: Callable[[list[str]], bool]) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All alarms of all bearings, and what people do with them.
+"""Keeps all alarms of all bearings, and carries out the actions of people on them.
 
 It reads no clock. ``now_ns`` is a running time that never goes back, whatever clocks do: shelves,
 silences and delays are measured on it. ``time_ns`` is the stamp that a change is given.
@@ -28,7 +28,7 @@ from stickslip_monitor.monitor.severity import WordEnum
 from stickslip_monitor.monitor.statements import Event, Verdict
 
 MONITOR, TIMER = 'monitor', 'timer'
-"""Who did it, where it was not a person."""
+"""Who made a change, where it was not a person."""
 UNSILENCE = 'unsilence'
 ON_SHOW = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED)
 WAITING = (AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED)
@@ -68,7 +68,10 @@ class Flood:
         self.most = max(self.most, len(self._times))
 
     def figures(self, now_ns: int) -> dict[str, Any]:
-        """Return ``alarms_10min``, ``most_10min`` and ``flooding``, of now; a flood may end by it."""
+        """Return ``alarms_10min``, ``most_10min`` and ``flooding`` at a running time [ns].
+
+        A flood may end by it.
+        """
         self._count_recent(now_ns)
         return {'alarms_10min': len(self._times), 'most_10min': self.most, 'flooding': self._flooding}
 
@@ -221,10 +224,10 @@ class Annunciator:
         return changes + (self._note_recurrence(name, changes, time_ns) if event.onset else [])
 
     def _note_recurrence(self, name: str, changes: list[AlarmChange], time_ns: int) -> list[AlarmChange]:
-        """Count a new onset under an alarm of stick-slip that is active, and sound for it after ten minutes.
+        """Count a new onset under an active alarm of stick-slip, and sound again after ten minutes.
 
-        Nothing happens where ``changes``, those of the same event, raise that alarm already. One that is
-        shelved, or out of service, makes no sound; the other alarm of stick-slip speaks for it.
+        Nothing happens where ``changes``, those of the same event, raise that alarm already. An alarm that is
+        shelved, or out of service, makes no sound; the other alarm of stick-slip sounds in its place.
 
         Returns:
             The changes that make the alarm sound again; empty where it does not.
@@ -295,7 +298,7 @@ class Annunciator:
     def act(
         self, action: Action, time_ns: int, by: str, bearing: str | None = None, kind: AlarmKind | None = None
     ) -> list[AlarmChange]:
-        """Carry out a person's request on some alarms.
+        """Carry out a person's request: change the state, silence or shelf of some alarms.
 
         To shelve without a kind is to shelve what stands now, so that whatever comes later is still given.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The alarms as plain records for JSON: what is published, asked for, and kept over a restart."""
+"""Makes plain records for JSON of the alarms, of requests, and of the state that a restart restores."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 """The verdict of the models on operating points: regime, margins, loads, amplitudes.
 
 An :class:`Assessment` is of one point, of Python numbers, :class:`Assessments` are of many, of arrays
-of one shape. What a verdict rests on is stored, the rest is worked out when it is first asked for.
+of one shape. Inputs and boundaries are stored, the rest is computed at the first access.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class _Assessed(Generic[_Number]):
             return as_measured(self.bearing), self.speed / self.scale, self.load / self.scale
 
     def _apply_flat(self, function: Callable[..., FloatArray], *columns: ArrayLike) -> _Number:
-        """Return a function of flat arrays applied to columns that broadcast, in blocks of rows.
+        """Apply a function of flat arrays to columns that broadcast, in blocks of rows; return the result.
 
         The result has the shape of the columns; it is a number for numbers. Floating-point warnings are
         silenced.
@@ -270,6 +270,7 @@ class _Assessed(Generic[_Number]):
 
     @cached_property
     def _chances(self) -> tuple[_Number, _Number]:
+        """The probabilities that a cycle exists, and that it starts by itself; ``nan`` without a belief."""
         if self.belief is None:
             return (self.speed * np.nan,) * 2
         return self.belief.probabilities(*self._reference[1:], self.fold_share)
@@ -316,8 +317,8 @@ class _Assessed(Generic[_Number]):
 class Assessment(_Assessed[float]):
     """The verdict of the models on one operating point, of Python numbers.
 
-    See :func:`assess`. What it rests on is stored; the rest is worked out when it is first asked
-    for, and kept.
+    See :func:`assess`. The inputs and boundaries are stored; the rest is computed at the first access,
+    and cached.
     """
 
     @property
@@ -337,7 +338,7 @@ class Assessment(_Assessed[float]):
 
 
 class Assessments(_Assessed[FloatArray]):
-    """The same of many operating points, of arrays of one shape."""
+    """Verdicts of the models on many operating points, as arrays of one shape."""
 
     @property
     def outcome(self) -> NDArray[np.str_]:

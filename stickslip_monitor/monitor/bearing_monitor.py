@@ -28,7 +28,7 @@ from stickslip_monitor.monitor.vibration_rule import UNKNOWN
 class Update:
     """Result of one sample."""
 
-    status: Status  # what became of it
+    status: Status  # why it is used or not
     verdict: Verdict | None = None  # where it completed an operating point
     events: list[Event] = field(default_factory=list)  # changes of the alarm up to its time
 
@@ -119,7 +119,7 @@ class BearingMonitor(Standing):
         return self.state.came[place] == NEVER or INPUTS[place] in self.lost()
 
     def excuse(self, held_ns: int) -> None:
-        """Leave a stall of this process [ns] out of the age of speed and load, by moving their times on."""
+        """Subtract a stall of this process [ns] from the age of speed and load, by moving their times on."""
         state = self.state
         for place in (Input.SPEED, Input.LOAD):
             if state.came[place] != NEVER:

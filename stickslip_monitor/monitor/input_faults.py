@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes of each input, how fast, and what is wrong with it: one sentence for each fault.
+"""Watches the inputs: how fast samples come, and what is wrong with them, one sentence for each fault.
 
 The facts are gathered by whoever has them: :class:`InputWatch` once a second beside a running
 monitor, a check from a recording. Neither knows ROS: who publishes is asked of a :class:`Graph`.

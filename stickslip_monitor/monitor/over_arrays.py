@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The rule over a recording: its samples in blocks, verdicts as columns.
+"""Runs the rule over a recording: samples in blocks, verdicts as columns.
 
 Each block goes on from the memory that the one before has left, so any cut into blocks gives the
 same verdicts, and memory does not grow with the recording. A long one runs compiled.
@@ -68,7 +68,9 @@ def run(
     changes: Rows,
     memories: MutableSequence[State],
 ) -> tuple[int, int, int]:
-    """Take samples of a recording until there is no more room, or an amplitude is due.
+    """Take samples of a recording until there is no more room for changes, or an amplitude is due.
+
+    The memory advances in place.
 
     Args:
         states: The memory, as a row of one.
@@ -83,7 +85,7 @@ def run(
         memories: Room for a copy of the memory at each change.
 
     Returns:
-        The sample after the last one taken, how many changes there were, and how many points are made.
+        The index of the first sample not taken, how many changes there were, and how many points are made.
     """
     places, stamps, arrivals, values = samples
     first, begin, end = span

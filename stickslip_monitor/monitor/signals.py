@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What comes in: samples, streams of them, and what became of each."""
+"""Defines the inputs: samples, streams of them, and the status of each sample."""
 
 from __future__ import annotations
 

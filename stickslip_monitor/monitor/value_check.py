@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a value from outside may be: a configuration, a scene, an option or a file of results is checked here.
+"""Checks values from outside: those of a configuration, a scene, an option or a file of results.
 
 One declaration, one check, and one sentence for what breaks its rule.
 """
