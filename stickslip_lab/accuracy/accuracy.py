@@ -33,7 +33,7 @@ from stickslip_lab.accuracy.methods import (
     smoothed,
     switching,
 )
-from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.errors import ConfigurationError, cause
 from stickslip_monitor.files import read_file
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
@@ -255,8 +255,7 @@ def read_rows(path: str | Path) -> list[Row]:
         text = read_file(path, MAX_TABLE_BYTES).decode()
         lines = list(csv.DictReader(io.StringIO(text, newline='')))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, 'strerror', None) or error
-        raise ConfigurationError(f'{path} cannot be read: {reason}') from error
+        raise ConfigurationError(f'{path} cannot be read: {cause(error)}') from error
     if not lines or list(lines[0]) != [field.name for field in fields(Row)]:
         raise ConfigurationError(
             f"{path} is not a measurement: give a table that 'stickslip accuracy --output' wrote"

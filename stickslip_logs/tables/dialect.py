@@ -26,8 +26,6 @@ from stickslip_logs.units import find_unit, names_of
 
 # Lines of the head that are looked at.
 _MAX_LINES = 2000
-# Where most of so many rows in turn are numbers those of a table begin.
-_RUN_ROWS = 4
 _DELIMITERS = '\t;|, '
 # Weight of a blank among delimiters: it stands between a date and its time, too.
 _WEIGHT_OF_BLANKS = 0.9
@@ -487,12 +485,7 @@ def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | No
         width: How many cells most rows have.
     """
     is_data = [_is_data(row, decimal, width) for row in rows]
-    places = [k for k, is_one in enumerate(is_data) if is_one]
-    for k in places:
-        run = [is_data[n] for n in range(k, min(k + 2 * _RUN_ROWS, len(rows))) if rows[n]][:_RUN_ROWS]
-        if sum(run) > 0.5 * len(run):
-            return _skip_preamble(rows, is_data, k, width)
-    return places[0] if places else None
+    return _skip_preamble(rows, is_data, is_data.index(True), width) if any(is_data) else None
 
 
 def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, width: int) -> int:

@@ -24,8 +24,8 @@ from stickslip_monitor.monitor.signals import INPUTS, Status
 from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.state_file import StateWriter
 
-# The latest date of a browser [ms], and the highest whole number that it holds exactly.
-_LATEST, _MOST_COUNTED = 8_640_000_000_000_000, 2**53
+# The latest date of a browser [ms]; whole numbers up to beyond that are exact there, counts too.
+_LATEST = 8_640_000_000_000_000
 NUMBERS = ('rpm', *POINT_NUMBERS)
 """The numbers of a record."""
 OFFERED = (Action.ACKNOWLEDGE, Action.SILENCE, Action.RESET, Action.SHELVE, Action.UNSHELVE)
@@ -60,7 +60,7 @@ def _read_finite(value: Any) -> float | None:
 
 def _read_count(value: Any) -> int:
     """Return a count that JavaScript can hold, 0 for anything else."""
-    return value if isinstance(value, int) and 0 <= value <= _MOST_COUNTED else 0
+    return value if isinstance(value, int) and 0 <= value <= _LATEST else 0
 
 
 def _read_milliseconds(time_ns: Any) -> int | None:

@@ -26,7 +26,7 @@ from stickslip_monitor.dashboard.access import (
 from stickslip_monitor.dashboard.metrics import Metrics
 from stickslip_monitor.dashboard.page_records import OFFERED
 from stickslip_monitor.dashboard.seen_monitors import DashboardState
-from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError
+from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError, cause
 from stickslip_monitor.host import end_signals
 from stickslip_monitor.monitor.alarm_records import ActionRequest, parse_request
 from stickslip_monitor.monitor.value_check import Parameter
@@ -198,8 +198,7 @@ class Server:
         try:
             listening = await loop.create_server(protocols, address, port, backlog=128)
         except (OSError, OverflowError) as error:
-            reason = getattr(error, 'strerror', None) or error
-            raise DashboardError(f'cannot listen at {address} port {port}: {reason}') from error
+            raise DashboardError(f'cannot listen at {address} port {port}: {cause(error)}') from error
 
         def sweep() -> None:
             """End idle connections, and call this again while the server listens."""

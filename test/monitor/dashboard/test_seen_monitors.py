@@ -98,13 +98,13 @@ def test_what_is_no_number_has_no_value() -> None:
 
 def test_what_no_browser_can_show_is_not_handed_on() -> None:
     """Inputs that no bearing has, counts that no float holds, and dates after the last of JavaScript."""
-    own = {'lost': False, 'counts': {'accepted': 10**400, 'repeated': -1, 'no_value': 7}}
+    last_ms = 8_640_000_000_000_000  # of ECMAScript, section 'Time Values and Time Range'
+    own = {'lost': False, 'counts': {'accepted': last_ms + 1, 'repeated': -1, 'no_value': last_ms}}
     record = checked_record(bearing_status(inputs={'"] img': own, 'load': own}, held_until=10**40))
     assert list(record['inputs']) == ['load']
     counts = record['inputs']['load']['counts']
-    assert (counts['accepted'], counts['repeated'], counts['no_value']) == (0, 0, 7)
+    assert (counts['accepted'], counts['repeated'], counts['no_value']) == (0, 0, last_ms)
     assert record['held_until'] is None
-    last_ms = 8_640_000_000_000_000
     assert checked_record(bearing_status(time_ns=last_ms * 10**6))['time'] == last_ms
     assert checked_record(bearing_status(time_ns=(last_ms + 1) * 10**6)) is None
 
@@ -312,6 +312,7 @@ def test_a_map_is_made_for_the_first_point_and_grows(now: list[float]) -> None:
     for k, speed in enumerate((0.5, 50.0, 0.5, 0.5, -2.0, -3.0, -2.5, -2.0, -2.0)):
         board.monitors[0].take_record(bearing_status(time_ns=k * 10**9, speed=speed))
         board.tick()
+        assert len(made) == 1 + (k == 8)
     assert made == [(pytest.approx(0.6), 1.5), (pytest.approx(2.4), 1.5)]
     assert board.state()['bearings'][0]['speeds'] == (0.0, pytest.approx(2.4))
 
