@@ -41,9 +41,11 @@ MIN_TOKEN_LENGTH = 16
 """A shorter token of the page could be guessed."""
 MAX_TOKEN_BYTES = 4096
 """A larger file holds something else: tokens have some 200 bytes."""
+# Beginning of a file in which our mark is sought [bytes].
 _HEAD = 4096
-_LONGEST_TEXT = 4000
-_ENDS = 1000
+# Characters of a text that is printed whole; of a longer one a quarter of them at each end.
+_MAX_TEXT = 4000
+_ENDS = _MAX_TEXT // 4
 
 
 def read_json(path: str | Path, max_bytes: int) -> Any:
@@ -194,8 +196,8 @@ def redirect_to_null(descriptor: int) -> None:
 
 
 def printable(text: str) -> str:
-    """Replace control characters in a text; of more than :data:`_LONGEST_TEXT` only both ends stay."""
-    if len(text) > _LONGEST_TEXT:
+    """Replace control characters in a text; of more than :data:`_MAX_TEXT` only both ends stay."""
+    if len(text) > _MAX_TEXT:
         left = len(text) - 2 * _ENDS
         text = f'{text[:_ENDS]} ... ({left} characters) ... {text[-_ENDS:]}'
     return ''.join(c if c.isprintable() else '\N{REPLACEMENT CHARACTER}' for c in text)

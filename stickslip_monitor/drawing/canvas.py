@@ -55,6 +55,7 @@ HOPF, FOLD = '#913900', '#6e4b00'
 """The two boundaries, as lines on any of the fills; the fold is dashed (:data:`DASHES`)."""
 
 DASHES = (0, (4.5, 2.2))
+"""Offset, and lengths of a dash and a gap [line widths]."""
 
 BOUNDARY_LINES: dict[str, tuple[Regime, str, Any]] = {
     'Hopf': (Regime.UNSTABLE, HOPF, '-'),
@@ -121,6 +122,10 @@ ON_DARK = {
 
 SOFTWARE = 'stickslip_monitor'
 WIDTH, HEIGHT = 9.0, 5.6
+"""Size of a picture [inch], if no other is asked for."""
+POINTS_PER_INCH = 70
+"""Points of a recording that are drawn on an inch, nearly; the others are within their outline."""
+# Resolution of a PNG [1/inch].
 _DPI = 200
 # Stretches in which a word has room upright, and across [pixels].
 _NARROWEST, _WIDE = 15.0, 75.0

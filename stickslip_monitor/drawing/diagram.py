@@ -28,10 +28,17 @@ from stickslip_monitor.physics.averaging import fold_speed, growth_rate, hopf_sp
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import end_of_vibration, exact_amplitude, exact_fold_speed
 
+# Share of the second speed that stands for a first one at rest [-].
 _LOW = 1e-3
+# Share of a speed within which two turns, or a turn and a boundary, are one [-].
 _SAME = 1e-9
+# Speeds of the scan for changes in the number of cycles, besides those drawn.
 _COLUMNS = 500
-_PARTS, _ROUNDING, _CUSP = 32, 1e-14, 1e-6
+# Parts into which a bracket of such a change is divided at a time, and its width at the end as a share.
+_PARTS, _ROUNDING = 32, 1e-14
+# Share of an amplitude within which a fold is at the sliding limit [-].
+_CUSP = 1e-6
+# Room above the highest amplitude and below zero, as shares of it [-].
 _HEADROOM, _BELOW_ZERO = 1.2, 0.07
 
 

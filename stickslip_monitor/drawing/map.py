@@ -33,23 +33,31 @@ from stickslip_monitor.physics.probability import QUANTILES
 
 Range = tuple[float, float]
 
+# Size of a chosen range over what it has to show [-].
 _ROOM = 1.25
+# Height of the labels of amplitudes, and the least rise of a line that has one, as shares of the axes [-].
 _LABEL_HEIGHT, _LABELLED = 0.91, 0.2
 # Length of the longest label of an amplitude, '0.25 mm' of 9 points, with the gap around it [inch].
 _LABEL_LENGTH = 0.72
+# Highest load of a map over the onset, without a track [-].
 _LOADS_ABOVE_ONSET = 10.0
 # The map goes to twice the load at which friction was measured.
 _LOADS_BELOW_MEASURED = 0.5 * _LOADS_ABOVE_ONSET
+# Even speeds at which the onset is sought, besides those where the law changes.
 _SPEEDS_TRIED = 200
-_RPM_WITHOUT_SCALE = 60.0
-_LOAD_WITHOUT_SCALE = 1000.0
+# Speed [rpm] and highest load [N] of a map for a bearing that has no scale of its own.
+_RPM_WITHOUT_SCALE, _LOAD_WITHOUT_SCALE = 60.0, 1000.0
+# Places at a break point, as shares of its speed: before, at, and behind it.
 _BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
+# Ceiling of the regions over the highest load of the map: loads beyond, and none, are drawn there [-].
 _BEYOND = 2.0
+# Loads at which the bands of a belief are computed.
 _BAND_LOADS = 120
 # Speeds and loads at which exact cycles are computed.
 _EXACT_GRID = 48, 32
 # Distance of two folds from which they are two lines, as a share of the map's width [-].
 _FOLDS_APART = 0.005
+# Width of a map from which it has five lines of amplitude in place of three [inch].
 _NARROW = 5.0
 # The legend below the map [inch].
 _LEGEND_COLUMN, _LEGEND_ROW, _NAMES = 1.45, 0.2, 10
@@ -57,7 +65,7 @@ _LEGEND_COLUMN, _LEGEND_ROW, _NAMES = 1.45, 0.2, 10
 _LEFT, _BESIDE_AXES, _BELOW, _ABOVE = 0.855, 1.08, 0.64, 0.24
 
 # The track.
-_POINTS_PER_INCH = 70
+# Points of the smoothed track, about.
 _STOPS = 150
 # A step of the course is at least this part of the map's diagonal.
 _STRIDE = 0.015
@@ -417,7 +425,7 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
     if not finite.size:
         return
     # Every place that it has been to, faint.
-    drawn = canvas.envelope(int(width * _POINTS_PER_INCH), x, y)
+    drawn = canvas.envelope(int(width * canvas.POINTS_PER_INCH), x, y)
     faint: canvas.Look = {'color': canvas.MUTED, 'lw': 0.7, 'alpha': 0.45, 'zorder': 6}
     named = axes.plot(x[drawn], y[drawn], label='measured', **faint)
     named += _draw_smoothed_track(axes, x, y)

@@ -21,18 +21,21 @@ from stickslip_monitor.monitor.severity import Severity
 from stickslip_monitor.monitor.statements import Event
 from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsen_spells
 
-_POINTS_PER_INCH = 70
+# Spells of the alarm's band on an inch, beyond which neighbours are joined.
 _SPELLS_PER_INCH = 30
-_MOST_LINES = 80
-_MOST_NUMBERED = 60
+# Events beyond which only alarms are marked, and beyond which marks have no number.
+_MAX_LINES, _MAX_NUMBERED = 80, 60
+# Rows of numbers above the panels: a number for which none has room is left out.
 _NUMBER_ROWS = 3
-_HIGHEST_MARGIN = 1.5
-_LOWEST_TOP = 0.3
+# Highest and lowest upper end of the axis of margins [-].
+_HIGHEST_MARGIN, _LOWEST_TOP = 1.5, 0.3
+# Width of a letter of a condition's name in the band [pixels].
 _PIXELS_PER_LETTER = 6.3
 # A panel so wide has the names of its lines beside each other [pixels].
 _NAMES_BELOW = 450.0
 DATED_FROM = 10 * 365 * 86_400 * 10**9
 """A clock before this counts from a start, a simulation's say: it has no date [ns]."""
+# The panels from above, with their heights [inch].
 _ROWS = (('speed', 1.9), ('load', 0.9), ('margin', 1.5), ('amplitude', 1.2), ('alarm', 0.26))
 # Room around and between the panels [inch].
 _LEFT, _RIGHT, _ABOVE, _BELOW, _BETWEEN = 0.82, 0.28, 0.5, 0.62, 0.27
@@ -87,7 +90,7 @@ class Timeline:
         return bool(np.any(np.isfinite(self.scan.assessment.amplitude)))
 
 
-def draw_timeline(timeline: Timeline, width: float = 9.0) -> canvas.Figure:
+def draw_timeline(timeline: Timeline, width: float = canvas.WIDTH) -> canvas.Figure:
     """Draw a recording over time, of a width [inch]; long ones are thinned to their envelope.
 
     Raises:
@@ -104,7 +107,7 @@ def draw_timeline(timeline: Timeline, width: float = 9.0) -> canvas.Figure:
             box = _LEFT / width, (top - size) / height, 1.0 - (_LEFT + _RIGHT) / width, size / height
             panels[name] = figure.add_axes(box)
             top -= size + _BETWEEN
-        lines = _Lines(timeline, int(width * _POINTS_PER_INCH))
+        lines = _Lines(timeline, int(width * canvas.POINTS_PER_INCH))
         _draw_episodes(panels, lines)
         _draw_speed(panels['speed'], lines)
         _draw_load(panels['load'], lines)
@@ -368,9 +371,9 @@ def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
     Of too many events only the alarms are marked, and of too many alarms none.
     """
     numbered = list(enumerate(events, 1))
-    if len(numbered) > _MOST_LINES:
+    if len(numbered) > _MAX_LINES:
         numbered = [(i, e) for i, e in numbered if e.raised and e.after.severity is Severity.ERROR]
-    return numbered if len(numbered) <= _MOST_LINES else []
+    return numbered if len(numbered) <= _MAX_LINES else []
 
 
 def _draw_event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
@@ -389,7 +392,7 @@ def _draw_event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
                 axes.axvline(when, color=colour, lw=0.9, alpha=0.8, zorder=3)
         spot = float(first.transData.transform((when, 0.0))[0])
         row = next((row for row, taken in enumerate(free) if spot >= taken), None)
-        if row is not None and len(events) <= _MOST_NUMBERED:
+        if row is not None and len(events) <= _MAX_NUMBERED:
             look: canvas.Look = {'ha': 'center', 'va': 'bottom', 'size': 8.5, 'color': canvas.INK}
             place: canvas.Look = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}
             first.annotate(str(number), (when, 1.0), (0.0, 2.0 + 10.0 * row), **place, **look)

@@ -37,20 +37,23 @@ from stickslip_monitor.offline.input_report import InputReport
 from stickslip_monitor.report import summary
 from stickslip_monitor.report.summary import Course, Fact, Finding, facts, judge_all, judge_bearing
 
-MOST_EVENTS = 400
-_MOST_TOPICS = 100
+MAX_EVENTS = 400
+"""Events of a bearing that its table has room for: the most severe."""
+# Topics of a recording that its table has room for.
+_MAX_TOPICS = 100
 _GRADES = {'OK': 'clear', 'WARN': 'warning', 'ERROR': 'alarm'}
 _CONDITIONS = {condition.value: name for condition, name in canvas.CONDITION_NAMES.items()}
 _ORDER = tuple(_GRADES)
 _FILTERS = ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'share', 'time_of_day')
 # A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
-_WIDE, _NARROW = 9.0, 3.6
-_MAP_WIDE, _MAP_NARROW = (9.0, 5.6), (3.6, 5.4)
+_WIDE, _NARROW = canvas.WIDTH, 3.6
+_MAP_WIDE, _MAP_NARROW = (_WIDE, canvas.HEIGHT), (_NARROW, 5.4)
+# Events of a bearing that are marked on its map: the first.
 _MARKS = 60
 # A page with more bearings takes minutes to make and nobody looks at them all.
-MOST_DRAWN = 12
+MAX_DRAWN = 12
 _NOT_DRAWN = (
-    f'Not drawn: pictures are of the {MOST_DRAWN} bearings that need a look most.'
+    f'Not drawn: pictures are of the {MAX_DRAWN} bearings that need a look most.'
     ' `stickslip map --track BAG --bearing NAME` draws the map of this one.'
 )
 _MAP_CAPTION = (
@@ -137,9 +140,9 @@ class Archive:
         self.parts.append(part)
         entries = [(-finding.rank, number, k) for k, finding in enumerate(part.findings)]
         ranked = sorted([*self._urgent, *entries[: len(part.courses)]])
-        self._urgent = ranked[:MOST_DRAWN]
+        self._urgent = ranked[:MAX_DRAWN]
         urgent_before = {n for _, n, _ in self._urgent}
-        for n in {n for _, n, _ in ranked[MOST_DRAWN:]} - urgent_before:
+        for n in {n for _, n, _ in ranked[MAX_DRAWN:]} - urgent_before:
             self.parts[n] = replace(self.parts[n], courses=())
 
     def shown(self) -> Iterator[RecordingPart]:
@@ -269,7 +272,7 @@ def html_page(
         ReportError: Jinja2 is not installed.
         ConfigurationError: The file of the configuration cannot be read any more; so also OSError.
     """
-    is_drawn = len(parts) <= MOST_DRAWN
+    is_drawn = len(parts) <= MAX_DRAWN
     whole = [part for part in parts if is_drawn or part.bearings]
     try:
         from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -290,7 +293,7 @@ def html_page(
         made=f'{made.astimezone(timezone.utc):%Y-%m-%d %H:%M} UTC',
         version=__version__,
         shown_events=shown_events,
-        most_topics=_MOST_TOPICS,
+        most_topics=_MAX_TOPICS,
         is_dated=summary.is_dated,
         config_path=config_path,
         config_digest=hashlib.sha256(Path(config_path).read_bytes()).hexdigest(),
@@ -303,7 +306,7 @@ def html_page(
 def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping[str, Any]]]:
     """Return the events that a table has room for, with their numbers from 1: the most severe, in order."""
     order = sorted(enumerate(events, 1), key=lambda numbered: -_ORDER.index(numbered[1]['severity']))
-    return sorted(order[:MOST_EVENTS], key=lambda numbered: numbered[0])
+    return sorted(order[:MAX_EVENTS], key=lambda numbered: numbered[0])
 
 
 def parameter_groups(

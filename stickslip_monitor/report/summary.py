@@ -21,7 +21,8 @@ from stickslip_monitor.offline.check import BearingReport
 from stickslip_monitor.offline.extremes import ConditionInterval, Extreme, Verdicts, join_spells
 
 STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)
-_MOST_NAMED = 10
+# Bearings that the verdict over all names: the first that are not clear.
+_MAX_NAMED = 10
 _WORDS = {'clear': 'Clear', 'unknown': 'No verdict', 'warning': 'Warning', 'alarm': 'Alarm'}
 GRADES = tuple(_WORDS)
 """The grades of a finding, the worst last."""
@@ -269,7 +270,7 @@ def judge_all(parts: Sequence[tuple[str, Finding]]) -> Finding:
     else:
         text = f'No stick-slip was predicted in any {of}.'
     worst = [f'{name}, {finding.sentences[0]}' for name, finding in parts if finding.grade != 'clear']
-    return _make_finding(grade, text, *worst[:_MOST_NAMED])
+    return _make_finding(grade, text, *worst[:_MAX_NAMED])
 
 
 def _counted_noun(parts: Sequence[tuple[str, Finding]]) -> str:

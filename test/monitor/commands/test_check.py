@@ -241,7 +241,7 @@ def test_of_many_bearings_the_worst_are_drawn_and_the_others_say_so(
     tmp_path: Path, stickslip: Stickslip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('jinja2')
-    monkeypatch.setattr(report_page, 'MOST_DRAWN', 1)
+    monkeypatch.setattr(report_page, 'MAX_DRAWN', 1)
     # Friction that does not fall: no cycle at any speed.
     level = {'friction': {'law': 'stribeck', 'static': 0.1, 'kinetic': 0.1, 'decay': 10.0}}
     path = tmp_path / 'three.html'
@@ -336,7 +336,7 @@ def test_a_report_has_those_that_need_a_look_most_and_a_row_for_each_other(
     tmp_path: Path, stickslip: Stickslip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('jinja2')
-    monkeypatch.setattr(report_page, 'MOST_DRAWN', 2)
+    monkeypatch.setattr(report_page, 'MAX_DRAWN', 2)
     sizes = []
     for count in (4, 10):
         for number in range(count):

@@ -18,8 +18,8 @@ from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS
 from stickslip_monitor.offline.check import check_recording, to_json
 from stickslip_monitor.report.page import (
-    MOST_DRAWN,
-    MOST_EVENTS,
+    MAX_DRAWN,
+    MAX_EVENTS,
     Archive,
     BearingPart,
     Picture,
@@ -211,7 +211,7 @@ def test_of_an_archive_what_is_not_shown_is_a_row_whatever_came_of_it() -> None:
         check_document('x') | {'complete': False},
         {'path': 'x', 'error': 'torn'},
     ]
-    parts = [RecordingPart(f'bag-{k}', 'x', documents[k % 3], (finding,)) for k in range(MOST_DRAWN + 3)]
+    parts = [RecordingPart(f'bag-{k}', 'x', documents[k % 3], (finding,)) for k in range(MAX_DRAWN + 3)]
     text = html_page(parts, load_config(CONFIG), str(CONFIG), made).decode()
     rows = re.findall(r'<tr><td>x</td><td>(.*?)</td><td>(.*?)</td><td>.*?no verdict(.*?)</td>', text)
     begun, lasting = '2026-05-04 00:00:00.0', '10\N{NO-BREAK SPACE}s'
@@ -220,10 +220,10 @@ def test_of_an_archive_what_is_not_shown_is_a_row_whatever_came_of_it() -> None:
 
 
 def test_of_very_many_events_the_severe_stay() -> None:
-    events = [warning_event(i, 'ERROR' if i % 100 == 50 else 'WARN') for i in range(MOST_EVENTS + 200)]
+    events = [warning_event(i, 'ERROR' if i % 100 == 50 else 'WARN') for i in range(MAX_EVENTS + 200)]
     rows = shown_events(events)
     numbers = [number for number, _ in rows]
-    assert len(rows) == MOST_EVENTS
+    assert len(rows) == MAX_EVENTS
     assert numbers == sorted(numbers)
     severe = [number for number, each in rows if each['severity'] == 'ERROR']
     assert severe == [i + 1 for i in range(len(events)) if i % 100 == 50]
