@@ -22,12 +22,13 @@ from urllib.parse import urlsplit
 from aiohttp import web
 from aiohttp.typedefs import Handler
 
-_MOST_ENDED = 1000
+# Ended sessions that are remembered; of more the oldest would count again.
+_MAX_ENDED = 1000
 OPEN_PATHS = ('/login', '/page.css', '/icon.svg')
 """What is given without a token: it says nothing of the ship."""
-MOST_CONNECTIONS = 400
+MAX_CONNECTIONS = 400
 """More than pages, and less than the files that a process may have open."""
-IDLE = 30.0
+MAX_IDLE = 30.0
 """A connection without a request, or with half of one, is closed after so long [s]."""
 _HEADERS = {
     'Content-Security-Policy': (
@@ -53,7 +54,7 @@ class Access:
     # Host names, in lower case, under which this machine is known beside its addresses.
     names: Collection[str] = ()
     # The sessions that were ended, the oldest first.
-    ended: deque[str] = field(default_factory=lambda: deque(maxlen=_MOST_ENDED))
+    ended: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_ENDED))
 
     def knows(self, token: str) -> bool:
         """Return whether a text is the token; takes as long whatever is wrong with it."""

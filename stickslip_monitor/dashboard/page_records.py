@@ -40,6 +40,7 @@ def _require_type(kind: type) -> Callable[[Any], Any]:
     """Make a reader of a required value, which raises ``ValueError`` if it is not of this type."""
 
     def read(value: Any) -> Any:
+        """Return the value; raise ``ValueError`` if it is of another type."""
         if not isinstance(value, kind):
             raise ValueError(f'{value!r} is no {kind.__name__}')
         return value
@@ -191,14 +192,16 @@ def _is_possible(alarm: dict[str, Any], action: Action) -> bool:
     return (alarm['state'], action.value) in _TABLE and not quiet
 
 
-KEPT = 5000
+MAX_ENTRIES = 5000
 """Entries of the log that are kept; the page shows the latest, a file of CSV has all."""
-SHOWN = 60
+MAX_SHOWN = 60
+"""Entries of the log that the page shows: the latest."""
 LOG_FAMILY = 'stickslip_monitor/log/'
 """How the schema of a log begins, whatever its version."""
 LOG_SCHEMA = f'{LOG_FAMILY}1'
 LOG_TEXTS = ('node', 'bearing', 'alarm', 'priority', 'what', 'from', 'to', 'by', 'text')
-_LONGEST = 300
+# Characters of a text in the log; the rest of a longer one is cut off.
+_MAX_TEXT = 300
 # What a spreadsheet would compute.
 _FORMULA = ('=', '+', '-', '@', '\t', '\r')
 
@@ -241,7 +244,7 @@ class EventLog:
             self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
 
     def _add_entries(self, entries: Iterable[Any]) -> bool:
-        """Add entries, texts cut to :data:`_LONGEST`; drop the oldest beyond :data:`KEPT`.
+        """Add entries, texts cut to :data:`_MAX_TEXT`; drop the oldest beyond :data:`MAX_ENTRIES`.
 
         Return whether any was new.
         """
@@ -249,11 +252,11 @@ class EventLog:
         for entry in entries:
             if isinstance(entry, dict):
                 when = entry.get('time')
-                texts = {key: str(entry.get(key, ''))[:_LONGEST] for key in LOG_TEXTS}
+                texts = {key: str(entry.get(key, ''))[:_MAX_TEXT] for key in LOG_TEXTS}
                 full_entry = {'time': when if isinstance(when, int) else None, **texts}
                 self._entries.setdefault(tuple(full_entry.values()), full_entry)
         new = len(self._entries) > before
-        while len(self._entries) > KEPT:
+        while len(self._entries) > MAX_ENTRIES:
             del self._entries[next(iter(self._entries))]
         return new
 
@@ -262,8 +265,8 @@ class EventLog:
         self._entries.clear()
 
     def latest(self) -> list[dict[str, Any]]:
-        """Return the :data:`SHOWN` entries that came last, in order of time, for the page."""
-        return _in_order(list(self._entries.values())[-SHOWN:])
+        """Return the :data:`MAX_SHOWN` entries that came last, in order of time, for the page."""
+        return _in_order(list(self._entries.values())[-MAX_SHOWN:])
 
     def csv(self) -> str:
         """Return all entries as a text of CSV with a head line, times in UTC by ISO 8601.

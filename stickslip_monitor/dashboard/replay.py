@@ -19,8 +19,8 @@ from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.offline.binding import bind_at_least_one
 from stickslip_monitor.offline.check import requests_of
 
-_SHOWN_EVERY = 0.2
-_TURN = 0.01
+# Time between two updates of the page [s], and for which samples are played before the page has its turn [s].
+_SHOWN_EVERY, _TURN = 0.2, 0.01
 
 
 class _Sample(NamedTuple):

@@ -28,10 +28,11 @@ SILENT = 3.0
 """A monitor without a message for so long is taken for gone [s]."""
 ALARMS_SILENT = 150.0
 """The list of alarms comes at least once a minute; after so long it is too old [s]."""
-MOST_NAMES = 20
+MAX_NAMES = 20
 """Other monitors and bearings that are remembered, to report them."""
 NOT_MONITORING = 'not_monitoring'
 """The reason of a bearing whose node is not active."""
+# Rows of the history that must all be beyond the map before it is enlarged.
 _BEYOND = 5
 # A fold that is off by more than this share of its load is of other parameters: a map has 1 %.
 _OTHER_MAP = 0.1
@@ -332,8 +333,8 @@ class WatchedMonitor(Sink):
         record['bearing'] = self.key(record['bearing'])
 
     def _remember_name(self, names: dict[str, float], name: str) -> None:
-        """Store in ``names``, in place, when a name was received last [s]; none beyond :data:`MOST_NAMES`."""
-        if name in names or len(names) < MOST_NAMES:
+        """Store in ``names``, in place, when a name was received last [s]; none beyond :data:`MAX_NAMES`."""
+        if name in names or len(names) < MAX_NAMES:
             names[name] = self._clock()
 
     def concerned(self, request: ActionRequest) -> bool:

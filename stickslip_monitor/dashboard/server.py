@@ -16,8 +16,8 @@ from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 
 from stickslip_monitor.dashboard.access import (
-    IDLE,
-    MOST_CONNECTIONS,
+    MAX_CONNECTIONS,
+    MAX_IDLE,
     Access,
     Connections,
     add_headers,
@@ -38,23 +38,24 @@ T = TypeVar('T')
 
 HEARTBEAT = 5.0
 """A stream is never silent for longer [s], so that both ends notice when the other has gone."""
-STALLED = 30.0
+MAX_STALL = 30.0
 """A reader that takes nothing for so long is let go [s]."""
 SWEEP = 0.1
-"""How often is looked for connections on which nothing is asked [s]."""
-PATIENCE = 3.0
+"""Time between two checks for connections on which nothing is asked [s]."""
+ACTION_TIMEOUT = 3.0
 """How long an action may take [s]."""
-LARGEST_REQUEST = 4096
+MAX_REQUEST_BYTES = 4096
 """Content of a request [bytes]: an action with its reason has some hundred."""
 SESSION = 30 * 24 * 3600
 """A browser keeps a session for so long [s]."""
 _JSON = 'application/json'
-SLOWEST_REQUEST = 10.0
+REQUEST_TIMEOUT = 10.0
 """How long the content of a request may take to come [s]."""
 _PAGE = Path(__file__).parent / 'page'
-MOST_READERS = 200
-KEPT_READERS = 12
-"""Of these so many are kept for people who have signed in, however many programs listen."""
+MAX_READERS = 200
+"""Streams of events that are open at once."""
+RESERVED_READERS = 12
+"""Of these so many are reserved for people who have signed in, however many programs listen."""
 
 
 class Reader:
@@ -103,7 +104,7 @@ class Hub:
         Raises:
             DashboardError: There is no place left for this reader.
         """
-        max_readers = MOST_READERS if signed_in else MOST_READERS - KEPT_READERS
+        max_readers = MAX_READERS if signed_in else MAX_READERS - RESERVED_READERS
         if len(self.readers) >= max_readers:
             raise DashboardError(f'{max_readers} pages are open already; close one')
         reader = Reader()
@@ -150,7 +151,7 @@ class Server:
         self.hub = Hub()
         board.send = self.hub.send
         self._metrics = Metrics(board, self.hub.readers)
-        self._connections = Connections(MOST_CONNECTIONS, IDLE)
+        self._connections = Connections(MAX_CONNECTIONS, MAX_IDLE)
         self._listening: asyncio.Server | None = None
 
     def application(self) -> web.Application:
@@ -159,7 +160,7 @@ class Server:
         Its shutdown ends all streams.
         """
         app = web.Application(
-            middlewares=[self._connections.count, self._access.guard], client_max_size=LARGEST_REQUEST
+            middlewares=[self._connections.count, self._access.guard], client_max_size=MAX_REQUEST_BYTES
         )
         app.add_routes(
             [
@@ -244,7 +245,7 @@ class Server:
         The answer is 303, or 408 where the form does not come whole in time.
         """
         try:
-            form = await asyncio.wait_for(request.post(), SLOWEST_REQUEST)
+            form = await asyncio.wait_for(request.post(), REQUEST_TIMEOUT)
         except asyncio.TimeoutError:
             return web.Response(status=408, text='The form did not come whole in time.\n')
         if not self._access.knows(str(form.get('token', ''))):
@@ -279,7 +280,7 @@ class Server:
             state = self._board.state() | {'signed_in': self._access.signed_in(request)}
             event = b'retry: 1000\n\n' + encode_event('state', state)
             while not reader.closed:
-                await asyncio.wait_for(response.write(event), STALLED)
+                await asyncio.wait_for(response.write(event), MAX_STALL)
                 try:
                     event = await asyncio.wait_for(reader.take(), HEARTBEAT)
                 except asyncio.TimeoutError:
@@ -299,7 +300,7 @@ class Server:
         """
         action_request = await _read_request(request, self._parse_action)
         try:
-            count = await self._board.ask(action_request, PATIENCE)
+            count = await self._board.ask(action_request, ACTION_TIMEOUT)
         except DashboardError as error:
             return _make_answer(409, str(error))
         except StickslipError as error:
@@ -369,7 +370,7 @@ async def _read_request(request: web.Request, read: Callable[[Any], T]) -> T:
     if request.content_type != 'application/json':
         raise web.HTTPUnsupportedMediaType(text='a request must be application/json\n')
     try:
-        return read(json.loads(await asyncio.wait_for(request.read(), SLOWEST_REQUEST)))
+        return read(json.loads(await asyncio.wait_for(request.read(), REQUEST_TIMEOUT)))
     except asyncio.TimeoutError as error:
         why = 'the request did not come whole in time: nothing was done'
         raise web.HTTPRequestTimeout(text=_answer_text(False, why), content_type=_JSON) from error

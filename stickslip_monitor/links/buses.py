@@ -44,6 +44,7 @@ _PORTS = {'udp': 'udp://127.0.0.1:10110', 'tcp': 'tcp://127.0.0.1:10110', 'seria
 _NOTHING_SENT = 'false without signalk.prefix: nothing is sent that somebody could act on'
 _SHAFT = 'S for a shaft or E for an engine'
 BAUD_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
+"""Rates of a serial line [baud]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -382,11 +383,12 @@ class BusInputs:
 
 
 TICK = 0.1
-"""Period in which inputs are checked for silence [s]."""
+"""Time between two ticks of a live monitor [s]."""
 BEHIND_NS = 500_000_000
 """Delay of the time that is passed on [ns]: a sample delivered later than that is overtaken."""
 STALL_NS = 3 * 10**8
 """Time between two ticks from which this process was stalled, and no input is to blame [ns]."""
+# Time between two publications of the state of all bearings [ns].
 _SHOWN_EVERY_NS = 10**9
 
 
@@ -473,7 +475,7 @@ class LiveMonitor:
         self._session.flush(now)
 
     def _read_moment(self) -> Moment:
-        """Return the time now; leave a stall of this process out of the age of every input."""
+        """Return the time now; leave a stall since the last tick out of the age of every input, once."""
         now = self._now()
         held_ns = now.steady_ns - self._ticked_ns
         if held_ns > STALL_NS:

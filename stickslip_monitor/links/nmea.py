@@ -24,7 +24,7 @@ from stickslip_monitor.monitor.signals import Input
 
 BY = 'nmea'
 """Who acts, as far as a sentence says."""
-LONGEST = 82
+MAX_SENTENCE = 82
 """Characters of a sentence, from ``$`` to the end of its line."""
 # Of a maker's own, such as $PFEC, the rest of the name stands for the formatter.
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{2,}),([^*$!]*)\*([0-9A-Fa-f]{2})')
@@ -44,6 +44,7 @@ _TITLES = {
     AlarmKind.INPUT_IMPLAUSIBLE: 'INPUT BAD',
     AlarmKind.VIBRATION: 'VIBRATION',
 }
+# Characters of the text of an alert.
 _TEXT = 48
 _ORDER = re.compile(r'(\w+) above ([\d.]+ rpm(?: astern)?).* Now (\S+ rpm)[^,]*, (\S+ kN)')
 """What to do and where the bearing is, in the text of an alarm."""
@@ -341,7 +342,7 @@ class Alerts:
         lines = [self._make_sentence(f'ALF,{total},1,{self._sequence},{first}')]
         if with_text:
             start = f'ALF,2,2,{self._sequence},,,,,{end}'
-            room = LONGEST - len(self._make_sentence(start)) - 2
+            room = MAX_SENTENCE - len(self._make_sentence(start)) - 2
             lines.append(self._make_sentence(start + _truncate_words(clean(alert.text), min(room, _TEXT))))
         return lines
 

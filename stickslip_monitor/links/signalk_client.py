@@ -37,13 +37,13 @@ REPEAT = 60.0
 """All alarms are sent again after so long [s]: a server forgets, and others overwrite."""
 BACK_OFF = (0.5, 5.0)
 """First and longest wait before another connection [s], shortened by chance: ships must not call at once."""
-LIVED = 10.0
+MIN_CONNECTION = 10.0
 """A connection that ends sooner was none: the waits go on growing [s]."""
 _WAIT_FOR = (408, 425, 429)
 """Answers of a server that is busy: these are waited for, as those from 500 on."""
 _VALUES_EVERY = 1.0  # period of the values [s]
 _OUTBOX = 1000  # updates that wait for the server; the oldest are dropped
-_LARGEST_FRAME = 4 << 20  # of a frame [bytes]: a server's whole state has some 100 kB
+_MAX_FRAME_BYTES = 4 << 20  # of a frame [bytes]: a server's whole state has some 100 kB
 _NEEDS_TOKEN = (
     'gives nothing without a token: name a file as signalk.token_file and run'
     ' `stickslip watch --request-token`'
@@ -122,7 +122,7 @@ class SignalKClient(Sink):
                 self._side.report_link(IN, False, reason)
                 if self._link.prefix:
                     self._side.report_link(OUT, False, reason)
-                wait = BACK_OFF[0] if time.monotonic() - begun > LIVED else wait
+                wait = BACK_OFF[0] if time.monotonic() - begun > MIN_CONNECTION else wait
                 await asyncio.sleep(wait * random.uniform(0.5, 1.0))
                 wait = min(2.0 * wait, BACK_OFF[1])
 
@@ -154,7 +154,7 @@ class SignalKClient(Sink):
                 sender.cancel()
                 self._socket = None
             if socket.close_code == aiohttp.WSCloseCode.MESSAGE_TOO_BIG:
-                return f'a frame of more than {_LARGEST_FRAME >> 20} MB was refused here'
+                return f'a frame of more than {_MAX_FRAME_BYTES >> 20} MB was refused here'
             return 'the server closed the connection'
 
     async def _open_stream(self, session: aiohttp.ClientSession) -> aiohttp.ClientWebSocketResponse:
@@ -173,7 +173,7 @@ class SignalKClient(Sink):
                     headers=self._headers,
                     heartbeat=HEARTBEAT,
                     ssl=self._ssl,
-                    max_msg_size=_LARGEST_FRAME,
+                    max_msg_size=_MAX_FRAME_BYTES,
                 ),
                 2.0 * HEARTBEAT,
             )

@@ -75,6 +75,7 @@ def deciding_load(bearing: Bearing, speed: ArrayLike) -> Any:
     table = known_table(bearing)
 
     def loads(v: FloatArray) -> FloatArray:
+        """Return the loads [N] at speeds, of either sign, shape (n,) [m/s]."""
         reaching, averaged = np.asarray(load_of_fold(bearing, v)), np.asarray(fold_load(bearing, v))
         inside = (np.abs(v) < table.fold_kbm(reaching)) & ~(reaching >= averaged)
         return np.where(inside, averaged, reaching)

@@ -246,6 +246,8 @@ def at_points(
     """
 
     def decorate(function: AtPoints[_Bearing, _More, _Result]) -> AtPoints[_Bearing, _More, _Result]:
+        """Return ``function``, so that it follows the lubrication."""
+
         @wraps(function)
         def scaled(
             bearing: _Bearing, speed: ArrayLike, load: ArrayLike, *args: _More.args, **kwargs: _More.kwargs

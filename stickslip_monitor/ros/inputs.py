@@ -29,19 +29,19 @@ ROS_FAULTS = (
     *(RuntimeError, ValueError),
 )
 """What rclpy raises where a publisher or subscription cannot be made."""
-_RULE = '=' * 80
+_RULE = '=' * 80  # between the definitions of a type and its members
 _PLAIN = {'boolean': 'bool', 'octet': 'byte', 'float': 'float32', 'double': 'float64'}
 _SEQUENCE = re.compile(r'sequence<(?P<item>.+?)(?:, *(?P<most>\d+))?>')
 _ARRAY = re.compile(r'(?P<item>.+)\[(?P<size>\d+)\]')
 _BOUNDED = re.compile(r'(?P<kind>w?string)<(?P<most>\d+)>')
 _NUMBERS = re.compile(r'(boolean|octet|byte|char|float|double|long double|u?int(8|16|32|64))')
 # Two seconds at 1 kHz while the machine is busy.
-_DEPTH = 2000
+_QUEUE_DEPTH = 2000
 TURN_NS = 50_000_000
 """Time for messages in one turn [ns], before services, parameters and alarms have theirs."""
-MOST_WAITING = 1000
+MAX_WAITING = 1000
 """Number of waiting messages, over all topics, beyond which some are skipped: 0.1 s on a fast core."""
-MOST_ANSWERED = 20
+MAX_ANSWERED = 20
 """Messages of a topic in one turn beyond which only the last is answered: 400 Hz."""
 OVERRIDES = (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 """What a parameter ``qos_overrides...`` may change; a sender that latches needs durability."""
@@ -59,7 +59,7 @@ def make_input_qos() -> QoSProfile:
     It is for one subscription, as rclpy changes it.
     """
     return QoSProfile(
-        depth=_DEPTH,
+        depth=_QUEUE_DEPTH,
         history=HistoryPolicy.KEEP_LAST,
         reliability=ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.VOLATILE,
@@ -129,7 +129,7 @@ class Inputs:
         tap: Called with topic, type, encoded message and time before the numbers of it, if given.
 
     Attributes:
-        piled: Whether a topic has more than :data:`MOST_ANSWERED` messages waiting.
+        piled: Whether a topic has more than :data:`MAX_ANSWERED` messages waiting.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class Inputs:
     def fetch(self, late: bool) -> None:
         """Move the messages of all topics from the middleware into the queue, sorted by arrival.
 
-        Of more than :data:`MOST_WAITING` every n-th is kept. :attr:`piled` and the counts of the lanes are
+        Of more than :data:`MAX_WAITING` every n-th is kept. :attr:`piled` and the counts of the lanes are
         updated.
 
         Args:
@@ -178,12 +178,12 @@ class Inputs:
         now = self._clock()
         arrival = self._arrival_clock(now.time_ns) if self._simulated else None
         new = [one for lane in self.lanes for one in lane.fetch(arrival, late)]
-        if len(self._waiting) + len(new) > MOST_WAITING:
+        if len(self._waiting) + len(new) > MAX_WAITING:
             new = [one for lane in self.lanes for one in self._thin_out(lane, [*self._waiting, *new])]
             self._waiting.clear()
         # Across topics the middleware's clock says what was first.
         self._waiting = deque(sorted([*self._waiting, *new], key=itemgetter(0)))
-        self.piled = max(Counter(one.lane for one in self._waiting).values(), default=0) > MOST_ANSWERED
+        self.piled = max(Counter(one.lane for one in self._waiting).values(), default=0) > MAX_ANSWERED
 
     def numbers(self) -> Iterator[Number]:
         """Take messages from the queue and yield their numbers, in the order of arrival.
@@ -197,10 +197,10 @@ class Inputs:
     def _thin_out(self, lane: Lane, waiting: list[Waiting]) -> list[Waiting]:
         """Return every n-th of the messages of one topic, the last included; count the others as left out.
 
-        n is the least by which no topic has more than its share of :data:`MOST_WAITING`.
+        n is the least by which no topic has more than its share of :data:`MAX_WAITING`.
         """
         lane_messages = [one for one in waiting if one.lane is lane]
-        step = len(lane_messages) * len(self.lanes) // MOST_WAITING + 1
+        step = len(lane_messages) * len(self.lanes) // MAX_WAITING + 1
         sampled = lane_messages[::-1][::step][::-1]
         lane.left_out += len(lane_messages) - len(sampled)
         return sampled
@@ -309,7 +309,7 @@ class Lane:
         if late:
             self._excused = set(self.senders)
         with handle:
-            for _ in range(_DEPTH):
+            for _ in range(_QUEUE_DEPTH):
                 taken = handle.take_message(self._class, True)
                 if taken is None:
                     return

@@ -456,7 +456,7 @@ class MonitorNode(LifecycleNode):
         known_types = {kind.value for kind in RosParameter.Type}
 
         def refusing(serve: Callable[..., Any], request: Any, response: Any) -> Any:
-            """Serve a request of known types; answer any other with the reason."""
+            """Serve a request of known types; put the reason into the response to any other."""
             unknown = [one for one in request.parameters if one.value.type not in known_types]
             if not unknown:
                 return serve(request, response)

@@ -40,9 +40,12 @@ from stickslip_monitor.ros.other_nodes import RosGraph
 from stickslip_monitor.state_file import Background, StateWriter
 
 WARNINGS_KEPT = 100
+"""Warnings that a later subscriber is given."""
 ALARMS_KEPT = 20
+"""Lists of alarms that a later subscriber is given."""
 # How long the end of the node waits for readers of each topic [s].
 _MAX_FLUSH = 0.5
+# Clips that wait for the disk; of more the oldest is lost.
 _CLIPS_WAITING = 2
 
 

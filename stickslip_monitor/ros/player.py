@@ -21,6 +21,8 @@ from stickslip_monitor.ros.inputs import ROS_FAULTS, import_message_type
 from stickslip_monitor.ros.other_nodes import without_log_files
 
 CLOCK_PERIOD = 0.02
+"""Time between two messages on /clock [s]."""
+# Time without a new subscriber after which no further one is awaited [s].
 _SETTLE = 0.5
 # How long a subscriber on a busy machine may take for what is left in the queue [s].
 _PATIENCE = 10.0

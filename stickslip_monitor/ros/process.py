@@ -27,7 +27,8 @@ from stickslip_monitor.ros.inputs import ROS_FAULTS
 from stickslip_monitor.ros.node import MonitorNode, ros_error_text
 from stickslip_monitor.ros.other_nodes import without_log_files
 
-LONGEST_WAIT = 0.2
+MAX_WAIT = 0.2
+"""Longest wait of the executor [s]: between two waits signals are noticed, and the watchdog is notified."""
 EXECUTOR = 'STICKSLIP_MONITOR_EXECUTOR'
 """The environment variable that chooses the executor: ``events`` or ``single``."""
 
@@ -73,7 +74,7 @@ def _spin_node(node: MonitorNode, signals: Sequence[int], errors: int) -> None:
             manager.beat()
             try:
                 # Python runs its signal handlers between waits: none may last.
-                executor.spin_once(LONGEST_WAIT)
+                executor.spin_once(MAX_WAIT)
             except ExternalShutdownException:
                 return
             except Exception as error:

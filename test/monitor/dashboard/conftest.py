@@ -111,11 +111,11 @@ def dashboards(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Dashbo
     pytest.importorskip('prometheus_client', reason="the extra 'dashboard' is not installed")
     started: list[Dashboard] = []
     server = 'stickslip_monitor.dashboard.server'
-    for name, seconds in (('HEARTBEAT', 0.3), ('STALLED', 2.0)):
+    for name, seconds in (('HEARTBEAT', 0.3), ('MAX_STALL', 2.0)):
         monkeypatch.setattr(f'{server}.{name}', seconds)
 
     def start(**options: Any) -> Dashboard:
-        for name in options.keys() & {'IDLE', 'MOST_CONNECTIONS'}:
+        for name in options.keys() & {'MAX_IDLE', 'MAX_CONNECTIONS'}:
             monkeypatch.setattr(f'{server}.{name}', options.pop(name))
         started.append(Dashboard(**options))
         return started[-1]

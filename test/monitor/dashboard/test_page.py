@@ -194,7 +194,7 @@ def test_it_comes_back_after_it_was_turned_away(
     """A browser by itself tries again after a broken connection, but not after a refusal."""
     dashboard.sail(60.0, 1000.0)
     with monkeypatch.context() as crowded:
-        crowded.setattr('stickslip_monitor.dashboard.server.MOST_READERS', 0)
+        crowded.setattr('stickslip_monitor.dashboard.server.MAX_READERS', 0)
         browser.open(dashboard.url)
         browser.until('document.body.dataset.link === "lost"')
     browser.until(f'{STANDS} === "normal"')
@@ -345,7 +345,7 @@ def test_nothing_is_wider_than_the_screen(dashboard: Any, page: Any, width: int)
 def test_what_was_not_done_stays_until_it_is_seen(
     dashboard: Any, page: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('stickslip_monitor.dashboard.server.PATIENCE', 0.1)
+    monkeypatch.setattr('stickslip_monitor.dashboard.server.ACTION_TIMEOUT', 0.1)
     dashboard.sail(20.0, 1000.0, 5.0)
     dashboard.ship.deaf = True
     page.until(f'document.querySelector(`{ALARM}`)')

@@ -15,11 +15,11 @@ import pytest
 from shared import CONFIG
 
 from stickslip_monitor.dashboard.page_records import (
-    KEPT,
     LOG_FAMILY,
+    MAX_ENTRIES,
+    MAX_SHOWN,
     NUMBERS,
     OFFERED,
-    SHOWN,
     EventLog,
     checked_alarms,
     checked_record,
@@ -122,10 +122,12 @@ def test_memory_is_bounded(board: DashboardState) -> None:
     rest = board.history('aft_stern')
     assert [row[1] for row in rest['rows'][-2:]] == [2.0 * rows - 6.0, 7.0]
     assert board.history('fore') is None
-    for k in range(KEPT + 2 * SHOWN):
+    for k in range(MAX_ENTRIES + 2 * MAX_SHOWN):
         board.log.extend([alarm_change(k)])
-    assert [c['time'] for c in board.state()['log']] == list(range(KEPT + SHOWN, KEPT + 2 * SHOWN))
-    assert len(board.log.csv().splitlines()) == 1 + KEPT
+    assert [c['time'] for c in board.state()['log']] == list(
+        range(MAX_ENTRIES + MAX_SHOWN, MAX_ENTRIES + 2 * MAX_SHOWN)
+    )
+    assert len(board.log.csv().splitlines()) == 1 + MAX_ENTRIES
 
 
 def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:

@@ -136,7 +136,7 @@ def test_a_look_at_the_head_opens_no_stream(dashboard: Any) -> None:
 
 
 def test_more_readers_than_there_is_room_for(dashboard: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('stickslip_monitor.dashboard.server.MOST_READERS', 1)
+    monkeypatch.setattr('stickslip_monitor.dashboard.server.MAX_READERS', 1)
     # The last ones are kept for people who have signed in.
     with pytest.raises(DashboardError, match='are open already'):
         dashboard.server.hub.join(signed_in=False)
@@ -167,14 +167,14 @@ def is_closed_by_peer(made: socket.socket) -> bool:
 
 @pytest.mark.parametrize('start', [b'', b'GET / HTTP/1.1\r\nHost: loc'])
 def test_a_connection_that_asks_for_nothing_is_closed(dashboards: Any, start: bytes) -> None:
-    made = idle_connection(dashboards(IDLE=0.2).port, start)
+    made = idle_connection(dashboards(MAX_IDLE=0.2).port, start)
     assert is_closed_by_peer(made)
     made.close()
 
 
 def test_idle_connections_lock_nobody_out(dashboards: Any, caplog: Any) -> None:
     """Thirty times as many as there is room for: the page still opens, and a stream goes on."""
-    crowded = dashboards(MOST_CONNECTIONS=10)
+    crowded = dashboards(MAX_CONNECTIONS=10)
     crowded.sail(60.0, 1000.0)
 
     async def work(session: Any) -> int:
@@ -204,7 +204,7 @@ def test_a_port_scan_leaves_no_traceback(dashboard: Any, caplog: Any, start: byt
 
 
 def test_when_all_are_busy_one_more_is_turned_away(dashboards: Any) -> None:
-    crowded = dashboards(MOST_CONNECTIONS=2)
+    crowded = dashboards(MAX_CONNECTIONS=2)
 
     async def work(session: Any) -> None:
         for _ in range(2):
@@ -260,7 +260,7 @@ def test_what_is_no_course_of_a_replay(dashboards: Any) -> None:
 def test_what_the_monitor_does_not_answer_is_not_said_to_be_done(
     dashboard: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('stickslip_monitor.dashboard.server.PATIENCE', 0.1)
+    monkeypatch.setattr('stickslip_monitor.dashboard.server.ACTION_TIMEOUT', 0.1)
     dashboard.sail(20.0, 1000.0, 5.0)
     dashboard.ship.deaf = True
     code, answer = post_action(dashboard)

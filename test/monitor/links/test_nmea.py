@@ -16,7 +16,7 @@ from shared import CONFIG
 
 from stickslip_monitor.links.buses import BusInput
 from stickslip_monitor.links.nmea import (
-    LONGEST,
+    MAX_SENTENCE,
     Alerts,
     NmeaInputs,
     SentenceStream,
@@ -295,7 +295,7 @@ def test_a_long_list_is_split_and_counted() -> None:
     listed = alerts.make_list()
     assert sum(int(line.split(',')[4].partition('*')[0]) for line in listed) == 20 * len(AlarmKind)
     assert {line.split(',')[1] for line in listed} == {'47'}
-    assert max(len(line) + 2 for line in lines + listed) <= LONGEST
+    assert max(len(line) + 2 for line in lines + listed) <= MAX_SENTENCE
     assert {line.split(',')[3] for line in lines} == set('0123456789')
 
 
@@ -366,7 +366,7 @@ def test_reserved_characters_are_never_sent(text: str) -> None:
     lines = Panel().show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:00.00', text=text)
     for line in lines:
         assert parse(line) is not None
-        assert len(line) + 2 <= LONGEST
+        assert len(line) + 2 <= MAX_SENTENCE
     assert set(clean(text)) <= set('ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .+-%')
 
 

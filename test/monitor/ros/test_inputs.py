@@ -33,7 +33,7 @@ from sensor_msgs.msg import JointState, MagneticField
 from std_msgs.msg import Byte, Float64, Float64MultiArray, Header
 
 from stickslip_monitor.ros.inputs import (
-    MOST_WAITING,
+    MAX_WAITING,
     TURN_NS,
     Inputs,
     Lane,
@@ -195,7 +195,7 @@ def test_of_a_flood_every_so_many_are_left_out_and_the_last_is_not() -> None:
     assert lane.left_out == 1500 - len(values)
     assert lane.lost == 0
     assert values[-1] == 1499.0
-    assert len(values) <= MOST_WAITING
+    assert len(values) <= MAX_WAITING
     assert len({b - a for a, b in pairwise(values)}) == 1
     # What waits from the turn before is thinned with the rest, and counted.
     for _ in range(2):

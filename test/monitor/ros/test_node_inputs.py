@@ -52,7 +52,7 @@ def test_garbage_is_counted_named_and_never_evaluated(host: Any) -> None:
 
 def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: Any) -> None:
     """While the node is busy, messages pile up in its queue; of a flood some are left out."""
-    from stickslip_monitor.ros.inputs import MOST_ANSWERED, MOST_WAITING
+    from stickslip_monitor.ros.inputs import MAX_ANSWERED, MAX_WAITING
 
     monitor = host(kit.stamped_parameters())
     diagnostics = monitor.diagnostics()
@@ -65,7 +65,7 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
     def taken() -> int:
         return int(monitor.node._configured.session.monitor.bearings['aft'].counts[0][0])
 
-    before, said, count = taken(), len(heard), 10 * MOST_ANSWERED
+    before, said, count = taken(), len(heard), 10 * MAX_ANSWERED
     for i in range(count):
         telemetry.send(60.0 + 0.01 * i, 1000.0)
     telemetry.send(math.nan, math.nan)
@@ -75,14 +75,14 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
     # One by one there are two answers to each; what comes in few pieces may be answered so.
     assert len(heard) - said < count
 
-    for _ in range(MOST_WAITING + 500):
+    for _ in range(MAX_WAITING + 500):
         telemetry.send(60.0, 1000.0)
 
     def left_out() -> int:
         return int(kit.latest_status(diagnostics, 'the node').get('messages left out', 0))
 
     peer.until(left_out, 'the flood')
-    peer.until(lambda: taken() + left_out() == before + count + MOST_WAITING + 500, 'every message counted')
+    peer.until(lambda: taken() + left_out() == before + count + MAX_WAITING + 500, 'every message counted')
     peer.until(lambda: kit.latest_status(diagnostics, 'the node')['level'] == b'\x01', 'a warning')
     assert int(kit.latest_status(diagnostics)[key]) > before
 
