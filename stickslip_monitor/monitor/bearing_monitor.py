@@ -199,12 +199,11 @@ class BearingMonitor(Standing):
         if state.lost > lost:
             events.append(self.event(before, state.lost_since))
             before = rule.condition(state)
-        model = settings.model
-        if not (
-            rule.repeat_value(state, c, model, place)
-            if stands
-            else rule.take_value(state, c, model, place, time, si)
-        ):
+        if stands:
+            until = rule.repeat_value(state, c, settings.model, place)
+        else:
+            until = rule.take_value(state, c, settings.model, place, time, si)
+        if until == NEVER:
             return Update(status, None, events)
         chances = state.can, state.will, state.runs
         verdict = self.judge([*state.value, state.water, *chances], self.measured)

@@ -33,7 +33,6 @@ from stickslip_monitor.monitor.rule import (
     measured_now,
     receive_sample,
     repeat_value,
-    standing_until,
     take_value,
 )
 from stickslip_monitor.monitor.rule_state import (
@@ -92,34 +91,36 @@ def run(
     statuses, now = noted
     (time_ns, until_ns, speed, load, water, sample, rung, sticking, vibration), chances = points
     s, c = states[0], numbers[0]
-    count = 0
+    count, before = 0, condition(s)
     for k in range(begin, end):
         if count + 2 > len(memories) or (k > begin and amplitude_due(s, c)):
             return k, count, made
         place = places[k]
-        before, lost, onsets, point = condition(s), s.lost, s.onsets, False
+        lost, onsets, until = s.lost, s.onsets, NEVER
         status, time, si = receive_sample(s, c, place, stamps[k], arrivals[k], values[k])
         if s.lost != lost:
             note = first + k, s.lost_since, before, condition(s), s.onsets - onsets, made
             count = store_change(states, changes, memories, count, note)
             before = condition(s)
         if status == ACCEPTED and place < LEVEL:
-            point = take_value(s, c, model, place, time, si)
+            until = take_value(s, c, model, place, time, si)
         elif status == REPEATED and has_repeats(c, place):
-            point = repeat_value(s, c, model, place)
+            until = repeat_value(s, c, model, place)
         statuses[k], now[k] = status, s.now - s.shift
-        if not point:
+        if until == NEVER:
             continue
-        time_ns[made], until_ns[made] = s.now - s.shift, standing_until(s, c) - s.shift
+        time_ns[made], until_ns[made] = s.now - s.shift, until - s.shift
         speed[made], load[made], water[made] = s.value[SPEED], s.value[LOAD], s.water
         sample[made] = first + k
-        rung[made], sticking[made], vibration[made] = condition(s), s.sticking > 0, measured_now(s, c)
+        after = condition(s)
+        rung[made], sticking[made], vibration[made] = after, s.sticking > 0, measured_now(s, c)
         if c.has_belief:
             chances[made][0], chances[made][1], chances[made][2] = s.can, s.will, s.runs
         made += 1
-        if s.onsets > onsets or condition(s) != before:
-            note = first + k, s.now, before, condition(s), s.onsets - onsets, made
+        if s.onsets > onsets or after != before:
+            note = first + k, s.now, before, after, s.onsets - onsets, made
             count = store_change(states, changes, memories, count, note)
+        before = after
     return end, count, made
 
 

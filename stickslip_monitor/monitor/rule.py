@@ -214,21 +214,22 @@ def sample_time(s: State, place: int, stamp: int, arrival: int) -> int:
     return max(time, s.came[place])
 
 
-def take_value(s: State, c: RuleNumbers, model: Model, place: int, time: int, si: float) -> bool:
+def take_value(s: State, c: RuleNumbers, model: Model, place: int, time: int, si: float) -> int:
     """Store a valid speed or load, after :func:`receive_sample`, and decide where both inputs stand.
 
     Returns:
-        Whether it made an operating point; not while an input is missing or lost.
+        The time until which the values of the operating point that it made stand [ns]; ``NEVER`` where it
+        made none, as an input is missing or lost.
     """
-    until = standing_until(s, c)
+    stood_until = standing_until(s, c)
     store_value(s, c, place, min(s.now, time), si)
     if place == SPEED and c.has_load_table:
-        return False  # the load at this speed follows, of the same message
-    whole = s.came[SPEED] != NEVER and s.came[LOAD] != NEVER
-    if not whole or s.now > standing_until(s, c):
-        return False
-    take_point(s, c, model, until)
-    return True
+        return NEVER  # the load at this speed follows, of the same message
+    until = standing_until(s, c)
+    if s.came[SPEED] == NEVER or s.came[LOAD] == NEVER or s.now > until:
+        return NEVER
+    take_point(s, c, model, stood_until)
+    return until
 
 
 def has_repeats(c: RuleNumbers, place: int) -> bool:
@@ -236,23 +237,23 @@ def has_repeats(c: RuleNumbers, place: int) -> bool:
     return bool(place < LEVEL and c.hold[place] > 0)
 
 
-def repeat_value(s: State, c: RuleNumbers, model: Model, place: int) -> bool:
+def repeat_value(s: State, c: RuleNumbers, model: Model, place: int) -> int:
     """Take the latest value of an input once more, after :func:`receive_sample` of a repeat.
 
     The age of the value is not renewed.
 
     Returns:
-        Whether it made an operating point; not while an input is missing or lost.
+        As of :func:`take_value`.
     """
     until = standing_until(s, c)
     if s.came[SPEED] == NEVER or s.came[LOAD] == NEVER or s.now > until:
-        return False
+        return NEVER
     update_means(s, place, (s.now - max(s.point, s.came[place])) * 1e-9, s.value[place])
     s.earlier[place], s.before[place] = s.before[place], s.value[place]
     if place == SPEED and c.has_load_table:
         s.earlier[LOAD], s.before[LOAD] = s.before[LOAD], s.value[LOAD]
     take_point(s, c, model, until)
-    return True
+    return until
 
 
 def age_limit(s: State, c: RuleNumbers, place: int) -> int:
