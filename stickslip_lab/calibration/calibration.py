@@ -58,9 +58,6 @@ _MIN_ENDS, _LAST_ENDS = 5, 3
 _CHANGED = 3.0
 # Scatter of ln V between ends that is never taken as less, and of a passage's own boundary.
 _MIN_SCATTER = 0.02
-RECOMMENDED_GROWTH, _WELL_KNOWN = 2.0, 5
-"""``onset_growth`` to set after so many ends. On 332 h of voyages, five slow-downs each, ordinary
-sensors: false in 100 h 5.4 (drawing and 3 e-folds: 6.6), within 5 s 80.6 % (71.5), hours 4.7 (8.2)."""
 # A level of 0 is taken as this, so that it has decibels.
 _MIN_LEVEL = 1e-20
 # Significant digits of the numbers in the file.
@@ -284,8 +281,8 @@ class Calibration:
     def remarks(self) -> list[str]:
         """Sentences on the evidence that are no warnings; empty without any.
 
-        They name the offset of the ends from the configured fold, repeated recordings, a recommended
-        setting, the knocks that were left out, and a narrow range of loads.
+        They name the offset of the ends from the configured fold, repeated recordings, the knocks that were
+        left out, and a narrow range of loads.
         """
         (low, high), texts = self.loads, []
         if off := [speed_over_fold(end, self.reference) for end in self.edges.seen]:
@@ -294,11 +291,6 @@ class Calibration:
             side = 'above' if middle >= 0.0 else 'below'
             texts.append(f'{count} {abs(middle):.1f} % {side} the configured fold')
         texts += [f'{name} was given before and counts once' for name in self.repeated]
-        if len(self.edges.seen) >= _WELL_KNOWN and not self.warnings:
-            texts.append(
-                f'recommended now: alarm.onset_growth: {RECOMMENDED_GROWTH:g}, where the sensors are ordinary'
-                ' or better; with a load once a second and 10 % of noise leave it at 3'
-            )
         if knocks := [knock for one in self.evidence for knock in one.knocks]:
             texts.append(
                 f'{plural(len(knocks), "vibration")} of less than 10 s left out as knocks,'
