@@ -98,15 +98,10 @@ class Access:
 
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Answer a request by its handler, as a middleware, or refuse it by the rules."""
-        refused = self._refuse_request(request)
-        return refused if refused is not None else await handler(request)
+        """Answer a request by its handler, as a middleware, or refuse it by the rules.
 
-    def _refuse_request(self, request: web.Request) -> web.Response | None:
-        """Return the answer to a request that breaks a rule; ``None`` where it may pass.
-
-        421 for a foreign Host, 403 for a change asked for by another page, 401 without the token (for the
-        page itself a redirect to the login).
+        The answer is 421 for a foreign Host, 403 for a change that another page asks for, 401 without token
+        (for the page itself a redirect to the login).
         """
         if not self.is_ours(request.host):
             text = 'This machine is not known by that name: start the page with --name NAME.\n'
@@ -114,7 +109,7 @@ class Access:
         if request.method not in ('GET', 'HEAD') and not is_same_origin(request):
             return web.Response(status=403, text='Changes must come from the page itself.\n')
         if request.path in OPEN_PATHS or self.admits(request):
-            return None
+            return await handler(request)
         if request.path == '/' and request.method == 'GET':
             return web.Response(status=303, headers={'Location': 'login'})
         headers = {'WWW-Authenticate': 'Bearer'}

@@ -26,16 +26,16 @@ GAUGES = {item.name: (item.metric, item.help) for item in record_fields.BEARING 
 """Of each number of a bearing its metric, without the prefix, and what it means."""
 PREFIX = 'stickslip_'
 _UP = 'Whether the monitor, every bearing and its list of alarms send data (1) or not (0).'
-_TO_REACH = 'Speed that the bearing needs by the order of its text, negative astern.'
+_TO_REACH = 'Speed that the order in the text of the bearing names, negative astern.'
 _SPACE = ['namespace']
 _BEARING = ['namespace', 'bearing']
 _CONDITIONS = ('waiting', 'unreliable', NOT_MONITORING, *(condition.value for condition in Condition))
 _REGIMES = tuple(regime.value for regime in Regime)
 _LEVELS = tuple(state.value for state in MEASURED)
 _STATES = (
-    ('condition', 'condition', 'reason', _CONDITIONS, 'Whether this is its condition.'),
+    ('condition', 'condition', 'reason', _CONDITIONS, 'Whether the bearing is in this condition.'),
     ('regime', 'regime', 'regime', _REGIMES, 'Whether its operating point is in this regime.'),
-    ('measured', 'state', 'measured', _LEVELS, 'Whether the measured vibration says this.'),
+    ('measured', 'state', 'measured', _LEVELS, 'Whether this is the state of the measured vibration.'),
 )
 """Metric, label, key in the record of a bearing, values, and what it means."""
 
@@ -131,7 +131,9 @@ def _input_metrics(inputs: list[tuple[tuple[str, str, str], dict[str, Any]]]) ->
         values = [(labels, record[key]) for labels, record in inputs]
         yield _make_metric(name, text, [*_BEARING, 'input'], values)
     counter = CounterMetricFamily(
-        f'{PREFIX}samples', 'Samples by what became of them.', labels=[*_BEARING, 'input', 'status']
+        f'{PREFIX}samples',
+        'Samples received, by what was done with them.',
+        labels=[*_BEARING, 'input', 'status'],
     )
     for labels, record in inputs:
         for kind, count in record['counts'].items():
@@ -140,10 +142,10 @@ def _input_metrics(inputs: list[tuple[tuple[str, str, str], dict[str, Any]]]) ->
 
 
 _OF_ALARMS: dict[str, tuple[str, Callable[[dict[str, Any]], float]]] = {
-    'alarms_unacknowledged': ('Alarms that wait.', lambda r: r['unacknowledged']),
+    'alarms_unacknowledged': ('Alarms that wait for an acknowledgement.', lambda r: r['unacknowledged']),
     'alarms_sounding': ('Whether any alarm sounds.', lambda r: r['sounding']),
     'alarms_recent': ('Alarms of the last ten minutes.', lambda r: r['flood']['alarms_10min']),
-    'alarm_flood': ('Whether there is a flood.', lambda r: r['flood']['flooding']),
+    'alarm_flood': ('Whether there is a flood of alarms.', lambda r: r['flood']['flooding']),
 }
 
 

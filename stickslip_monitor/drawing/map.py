@@ -108,12 +108,6 @@ def law_speed(bearing: Bearing, load: float | None = None) -> float:
     return scale * (speed_scales(law) or (without,))[-1]
 
 
-def _boundary_speed(bearing: Bearing, load: float) -> float:
-    """Return the highest finite boundary at a load [m/s]; the law's own speed without one."""
-    every = float(end_of_vibration(bearing, load)), float(hopf_speed(bearing, load))
-    return max((v for v in every if math.isfinite(v) and v > 0.0), default=law_speed(bearing, load))
-
-
 def water_note(bearing: Bearing) -> str:
     """Return ``', water 5 C'``, or an empty text where friction does not depend on the water."""
     temperature = math.nan if bearing.lubrication is None else bearing.lubrication.water_temperature
@@ -121,8 +115,13 @@ def water_note(bearing: Bearing) -> str:
 
 
 def diagram_speeds(bearing: Bearing, load: float) -> Range:
-    """Return the range of surface speeds [m/s] from rest to well past the fold at a load [N]."""
-    return 0.0, _ROOM * _boundary_speed(bearing, load)
+    """Return the range of surface speeds [m/s] from rest to well past the highest boundary at a load [N].
+
+    Without a finite boundary :func:`law_speed` stands for it.
+    """
+    every = float(end_of_vibration(bearing, load)), float(hopf_speed(bearing, load))
+    highest = max((v for v in every if math.isfinite(v) and v > 0.0), default=law_speed(bearing, load))
+    return 0.0, _ROOM * highest
 
 
 def onset_load(bearing: Bearing) -> float:

@@ -53,9 +53,9 @@ class SignalKLink:
 
     url: str = parameter('', 'Address of the server, http:// or https://.')
     token_file: str = parameter('', 'File with its token.')
-    ca_file: str = parameter('', "Certificate of whoever signed the server's.")
+    ca_file: str = parameter('', 'Certificate of its CA; the CAs of the system without one.')
     prefix: str = parameter('', 'Path under which values and alarms are sent.')
-    accept_actions: bool = parameter(False, 'Whether people may act there.')
+    accept_actions: bool = parameter(False, 'Carry out acknowledgements and silencing from there.')
 
 
 def _parameter_period(default: float, text: str) -> Any:
@@ -74,7 +74,7 @@ class NmeaLink:
     first_alert: int = parameter(10001, 'Identifier of our first alert.', within=(1, 999994))
     list_period: float = _parameter_period(30.0, 'Time between two lists of alerts.')
     heartbeat: float = _parameter_period(60.0, 'Time between two heartbeats.')
-    accept_actions: bool = parameter(False, 'Whether people may act by ACN sentences.')
+    accept_actions: bool = parameter(False, 'Carry out acknowledgements and silencing by ACN.')
 
 
 LINK_PARAMETERS = rows(SignalKLink, 'signalk.') + rows(NmeaLink, 'nmea.')

@@ -129,7 +129,8 @@ class SignalKClient(Sink):
     async def _use_connection(self, session: aiohttp.ClientSession) -> str:
         """Connect, subscribe, and exchange frames until the connection ends; return the reason.
 
-        The incoming link is reported as working once the server has greeted.
+        The incoming link is reported as working once the server has greeted. The outbox is emptied; with a
+        prefix meta data and all notifications are queued.
 
         Raises:
             LinkError: The server cannot be used as configured.
@@ -144,7 +145,10 @@ class SignalKClient(Sink):
             await socket.send_str(json.dumps(self._inputs.subscription(extra)))
             self._socket = socket
             self._side.report_link(IN, True, '')
-            self._queue_all(now)
+            self._outbox.clear()
+            if self._link.prefix:
+                self._outbox += [self._values.make_meta(name) for name in self._side.bearings]
+                self._repeat_alarms(now)
             sender = asyncio.create_task(self._send_outbox(socket))
             try:
                 async for message in socket:
@@ -223,13 +227,6 @@ class SignalKClient(Sink):
                 f' {hello["version"]}: before 2.24 it takes an acknowledgement from anybody'
             )
         return hello
-
-    def _queue_all(self, now: float) -> None:
-        """Empty the outbox, and with a prefix queue meta data and all notifications for a new connection."""
-        self._outbox.clear()
-        if self._link.prefix:
-            self._outbox += [self._values.make_meta(name) for name in self._side.bearings]
-            self._repeat_alarms(now)
 
     def _repeat_alarms(self, now: float) -> None:
         """Queue all notifications, and note when (``now``, of the steady clock [s])."""

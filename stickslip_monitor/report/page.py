@@ -171,12 +171,6 @@ def _course_of(checked: CheckReport, item: BearingReport) -> Course:
     return Course(bearing, item, spells, doubts, questions)
 
 
-def _drawn_map(course: Course, size: tuple[float, float] = _MAP_WIDE) -> canvas.Figure:
-    """Draw the map with the track of a bearing and marks of its first events; ``size`` is in inches."""
-    track = track_of_scan(course.scan)
-    return draw_map(course.config, track=replace(track, events=track.events[:_MARKS]), size=size)
-
-
 def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool) -> BearingPart:
     """Make the part of one bearing: its finding and inputs, then facts, and pictures if ``is_drawn``.
 
@@ -194,13 +188,18 @@ def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool)
 
 
 def _map_picture(part: BearingPart, course: Course) -> Picture:
-    """Return the picture of the stability map of a bearing with its track, drawn wide and narrow."""
+    """Return the picture of the stability map of a bearing, drawn wide and narrow.
+
+    It has the track of the recording, and marks of its first events.
+    """
+    track = track_of_scan(course.scan)
+    track = replace(track, events=track.events[:_MARKS])
     text = (
         f'Stability map of {course.name} over shaft speed and bearing load, with the recorded'
         f' operating points on it. {part.finding.sentences[0]}'
     )
     wide, narrow = (
-        canvas.inline_svg(_drawn_map(course, size), f'{part.anchor}-{key}', text)
+        canvas.inline_svg(draw_map(course.config, track=track, size=size), f'{part.anchor}-{key}', text)
         for key, size in (('m', _MAP_WIDE), ('n', _MAP_NARROW))
     )
     return Picture(wide, narrow, _MAP_CAPTION)
