@@ -36,7 +36,7 @@ _MAX_ALIKE, _COARSE_NS = 2, 10 * 10**9
 _MAX_BLANK_BLOCKS = 2
 # Lines that are compared with earlier ones of their times, and how many have to be different: a shaft at rest
 # repeats its numbers.
-_MAX_COPIES, _MIN_DIFFERENT = 100, 10
+_MAX_COPIES, _MIN_DIFFERENT = 100, 3
 # Rows of a sorted table that are yielded at a time at most.
 _STRETCH = 1 << 16
 # The source of all lines, whichever of the columns they fill; else it is a bit for each column, of which
@@ -209,7 +209,7 @@ class TableReading:
     def _repeats_lines(self, begin: int) -> bool:
         """Return whether lines from a row on are a copy of earlier ones, as of exports joined to one file.
 
-        They are where the first 100 have the numbers of all earlier lines of their times, at least ten of
+        They are where the first 100 have the numbers of all earlier lines of their times, at least three of
         them different: a clock that was set back does not see the same numbers again. From the first line of
         the log on they are a loop, which goes on behind.
 

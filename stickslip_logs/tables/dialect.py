@@ -557,8 +557,9 @@ def _fit_headings(
 ) -> tuple[list[str], list[str]]:
     """Return headings and units, filled up to the number of columns of the rows below them.
 
-    Missing headings are empty texts at the end; where the first column holds names of the rows, the missing
-    one is the first. Surplus headings that are units are joined to the ones before if the number is right
+    A missing heading is an empty text at the end; where the first column holds names of the rows, the missing
+    one is the first, and behind a date that of its time. Where the last column has numbers and no heading,
+    none are returned. Surplus headings that are units are joined to the ones before if the number is right
     then, and all units are empty; else they stay. No headings stay an empty list. The list of units may be
     longer than the columns.
 
@@ -578,9 +579,21 @@ def _fit_headings(
                 joined.append(cell)
         if len(joined) == width:
             return joined, [''] * width
-    if len(heading) == width - 1 and _has_row_names(heading, [row for row in rows if len(row) == width]):
-        # R numbers its rows, and does not name the column of these.
-        heading, units = ['', *heading], ['', *units]
+    if len(heading) == width - 1 > 0:
+        whole_rows = [row for row in rows if len(row) == width]
+        dates = [
+            k for k in range(width - 1) if all(is_day(row[k]) and is_time(row[k + 1]) for row in whole_rows)
+        ]
+        if dates:
+            # One heading stands above a date and its time.
+            heading, units = (
+                [*cells[: dates[0] + 1], '', *cells[dates[0] + 1 :]] for cells in (heading, units)
+            )
+        elif _has_row_names(heading, whole_rows):
+            # R numbers its rows, and does not name the column of these.
+            heading, units = ['', *heading], ['', *units]
+        elif 2 * sum(_is_value(row[-1]) for row in whole_rows) > len(whole_rows):
+            return [], units  # which number has which heading is not known
     return heading and [*heading, *[''] * (width - len(heading))], units
 
 
@@ -602,6 +615,8 @@ def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[
     # Of cells cut by blanks the mark of a comment may be one.
     bare = [row[1:] if row[0].strip(_MARKS_OF_COMMENTS) == '' and len(row) > width else row for row in bare]
     named = [row for row in bare if not any(_is_value(cell) for cell in row if cell.strip())]
+    # A line below headings has no letters.
+    named = [row for row in named if any(map(str.isalpha, ''.join(row)))]
     if not named or named[-1][0].strip().lower().startswith('sep='):
         return [], [''] * width
     units, names = _row_of_units(named)

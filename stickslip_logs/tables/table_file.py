@@ -21,7 +21,14 @@ from stickslip_logs.errors import BagError, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.tables.bus_log import BUS_LOGS, NO_SENTENCE
 from stickslip_logs.tables.cell_times import MAX_SHOWN, Cells, number_reader
-from stickslip_logs.tables.dialect import COMMENTS, csv_reader, detect_dialect, parse_heading, parse_number
+from stickslip_logs.tables.dialect import (
+    COMMENTS,
+    Dialect,
+    csv_reader,
+    detect_dialect,
+    parse_heading,
+    parse_number,
+)
 from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
 from stickslip_logs.tables.text_file import extent_of, text_lines
 from stickslip_logs.tables.time_columns import WITHOUT_ZONE, Clock, TableColumns, find_clock, rank_stamps
@@ -270,7 +277,7 @@ class TextTable(NumberTable):
             yield from self._bus_blocks(wanted, lose, note)
             return
         clocks = self.clocks_of(wanted)
-        reading = _TextReading(self._dialect.heading, self._dialect.above, clocks, wanted)
+        reading = _TextReading(self._dialect, clocks, wanted)
         suffixes = [self._dialect.suffixes[k] for k in wanted]
         for batch, swallowed in self._read_batches():
             reading.short += swallowed
@@ -371,17 +378,16 @@ class _TextReading:
     the middle; what comes below them is in their order.
 
     Args:
-        heading: The row of headings; empty where there is none.
-        above: The rows above the first with numbers.
+        dialect: The layout of the text.
         clocks: The clocks that are read.
         wanted: The places of the columns that are read.
     """
 
-    def __init__(
-        self, heading: Cells, above: Sequence[Cells], clocks: Sequence[Clock], wanted: Sequence[int]
-    ) -> None:
-        self._first = [cell.strip() for cell in heading]
-        self._above, self._clocks, self._wanted = {tuple(row) for row in above}, clocks, [*wanted]
+    def __init__(self, dialect: Dialect, clocks: Sequence[Clock], wanted: Sequence[int]) -> None:
+        self._first = [cell.strip() for cell in dialect.heading]
+        # Cells parted by blanks do not say which of them is missing.
+        self._width = len(dialect.names) if dialect.delimiter == ' ' else 0
+        self._above, self._clocks, self._wanted = {tuple(row) for row in dialect.above}, clocks, [*wanted]
         self._times = [k for clock in clocks for k in clock.columns]
         self._places: list[int] | None = [*self._times, *wanted]
         self._order: Cells = self._first
@@ -489,17 +495,19 @@ class _TextReading:
         """Remove rows that end before a wanted column, or fill them up with empty cells.
 
         A row is filled up if it reaches behind the columns of the first clock and, with a single clock,
-        behind half of the headings. Removed rows are counted in ``short``, but for blank ones and remarks.
+        behind half of the headings; where blanks part cells, none is. Removed rows are counted in ``short``,
+        but for blank ones and remarks.
 
         Args:
             batch: The rows, at least one; changed.
             width: The place of the last wanted column: rows need ``width + 1`` cells.
         """
+        width = max(width, self._width - 1)
         if min(map(len, batch)) > width:
             return
         # A signal that ended before another leaves the rest of the line out.
         half = len(self._first) // 2 if len(self._clocks) == 1 else 0
-        need = max(max(self._clocks[0].columns) + 1, half)
+        need = max(max(self._clocks[0].columns) + 1, half, self._width)
         for k in reversed(range(len(batch))):
             row = batch[k]
             if width >= len(row) > need:

@@ -43,16 +43,17 @@ TIME_WORDS = re.compile(
 """Words by which a heading, in lower case, is that of a time."""
 _IN_UTC = re.compile(r'(?<![^\W_])(?:UTC|GMT)(?![^\W_])')
 _HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-]\d\d:?\d\d)')
-# Numbers since a date, by their size: the smallest, the unit [ns], what is added for 1970, and their name.
-# Those of .NET, Windows and LabVIEW would be dates of 1990, 1974 and 2092 if they were since 1970.
+# Numbers since a date, where they are dates of 2000 to 2090 [s since 1970]: their unit [ns], what is added
+# for 1970, and their name. Those of .NET, Windows and LabVIEW would be of 1990, 1974 and 2092 if since 1970.
+_DATES_FROM, _DATES_TO = 946_684_800, 3_786_912_000
 _EPOCHS = (
-    (7e17, 1, 0, 'ns since 1970'),
-    (6e17, 100, -621_355_968_000_000_000, '100 ns since the year 1'),
-    (1e17, 100, -116_444_736_000_000_000, '100 ns since 1601'),
-    (1e14, 10**3, 0, 'us since 1970'),
-    (1e11, 10**6, 0, 'ms since 1970'),
-    (3e9, SECOND, -2_082_844_800, 's since 1904'),
-    (1e8, SECOND, 0, 's since 1970'),
+    (1, 0, 'ns since 1970'),
+    (100, -621_355_968_000_000_000, '100 ns since the year 1'),
+    (100, -116_444_736_000_000_000, '100 ns since 1601'),
+    (10**3, 0, 'us since 1970'),
+    (10**6, 0, 'ms since 1970'),
+    (SECOND, -2_082_844_800, 's since 1904'),
+    (SECOND, 0, 's since 1970'),
 )
 _SPELLED = {
     1: 'ns nanos nanoseconds',
@@ -513,7 +514,7 @@ def clock_of_numbers(
         return None
     steps, count = np.diff(values), np.unique(values).size
     # In a log of one value a line several names share a time; seconds since 1970 are known all the same.
-    is_fine = count > _MOSTLY * values.size or (count > 1 and values.min() > _EPOCHS[-1][0])
+    is_fine = count > _MOSTLY * values.size or (count > 1 and values.min() > _DATES_FROM)
     is_steady = bool((steps >= 0).all() or (steps <= 0).all())
     if not is_named and (table.units[column] is not None or not is_steady or not is_fine):
         return None
@@ -540,10 +541,10 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
     """
     unit, largest = _unit_of_times(words, written), float(np.abs(values).max())
     unit_ns = _UNITS.get(unit, SECOND)
-    # With a unit in which they are no dates since 1973 they count from a start.
-    is_elapsed = unit != '' and largest * unit_ns < _EPOCHS[-1][0] * SECOND
-    for minimum, factor, begin, name in () if is_elapsed else _EPOCHS:
-        if largest >= minimum:
+    # With a unit in which they are no dates they count from a start.
+    is_elapsed = unit != '' and largest * unit_ns < _DATES_FROM * SECOND
+    for factor, begin, name in () if is_elapsed else _EPOCHS:
+        if _DATES_FROM <= (largest + begin) * factor / SECOND < _DATES_TO:
             return factor, begin, name, ''
     elapsed, steps = f'{unit or "s"} since the start', np.abs(np.diff(values))
     step = float(np.median(steps[steps > 0])) if steps.any() else 0.0

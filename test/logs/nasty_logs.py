@@ -547,6 +547,18 @@ LOGS = {
         times=since(0, 1),
         load=[1500, 1600],
     ),
+    'one heading above a date and its time': Log(
+        'time       rpm  torque load\n~0  30.0  5  900\n~1  31.0  5  901\n'
+    ),
+    'blanks in place of a cell': Log(
+        'time       rpm  torque load\n~0  30.0  5  900\n~1  31.0  5  901\n~2  5  902\n~3  32.0  5  903\n',
+        times=times_after_start(0, 1, 3),
+        speed=(30, 31, 32),
+        load=(900, 901, 903),
+        lost='1 line damaged or of too few cells was not used',
+    ),
+    'SQL Server: a line below the headings': Log('time,rpm,load\n----,---,----\n~0,30,900\n~1,31,901\n'),
+    'Markdown': Log('| time | rpm | load |\n|---|---|---|\n| ~0 | 30 | 900 |\n| ~1 | 31 | 901 |\n'),
     'LabVIEW LVM: rows without the remark': Log(
         'LabVIEW Measurement\t\nX_Columns\tOne\nDate\t2026/04/13\n***End_of_Header***\t\t\t\n'
         'Channels\t2\t\t\nSamples\t9\t9\t\nDate\t2026/04/13\t2026/04/13\t\nTime\t10:00:00\t10:00:00\t\n'

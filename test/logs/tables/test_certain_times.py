@@ -198,6 +198,11 @@ def test_more_lines_a_second_than_a_log_has_are_another_unit(
     assert ("as 'time [d]'" in times_of(tmp_path, text)[1]) == asked
 
 
+def test_twelve_digits_are_no_milliseconds_of_1978(tmp_path: Path) -> None:
+    """260514060000 is 06:00 on 14 May 2026 to who wrote it; ms since 1970 are of 2000 and later."""
+    assert times_of(tmp_path, log_of('time', '{:%y%m%d%H%M%S}'.format))[1]
+
+
 def test_julian_days(tmp_path: Path) -> None:
     """2461174.75 is 06:00 on 14 May 2026 (U.S. Naval Observatory)."""
     text = 'time,rpm\n' + ''.join(f'{2461174.75 + k / 86_400:.8f},{30 + k % 3}\n' for k in range(90))

@@ -116,6 +116,12 @@ def test_a_recording_starts_with_its_first_line_though_the_clock_was_set_back(tm
     assert (recording.start_ns, recording.end_ns) == (100 * 10**9, 103 * 10**9)
 
 
+def test_numbers_without_a_heading_make_no_heading_certain(tmp_path: Path) -> None:
+    """A load of 1,005 that is not quoted is two cells, and 1 was the load."""
+    recording = open_log(tmp_path, 'time,rpm,load\n@0,30,1,005\n@1,31,1,006\n')
+    assert [column.heading for column in recording.all_columns] == ['#2', '#3', '#4']
+
+
 @pytest.mark.parametrize('other', ['2.5', '1776074400.500'])
 def test_commas_are_not_guessed_to_part_thousands_by_the_points_of_a_column(
     other: str, tmp_path: Path
