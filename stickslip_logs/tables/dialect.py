@@ -635,7 +635,7 @@ def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
         above: All rows above the numbers, one of which may have the names of the signals.
     """
     width = len(names)
-    period = next((p for p in range(2, width) if width % p == 0 and [*names[p:]] == [*names[:-p]]), 0)
+    period = next((p for p in range(2, width) if [*names[p:]] == [*names[:-p]]), 0)
     for row in reversed(above):
         if not period or len(row) != width or [*row] == [*names]:
             continue

@@ -122,18 +122,9 @@ class Replay:
                 shown = time.monotonic()
                 self._show_state()
             # However fast it is to go, the readers of the page get their turn.
-            await asyncio.sleep(0.0 if behind else self._sleep_time())
+            await asyncio.sleep(0.0 if behind else _SHOWN_EVERY)
         self._show_state()
         self._board.finish()
-
-    def _sleep_time(self) -> float:
-        """Return how long to sleep until the next sample is due [s]: up to ``_SHOWN_EVERY``, 0 at the end."""
-        if self._next == len(self._samples):
-            return 0.0
-        if self._paused:
-            return _SHOWN_EVERY
-        left = (self._samples[self._next].log_time_ns - self._wanted_ns()) * 1e-9 / self._rate
-        return min(max(left, 0.0), _SHOWN_EVERY)
 
     def _play_until(self, wanted_ns: int) -> bool:
         """Take the samples up to a log time [ns] for up to ``_TURN``; return whether some are left."""

@@ -126,10 +126,11 @@ class Watched:
 
         False where the record or the map has none.
         """
-        if record['fold_speed_kbm'] is None or record['load'] is None or not self.view.curves:
+        if record['load'] is None or not self.view.curves:
             return False
         speed, load = (np.array(self.view.curves[name], dtype=float) for name in ('speed', 'fold'))
-        mapped = np.interp(record['fold_speed_kbm'], speed, load, math.nan, math.nan)
+        fold = np.array(record['fold_speed_kbm'], dtype=float)  # nan for None
+        mapped = np.interp(fold, speed, load, math.nan, math.nan)
         return bool(abs(mapped - record['load']) > _OTHER_MAP * mapped)
 
     def widen(self) -> bool:

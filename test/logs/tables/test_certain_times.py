@@ -60,6 +60,22 @@ def test_parts_of_a_date_in_columns_of_their_own_are_joined(
     assert times_of(tmp_path, text) == ([epoch_ns(T0 + k * every) for k in range(90)], '')
 
 
+@pytest.mark.parametrize('zone', ['+05:30', '-03:30', '+0545', '-09', '+01:00', 'Z'])
+def test_times_are_of_the_zone_that_is_written(zone: str, tmp_path: Path) -> None:
+    """Half and quarter hours are the law of India, Newfoundland and Nepal."""
+    text = log_of('time', lambda t: f'{t:%Y-%m-%d %H:%M:%S}{zone}', count=3)
+    sign, digits = -1 if zone[0] == '-' else 1, zone.replace(':', '')[1:].ljust(4, '0')
+    behind = sign * timedelta(hours=int(digits[:2]), minutes=int(digits[2:]))
+    assert times_of(tmp_path, text) == ([epoch_ns(T0 + k * EVERY - behind) for k in range(3)], '')
+
+
+def test_a_last_line_without_an_end_is_read(tmp_path: Path) -> None:
+    text = log_of('time', lambda t: f'{t:%Y-%m-%dT%H:%M:%SZ}', count=4)
+    whole = [epoch_ns(T0 + k * EVERY) for k in range(4)]
+    assert times_of(tmp_path, text.rstrip())[0] == whole
+    assert times_of(tmp_path, text.removesuffix(',900\n'))[0] == whole[:3]
+
+
 def test_a_day_or_a_month_of_parts_is_asked(tmp_path: Path) -> None:
     text = log_of('a,b,c,d,e,f', lambda t: f'5,4,2026,{t:%H,%M,%S}')
     assert 'month first' in times_of(tmp_path, text)[1]

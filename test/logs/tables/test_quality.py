@@ -68,6 +68,17 @@ def test_words_of_which_only_the_bad_one_is_known_are_none() -> None:
     assert find_quality('quality', ['Bad', 'Gut', 'Schlecht']) is None
 
 
+@pytest.mark.parametrize(
+    ('heading', 'is_known'),
+    [('StatusCode', True), ('rpm status code', True), ('status', False), ('code', False)],
+)
+def test_a_heading_says_that_small_codes_are_of_opc_ua(heading: str, is_known: bool) -> None:
+    """OPC UA Part 4, 7.39: the two highest bits are the severity, 0x400 only says of what the others are."""
+    is_bad = find_quality(heading, ['0', '1024'])
+    assert (is_bad is not None) == is_known
+    assert not is_bad or [is_bad(mark) for mark in ('1024', '2147483648')] == [False, True]
+
+
 def test_a_mode_is_no_quality() -> None:
     assert find_quality('status', ['1', '2', '3']) is None
 

@@ -32,6 +32,7 @@ def times_and_values(recording: Recording, *names: str) -> list[tuple[list[int],
         '2026-04-13,10:00:00,30,2026-04-13,10:00:04,900\n2026-04-13,10:00:01,31,2026-04-13,10:00:06,901\n',
         'Time,load,Time,rpm\n@4,900,@0,30\n@6,901,@1,31\n,,@2,32\n,,@3,33\n',
         'Time,rpm,Time,load\n@0,30,@4,900\n@1,31,@6,901\n@2,32\n@3,33\n@4,34\n',
+        'Time,rpm,Time,load\n@0,30,@4,900\n@1,31\n@2,32\n@3,33,@6,901\n@4,34\n',
         'Time;rpm;Time;load\n13.04.2026 10:00:00;30;13.04.2026 10:00:04;900\n'
         '13.04.2026 10:00:01;31;13.04.2026 10:00:06;901\n',
         # The names of a trend stand above its headings, over its times or its values.
@@ -72,12 +73,20 @@ def test_a_signal_that_begins_behind_the_head_has_its_own_time(name: str, tmp_pa
         'time,rpm,eta,load\n@0,30,@9,900\n@1,31,@7,901\n@2,32,@8,902\n',
         't,rpm,T,load\n0,30,21.5,900\n1,31,21.4,901\n2,31,21.5,901\n',
         'time,rpm,load,received\n@0,30,900,@5\n@1,31,901,@9\n',
+        'time,rpm,event time,load\n@0,30,,900\n@1,31,,901\n',
+        'time,rpm,event time,load\n@0,30,none,900\n@1,31,none,901\n',
     ],
 )
 def test_of_a_time_that_is_no_signals_nothing_is_taken(text: str, tmp_path: Path) -> None:
     (speed_ns, _), (load_ns, _) = times_and_values(open_log(tmp_path, text), 'rpm', 'load')
     assert speed_ns == load_ns
     assert len(speed_ns) == text.count('\n') - 1
+
+
+def test_a_clock_is_of_the_signals_that_have_all_its_words(tmp_path: Path) -> None:
+    text = 'shaft time,bearing time,shaft rpm,bearing load\n@0,@4,30,900\n@1,@6,31,901\n'
+    found = times_and_values(open_log(tmp_path, text), 'shaft rpm', 'bearing load')
+    assert found == [(times_after_start(0, 1), [30, 31]), (times_after_start(4, 6), [900, 901])]
 
 
 def test_a_value_without_its_own_time_is_lost(tmp_path: Path) -> None:

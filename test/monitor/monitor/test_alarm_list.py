@@ -391,6 +391,13 @@ def test_stick_slip_under_an_acknowledged_alarm_sounds_once_it_lasts_longer(pane
     assert aft.runs(1.0).aloud == ['stick_slip'] * 2
 
 
+@pytest.mark.parametrize('action', ['shelve', 'remove'])
+def test_what_was_put_away_makes_no_sound_however_long_it_lasts(panel: Build, action: str) -> None:
+    aft = panel().plays('0 stick_slip runs:20 acknowledge turns:0.1 60 begins runs:10')
+    aft.does(action, 'stick_slip')
+    assert aft.runs(100.0).aloud == ['stick_slip']
+
+
 def test_what_is_worse_than_an_acknowledged_manoeuvre_sounds(panel: Build) -> None:
     aft = panel().plays('0 stick_slip runs:20 acknowledge normal turns:0.1 60 stick_slip 61 amplitude_limit')
     assert aft.aloud == ['stick_slip', 'amplitude_limit']

@@ -11,7 +11,7 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.bearing_monitor import Monitor
 from stickslip_monitor.monitor.config_questions import questions
 from stickslip_monitor.monitor.input_faults import Graph, InputWatch
-from stickslip_monitor.monitor.input_fitness import FitnessWatch, explained_share
+from stickslip_monitor.monitor.input_fitness import FitnessWatch, _is_regular, explained_share
 from stickslip_monitor.monitor.signals import Input
 
 SPEED, LOAD = Input.SPEED, Input.LOAD
@@ -50,6 +50,19 @@ def test_slow_values_of_a_swell_are_named() -> None:
     assert found.endswith(
         ', so that a swell seems to last for minutes: have its sender pass on at least one a second'
     )
+
+
+@pytest.mark.parametrize(
+    ('off', 'even', 'is_regular'), [(2, 6, True), (3, 6, False), (2, 7, False), (0, 0, False)]
+)
+def test_a_slow_sensor_has_a_regular_pace_and_uneven_steps(off: int, even: int, is_regular: bool) -> None:
+    """Of twelve intervals ten are alike, and six changes are half as large again as the least: by count.
+
+    Changes that are all alike are those of a ramp.
+    """
+    gap = np.array([[1.5] * off + [1.0] * (10 - off) + [2.0] * 2])
+    step = np.where(np.arange(12) < (even or 12), 1.0, 1.5)[None]
+    assert _is_regular(gap, step).tolist() == [is_regular]
 
 
 RANDOM = np.random.default_rng(7)

@@ -13,7 +13,7 @@ from stickslip_monitor import MonitorConfig
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.bearing_records import verdict_value
-from stickslip_monitor.monitor.session import HEARTBEAT_NS
+from stickslip_monitor.monitor.session import HEARTBEAT_NS, Moment
 
 
 @pytest.fixture
@@ -113,6 +113,13 @@ def test_a_second_level_that_is_rare_holds_no_alarm(ship: Ship) -> None:
     ship.sail(40.0, rpm=1000.0)
     alarms = {a['alarm']: a['active'] for a in ship.published[-1]['alarms']}
     assert (alarms['stick_slip'], alarms['input_implausible']) == (False, True)
+
+
+@pytest.mark.parametrize(('time_ns', 'is_named'), [(0, True), (T0, False)])
+def test_simulated_time_that_does_not_come_is_named(ship: Ship, time_ns: int, is_named: bool) -> None:
+    for second in range(1, 12):
+        ship.session.tick(Moment(second * SECOND, time_ns), second * SECOND)
+    assert any('/clock' in line for line in ship.lines) == is_named
 
 
 def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:
