@@ -418,5 +418,5 @@ def _load_yaml(data: bytes) -> Any:
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
-            raise ValueError('no metadata has this')
+            raise ValueError('it has aliases or is nested too deeply')
     return yaml.load(data, _LOADER)

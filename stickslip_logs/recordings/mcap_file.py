@@ -301,7 +301,8 @@ class McapFile:
             return False
         if (start, end) != (counts.message_start_time, counts.message_end_time):
             self.findings.note(
-                f"file '{self.path.name}': its statistics give other times than its chunks, which count"
+                f"file '{self.path.name}': its statistics give other times than its chunks:"
+                ' those of the chunks were used'
             )
         self.start_ns, self.end_ns = start, end
         return True
@@ -309,16 +310,13 @@ class McapFile:
     def _describe_cut(self, heads: RecordHeads, last: int) -> Cut:
         """Describe where the file is truncated; ``last`` is how many messages its last block has."""
         total = self.counts.total()
-        messages = plural(total, 'message')
-        saved = f', and {messages} before the cut'
+        recovered = f'all before byte {heads.offset} of {self.size}'
         if heads.has_ended:
-            saved = f', behind the last message; all {messages}'
-        text = (
-            f"file '{self.path.name}' is cut: its last whole record ends at byte {heads.offset} of"
-            f' {self.size}{saved} {"was" if total == 1 else "were"} saved'
-        )
-        if heads.blocks and heads.blocks[-1].is_cut and last:
-            text += f', {last} of them from the chunk that is cut'
+            recovered = f'the whole recording, before byte {heads.offset} of {self.size}'
+        elif heads.blocks and heads.blocks[-1].is_cut and last:
+            share = 'all' if last == total else f'{last} of them'
+            recovered = f'{share} from the unfinished chunk at byte {heads.offset} of {self.size}'
+        text = f"file '{self.path.name}' is truncated: {plural(total, 'message')} recovered, {recovered}"
         return Cut(self.path, heads.offset, self.size, self.end_ns, text)
 
 

@@ -331,7 +331,7 @@ class FieldReader:
                 steps = (f'.{s}' if isinstance(s, str) else f'[{s}]' for s in path)
                 raise BagError(
                     f"field '{''.join(steps).removeprefix('.')}' of topic '{topic}' ({type_name})"
-                    f' is no number: {error}'
+                    f' is not a number: {error}'
                 ) from None
 
     def read(

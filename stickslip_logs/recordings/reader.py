@@ -93,7 +93,7 @@ def _open_files(
     contents = [scan_file(file, findings) for file in whole]
     if not is_one and not are_consecutive(contents):
         raise BagError(
-            f"folder '{path}' holds {len(files)} recordings that lap over in time or lie more than"
+            f"folder '{path}' holds {len(files)} recordings that overlap in time or lie more than"
             ' an hour apart: name one of them'
         )
     return McapRecording(path, contents, findings, scratch)
@@ -127,7 +127,7 @@ def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
             except EOFError:
                 findings.lose(f"file '{path.name}' is truncated: what could be unpacked of it was read")
             if not file.tell():
-                raise BagError(f"bag file '{path}' is cut: nothing of it can be unpacked")
+                raise BagError(f"bag file '{path}' is truncated: nothing can be unpacked, copy it anew")
     except (OSError, zstandard.ZstdError) as error:
         raise BagError(f"bag file '{path}' cannot be unpacked: {error}") from None
     return target

@@ -276,7 +276,7 @@ class TableReading:
             count = recording.counts[topic]
             if count > _MAX_ALIKE * distinct and span_ns >= _COARSE_NS * (distinct - 1):
                 recording.lose(
-                    f'{count} lines have {plural(distinct, "time")} between them: write the file with'
+                    f'{count} lines share {plural(distinct, "time")}: write the file with'
                     ' whole times, as a spreadsheet may have rounded them'
                 )
                 return

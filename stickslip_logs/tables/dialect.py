@@ -225,7 +225,7 @@ def detect_dialect(path: Path, extent: Extent) -> Dialect:
         raise BagError(f"log '{path}' {remedy}")
     delimiter, rows = _best_delimiter(first)
     if not rows:
-        raise BagError(f"log '{path}' is no table: no line of it has two cells")
+        raise BagError(f"log '{path}' is not a table: no line has a comma, semicolon or tab between cells")
     return _table_dialect(path, encoding, delimiter, rows, _split_lines(last, delimiter))
 
 

@@ -548,10 +548,27 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
             return factor, begin, name, ''
     elapsed, steps = f'{unit or "s"} since the start', np.abs(np.diff(values))
     step = float(np.median(steps[steps > 0])) if steps.any() else 0.0
-    for minimum, maximum, zero, name in _DAYS_SINCE if unit == '' or unit_ns == DAY else ():
-        if values.min() <= minimum or largest >= maximum:
+    if unit == '' or unit_ns == DAY:
+        is_stated = unit != '' or bool(re.search(r'date|datum', words))
+        if meaning := _meaning_as_days(values, step, elapsed, is_stated=is_stated):
+            return meaning
+    return unit_ns, 0, elapsed, _question_on_rate(step) if unit == '' else ''
+
+
+def _meaning_as_days(
+    values: FloatArray, step: float, elapsed: str, *, is_stated: bool
+) -> tuple[int, float, str, str] | None:
+    """Return what :func:`_meaning_of_numbers` does for numbers that may be days; None if they are none.
+
+    Args:
+        values: The numbers, shape (n,).
+        step: The median step from one to the next that differs; 0 where none do.
+        elapsed: Their meaning in words if they count from a start.
+        is_stated: Whether the heading says that they are days.
+    """
+    for minimum, maximum, zero, name in _DAYS_SINCE:
+        if values.min() <= minimum or np.abs(values).max() >= maximum:
             continue
-        is_stated = unit != '' or re.search(r'date|datum', words)
         may_be_days, may_be_seconds = (True, False) if is_stated else _days_or_seconds(values, step)
         # A question names first what the numbers are taken for.
         if may_be_days and may_be_seconds and step >= _SECONDS_FROM:
@@ -560,12 +577,16 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
         if may_be_days:
             question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
             return DAY, zero, f'{name}, without a zone: taken as UTC', question if may_be_seconds else ''
-    question = ''
-    if unit == '' and step >= 1.0:
-        question = _SECONDS_OR_LESS  # smaller steps than of 1 ms are of no log
-    elif unit == '' and step > 0.0 and step * _MAX_RATE < 1.0:
-        question = f"has {1.0 / step:.3g} lines a second: head the times by their unit, as 'time [d]'"
-    return unit_ns, 0, elapsed, question
+    return None
+
+
+def _question_on_rate(step: float) -> str:
+    """Return the question on times without a unit whose median step no log has in seconds; '' for none."""
+    if step >= 1.0:
+        return _SECONDS_OR_LESS  # smaller steps than of 1 ms are of no log
+    if step > 0.0 and step * _MAX_RATE < 1.0:
+        return f"has {1.0 / step:.3g} lines a second: head the times by their unit, as 'time [d]'"
+    return ''
 
 
 def _unit_of_times(words: str, written: str | None) -> str:

@@ -229,12 +229,12 @@ def _check_saved(name: str, record: object) -> None:
     """
     for kind, saved in _require_entry(record, 'alarms', (dict,), name).items():
         if kind not in {alarm_kind.value for alarm_kind in AlarmKind}:
-            raise AlarmStateError(f'{name}: there is no alarm {kind!r}')
+            raise AlarmStateError(f'{name}: unknown alarm {kind!r}')
         for key, (_, types) in _KEPT.items():
             _require_entry(saved, key, types, f'{name}.{kind}')
         _require_entry(saved, 'shelf_left', (int,), f'{name}.{kind}')
         if saved['state'] not in {alarm_kind.value for alarm_kind in AlarmState}:
-            raise AlarmStateError(f'{name}.{kind}: there is no state {saved["state"]!r}')
+            raise AlarmStateError(f'{name}.{kind}: unknown state {saved["state"]!r}')
 
 
 def _require_entry(record: object, key: str, types: tuple[type[_T], ...], where: str) -> _T:
@@ -247,7 +247,7 @@ def _require_entry(record: object, key: str, types: tuple[type[_T], ...], where:
         raise AlarmStateError(f"{where} has no '{key}'")
     value: _T = record[key]
     if type(value) not in types:
-        raise AlarmStateError(f'{where}: {key} = {value!r} is not of its type')
+        raise AlarmStateError(f'{where}: {key} = {value!r} has the wrong type')
     return value
 
 

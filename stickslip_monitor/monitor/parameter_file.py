@@ -315,7 +315,7 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
 def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
     """Return the column of each input, as ``aft.speed``, in a log of a ship's buses.
 
-    It is empty where the file has no section of buses.
+    It is empty where the file has no section of buses, or one that gives a parameter twice.
     """
     try:
         links = _read_section(path, document, LINKS)

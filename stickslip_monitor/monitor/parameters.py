@@ -75,6 +75,7 @@ def rows(section: type[Any], prefix: str = '', **changes: dict[str, Any]) -> tup
 
 
 def _parameter_name(item: Field[Any]) -> str:
+    """Return the name of the parameter that a field is: as stated, else the field's without ``_ns``."""
     return str(item.metadata.get('name', item.name.removesuffix('_ns')))
 
 
@@ -263,6 +264,7 @@ class WaterConfig(InputConfig):
 
 
 def _declare_probability(default: float, text: str) -> Any:
+    """Return a field that is a parameter from 0 to 1."""
     return parameter(default, text, within=(0.0, 1.0))
 
 

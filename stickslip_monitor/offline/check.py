@@ -212,8 +212,8 @@ def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> Non
     gaps = [(gap, item.gaps.usual) for _, item in inputs for gap in item.gaps.longest]
     if WITHOUT_ZONE in bag.warnings and any(_is_summer_hour(gap, usual) for gap, usual in gaps):
         bag.note(
-            'an hour has no lines, from one full hour to the next: if it is the one that summer time leaves'
-            ' out, write the times in UTC'
+            'no lines for one hour, from one full hour to the next, as when summer time begins: write the'
+            ' times in UTC'
         )
     for name, item in inputs:
         if item.changes_only:

@@ -60,7 +60,8 @@ class ClipFolder:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise BagError(
-                f"clips.directory = '{config.directory}' cannot be made: {error.strerror or error}"
+                f"clips.directory = '{config.directory}' cannot be made: {error.strerror or error};"
+                ' name a folder in which this user may write'
             ) from error
         self._remove_drafts()
 

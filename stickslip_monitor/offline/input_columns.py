@@ -212,13 +212,7 @@ class ColumnBinding:
         topic = source.topic.strip('/')
         units = _units_of(quantity, source)
         own_words, foreign_words = _words_of_side(bearing, topic)
-        # A column in another unit is another quantity: 'Speed (kn)' is the ship's own.
-        candidates = [
-            (column, parse_heading(column.heading).name)
-            for column in self._all
-            if _unit_of_column(column, quantity) in units or not column.has_unit
-        ]
-        candidates = [(column, name) for column, name in candidates if not foreign_words & {*name.split()}]
+        candidates = self._possible_columns(quantity, units, foreign_words)
         # PlotJuggler writes the field behind the topic.
         of_topic = [
             column
@@ -237,6 +231,21 @@ class ColumnBinding:
         local_id = _LOCAL_IDS.get(quantity, '\0')
         by_name = [column for column, name in candidates if name in own_names or local_id in column.heading]
         return of_topic or similar or by_unit or by_name
+
+    def _possible_columns(
+        self, quantity: str, units: tuple[str, ...], foreign_words: set[str]
+    ) -> list[tuple[LogColumn, str]]:
+        """Return the columns, each with its plain name, whose unit fits a quantity and no word is foreign.
+
+        A column in another unit is another quantity: 'Speed (kn)' is the ship's own.
+        """
+        names = [(column, parse_heading(column.heading).name) for column in self._all]
+        return [
+            (column, name)
+            for column, name in names
+            if (_unit_of_column(column, quantity) in units or not column.has_unit)
+            and not foreign_words & {*name.split()}
+        ]
 
     def _bind_column(
         self, bearing: BearingConfig, quantity: str, source: InputConfig, column: LogColumn

@@ -167,7 +167,7 @@ LOGS = {
         times=[epoch_ns(datetime(2017, 1, 1, tzinfo=timezone.utc))] * 601,
         speed=[30] + [31] * 600,
         load=[900] + [901] * 600,
-        lost='601 lines have 1 time between them',
+        lost='601 lines share 1 time',
     ),
     'seconds in a column of their own': Log(
         'date,time,s,speed,load\n' + ''.join(f'2026-04-13,10:0{k // 5},{k % 5},30,900\n' for k in range(10)),
@@ -181,7 +181,7 @@ LOGS = {
         times=times_after_start(0, 0, 0, 60, 60, 60),
         speed=[30] * 3 + [31] * 3,
         load=[900] * 3 + [901] * 3,
-        lost='6 lines have 2 times between them',
+        lost='6 lines share 2 times',
     ),
     'a line for each number': Log(
         'time,speed,load,oil,air\n'

@@ -282,7 +282,7 @@ WRONG = (
         "topic '/good' has type std_msgs/msg/Float64 in the bag, not std_msgs/msg/Float32",
     ),
     *(
-        (Request(topic, field), f"field '{field}' of topic '{topic}' ({kind}) is no number: {why}")
+        (Request(topic, field), f"field '{field}' of topic '{topic}' ({kind}) is not a number: {why}")
         for topic, kind, field, why in NO_NUMBERS
     ),
     *(
@@ -381,7 +381,7 @@ CONVERT = "convert it with 'ros2 bag convert' first"
         # A frame of which the first block has not come whole.
         (
             lambda path: path.write_bytes(zstandard.compress(bytes(range(256)) * 9)[:20]),
-            "bag file '{}' is cut: nothing of it can be unpacked",
+            "bag file '{}' is truncated: nothing can be unpacked, copy it anew",
         ),
         (folder_of_logs, "bag '{0}' has no .mcap and no .db3 file: name one of its logs, as '{0}/b.csv'"),
         (make_sqlite, "'{}' is a database and no recording of ROS 2"),

@@ -51,7 +51,7 @@ def test_times_that_a_spreadsheet_rounded_away_are_a_loss(tmp_path: Path) -> Non
     rows = '1.77787E+09,20,1\n' * 5000 + '1.77788E+09,20,1\n' * 5000
     recording = open_log(tmp_path, f'time,rpm,kN\n{rows}')
     recording.read([Request('rpm', 'data')])
-    assert any('10000 lines have 2 times between them' in text for text in recording.losses)
+    assert any('10000 lines share 2 times' in text for text in recording.losses)
 
 
 OTHERS_FIRST = (

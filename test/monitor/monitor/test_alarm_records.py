@@ -136,11 +136,11 @@ def spoil_document(document: dict[str, Any], path: str, value: Any) -> dict[str,
     ('path', 'value', 'text'),
     [
         ('schema', 'stickslip_monitor/alarm_state/2', "'stickslip_monitor/alarm_state/2' must be"),
-        ('time', '12', "the document: time = '12' is not of its type"),
+        ('time', '12', "the document: time = '12' has the wrong type"),
         ('bearings', KeyError, "the document has no 'bearings'"),
-        ('bearings.aft.alarms.stick_slip.state', 'loud', "aft.stick_slip: there is no state 'loud'"),
+        ('bearings.aft.alarms.stick_slip.state', 'loud', "aft.stick_slip: unknown state 'loud'"),
         ('bearings.aft.alarms.stick_slip.active', KeyError, "aft.stick_slip has no 'active'"),
-        ('bearings.aft.alarms.smoke', {}, "aft: there is no alarm 'smoke'"),
+        ('bearings.aft.alarms.smoke', {}, "aft: unknown alarm 'smoke'"),
     ],
 )
 def test_a_damaged_state_is_named_and_nothing_is_taken_over(
