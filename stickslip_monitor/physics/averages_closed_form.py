@@ -31,8 +31,11 @@ from stickslip_monitor.physics.bessel import i0e, i1e
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.numerics import gauss_rule, root_on_bracket
 
+# Largest argument for which a power series is summed in place of Bessel functions.
 _SERIES_LIMIT = 0.5
+# Argument past which 1 - I2/I1 has no digits left and is taken as 1.5 over the argument.
 _FAR = 1e6
+# Gauss-Legendre nodes of the average beyond the sliding limit.
 _NODES, _WEIGHTS = gauss_rule(14)
 # Newton's steps from a first guess that is off by a twentieth at most.
 _STEPS = 5

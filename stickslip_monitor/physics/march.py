@@ -30,11 +30,13 @@ from stickslip_monitor.physics.slip_step import (
     until_kink,
 )
 
+# How a march has ended, and how a step has.
 DONE, EVENTS_FULL, EXHAUSTED, NOT_FINITE = 0, 1, 2, 3
 NOTHING, RELEASE_FORWARD, RELEASE_BACKWARD, CONTACT = 0, 1, 2, 3
 
 # Error [m/s] that is no more than a number's last digits, and the shortest step.
 _UNDERFLOW, _SHORTEST = 1e-280, 1e-14
+# Rounding of the friction that sticking needs, as a share of its terms.
 _ROUNDING = 2e-15
 # Events in a row, at one instant, after which sticking is let live for a while.
 _STALLED, _LET_LIVE = 8, 1e-6

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
 
-_LIMIT = 120
-_CLOSE = 2e-16
-_SECANT_CLOSE = 1e-14
+# Steps of a root search at most.
+_MAX_STEPS = 120
+# Widths, as shares of a root, of a bracket and of a last secant step below which only rounding is left.
+_CLOSE, _SECANT_CLOSE = 2e-16, 1e-14
 # Steps by interpolation, after which a function that no parabola follows is bisected.
 _PATIENCE = 12
 
@@ -187,7 +188,7 @@ def root_on_bracket(
     b, a, fb, fa = low[running], high[running], ends[0][running], ends[1][running]
     arguments = [argument[running] for argument in parameters]
     share = fb / (fb - fa)
-    for step in range(_LIMIT if running.size else 0):
+    for step in range(_MAX_STEPS if running.size else 0):
         x = b + share * (a - b)
         fx = function(x, *arguments)
         same = np.sign(fx) == np.sign(fb)

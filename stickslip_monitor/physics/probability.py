@@ -47,7 +47,7 @@ UNKNOWN_FALL = 0.25
 _FIRST, _PER_ROW, _ROWS, _LOW, _HIGH, _TABLE = range(6)
 # A row: the load, the width, and what the probit is off at these whole numbers of widths.
 _LOAD, _WIDTH, _OFF = range(3)
-_WIDEST = 4
+_WIDEST = 4  # of them, to each side
 _COLUMNS = 2 * _WIDEST + 1
 _PER_BOUNDARY = _OFF + _COLUMNS
 # 768 rows between these speeds [m/s] keep a probability to 5e-4 (test_probability).
@@ -57,6 +57,7 @@ _NODES, _KERNEL, _REACH = 41, 0.16, 4.0
 _NODES_AT = np.linspace(-_REACH, _REACH, _NODES)
 _NODE_WEIGHTS = np.exp(-0.5 * _NODES_AT**2 / (1.0 - _KERNEL**2))
 _NODE_WEIGHTS /= _NODE_WEIGHTS.sum()
+# Least standard deviation of a boundary [ln N], which an exact one has.
 _LEAST = 1e-9
 # The logarithm of a load that no ship has [ln N].
 _NOWHERE = 50.0
