@@ -127,6 +127,20 @@ def test_it_is_the_weighted_least_squares_solution(law: Stribeck, viscous: Visco
     np.testing.assert_allclose(fit.correlation, covariance / np.outer(error, error), atol=1e-5)
 
 
+@pytest.mark.parametrize(('law', 'viscous'), [(LAW, 'no'), (RISING, 'yes')])
+def test_the_band_is_that_of_the_covariance(law: Stribeck, viscous: Viscous) -> None:
+    """The delta method, with derivatives by central differences of the law's own formula."""
+    fit = fit_stribeck(noisy_curve(law), viscous)
+    speed, rows = np.array([0.0, 0.05, 0.2, 1.0]), []
+    for k in range(fit.estimate.size):
+        step = np.where(np.arange(fit.estimate.size) == k, 1e-5 * fit.estimate, 0.0)
+        ahead, behind = (stribeck_curve(speed, *(fit.estimate + sign * step)) for sign in (1.0, -1.0))
+        rows.append((ahead - behind) / (2.0 * step[k]))
+    variance = np.sum(rows * (fit.covariance @ rows), axis=0)
+    quantile = stats.t.ppf(0.975, fit.degrees_of_freedom)
+    np.testing.assert_allclose(fit.band(speed), quantile * np.sqrt(variance), rtol=1e-5)
+
+
 def test_robustness_costs_no_precision_on_clean_data() -> None:
     """Standard errors are those of plain least squares: of 60 curves within 5 % in the mean."""
     ratios = []

@@ -25,7 +25,9 @@ from stickslip_monitor.drawing.map import (
     TrackEvent,
     boundaries,
     caution_load,
+    corners,
     draw_map,
+    law_speed,
     map_ranges,
     onset_load,
     track_of_scan,
@@ -33,6 +35,7 @@ from stickslip_monitor.drawing.map import (
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.physics.cycles import end_of_vibration, exact_cycle
+from stickslip_monitor.physics.lubrication import Lubrication
 
 pytest.importorskip('matplotlib')
 RPM = math.pi * 0.1 / 60.0
@@ -44,6 +47,19 @@ TABLE = replace(
     friction=Tabulated([0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4], [0.3, 0.2, 0.19, 0.19, 0.15, 0.1, 0.11]),
 )
 DRY = replace(REFERENCE, friction=Coulomb(0.3, 0.1))
+
+
+def test_corners_are_the_break_points_of_the_law_between_two_speeds() -> None:
+    found = corners(TABLE, (0.06, 0.19)).reshape(-1, 3)
+    np.testing.assert_allclose(found[:, 1], [0.1, 0.15], rtol=1e-15)
+    np.testing.assert_allclose(found[:, ::2] / found[:, 1:2] - 1.0, [[-1e-9, 1e-9]] * 2, rtol=1e-6)
+
+
+def test_speeds_of_the_law_grow_with_the_load_that_the_water_carries() -> None:
+    """``s = (N/N0)^g``, Hersey's number at g = 1: the film carries twice the load at twice the speed."""
+    bearing = replace(REFERENCE, lubrication=Lubrication(load=1000.0, load_exponent=1.0))
+    assert law_speed(bearing) == pytest.approx(0.4)  # 4 / decay, at which the film was measured
+    assert law_speed(bearing, 2000.0) == pytest.approx(0.8)
 
 
 def test_boundaries_are_the_closed_forms() -> None:

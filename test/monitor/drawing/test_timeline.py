@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from made_logs import START
+from matplotlib.colors import to_rgb
 from sending import SECOND, change, points
 from shared import CONFIG as REFERENCE_FILE
 
 from stickslip_monitor import Monitor
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, FOLD
-from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
+from stickslip_monitor.drawing.timeline import _TRUTH, Timeline, draw_timeline, marked_events
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.severity import Condition
@@ -115,6 +116,13 @@ def test_next_to_nothing_is_drawn(count: int) -> None:
     draw_timeline(draw_course([20.0] * count), 4.4)
 
 
+def test_a_narrow_picture_has_fewer_times_below_it() -> None:
+    """Ten names of a time of day are wider than a phone."""
+    course = draw_course([60.0] * 100)
+    narrow, wide = (len(draw_timeline(course, width).axes[-1].get_xticks()) for width in (4.4, 9.0))
+    assert narrow <= 6 < wide <= 10
+
+
 def test_of_very_many_events_only_the_alarms_are_marked() -> None:
     changes = [(Condition.NORMAL, Condition.CAUTION), (Condition.CAUTION, Condition.NORMAL)] * 60
     changes[50] = (Condition.NORMAL, Condition.STICK_SLIP)
@@ -160,6 +168,18 @@ def test_what_the_lining_did_stands_beside_what_was_said() -> None:
     lining = FollowedLining(episodes, *(FollowedNumbers(when, own) for own in numbers))
     found = panels_by_name(draw_timeline(replace(course, lining=lining)))
     assert legend_of(found['speed'])[0] == 'lining sticks'
+    # Above the band of the alarm, and over the whole height of the others, which show through.
+    for name, axes in found.items():
+        (span,) = (
+            patch
+            for patch in axes.patches
+            if patch.get_extents().transformed(axes.transData.inverted()).intervalx.tolist() == [25.0, 39.0]
+            and patch.get_facecolor()[:3] == to_rgb(_TRUTH)
+        )
+        low, high = span.get_extents().transformed(axes.transAxes.inverted()).intervaly
+        opaque = name == 'alarm'
+        expected = (0.7 if opaque else 0.0, 1.0, 1.0 if opaque else 0.15)
+        assert (low, high, span.get_alpha()) == pytest.approx(expected)
     lines = {line.get_label(): np.array(line.get_data()) for line in found['margin'].lines}
     assert lines['Hopf, true'][1].tolist() == pytest.approx(list(range(40)))
     lines = {line.get_label(): np.array(line.get_data()) for line in found['ampl'].lines}

@@ -183,6 +183,7 @@ def test_meta_has_units_and_no_zones_and_a_load_of_theirs_is_not_ours() -> None:
         f'{AT}hopfMargin': 'ratio',
         f'{AT}stickSlipAmplitude': 'm',
     }
+    assert {value['timeout'] for value in meta.values()} == {5}
     assert 'zones' not in json.dumps(meta)
 
 

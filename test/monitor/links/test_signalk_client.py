@@ -8,7 +8,7 @@ import logging
 import ssl
 import subprocess
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,12 @@ from shared import wait_until
 pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
 from benchmarks.signalk_servers import SmallServer
-from stickslip_monitor.errors import LinkError
+from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.links import signalk_client
 from stickslip_monitor.links.buses import BusInput, MonitorSide, SignalKLink
 from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient
-from stickslip_monitor.links.signalk_token import request_token
+from stickslip_monitor.links.signalk_token import read_signalk_token, request_token
 from stickslip_monitor.monitor.alarms import AlarmKind
 from stickslip_monitor.monitor.signals import Input
 
@@ -242,6 +242,17 @@ async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) 
         await wait_until(lambda: (ship.kept(MARGIN), said()) == (None, words[1]))
         assert ship.kept(STICK)['state'] == 'alarm'
         assert ship.kept('notifications.p.shaft.monitor')['state'] == 'warn'
+
+
+@pytest.mark.parametrize(
+    ('mode', 'is_taken'), [(0o600, True), (0o400, True), (0o640, False), (0o620, False), (0o604, False)]
+)
+def test_a_token_that_others_can_read_is_none(tmp_path: Path, mode: int, is_taken: bool) -> None:
+    path = tmp_path / 'token'
+    path.write_text('0123456789abcdef\n')
+    path.chmod(mode)
+    with nullcontext() if is_taken else pytest.raises((LinkError, ConfigurationError), match='chmod 600'):
+        assert read_signalk_token(str(path)) == '0123456789abcdef'
 
 
 async def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault(server: SmallServer) -> None:
