@@ -21,7 +21,7 @@ from stickslip_lab.calibration.calibration import Calibration, EvidenceSource
 from stickslip_lab.scenes.scene import load_scene, write_bag
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
-from stickslip_monitor.offline.check import Kept, check_recording
+from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 from stickslip_monitor.physics.probability import Belief, Tolerance
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -56,7 +56,7 @@ def calibration_of(seed: int) -> Calibration | None:
         scene = load_scene(SCENES / 'slowing_down.yaml', seed + k * _APART, WITH_LEVEL)
         own = with_parameter_errors(scene.config.bearings[0], scene.parameter_error, seed)
         with TemporaryDirectory(prefix='stickslip_') as folder:
-            path, kept = Path(folder) / f'slow_down_{k}.mcap', Kept()
+            path, kept = Path(folder) / f'slow_down_{k}.mcap', RecordingBuffer()
             write_bag(scene, path)
             check_recording(path, MonitorConfig((own,)), [kept])
             found.append(source.of_recording(kept, own))

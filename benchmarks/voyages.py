@@ -36,7 +36,7 @@ from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.severity import LADDER, Condition, Severity
 from stickslip_monitor.monitor.signals import Input, Stream
 from stickslip_monitor.monitor.statements import Verdict
-from stickslip_monitor.offline.check import Kept, check_recording
+from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 from stickslip_monitor.offline.extremes import condition_intervals
 from stickslip_monitor.offline.processes import run_in_processes
 
@@ -138,9 +138,9 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
         yield Sailed(Sent.of(kept, own), truths[own.name], _is_plain(scene))
 
 
-def _kept(path: str | Path, config: MonitorConfig, long: bool | None = None) -> Kept:
+def _kept(path: str | Path, config: MonitorConfig, long: bool | None = None) -> RecordingBuffer:
     """Return the samples and verdicts of a recording, in memory."""
-    kept = Kept()
+    kept = RecordingBuffer()
     check_recording(path, config, [kept], long=long)
     return kept
 
@@ -155,7 +155,7 @@ class Sent:
     end_ns: int | None
 
     @classmethod
-    def of(cls, kept: Kept, config: BearingConfig) -> Sent:
+    def of(cls, kept: RecordingBuffer, config: BearingConfig) -> Sent:
         """Return the samples and verdicts of one bearing."""
         sent = cls(config, kept.stream(config.name), kept.start_ns, kept.end_ns)
         sent.__dict__['scan'] = kept.scan(config.name)  # known already

@@ -36,7 +36,7 @@ from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.monitor.statements import rounded
-from stickslip_monitor.offline.check import Kept
+from stickslip_monitor.offline.check import RecordingBuffer
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, Coulomb, Tabulated
 from stickslip_monitor.physics.lubrication import reference_point
@@ -454,7 +454,7 @@ class EvidenceSource:
 
     reports: tuple[VibrationReport, ...] | None = None  # an operator's reports
 
-    def of_recording(self, outline: Kept, config: BearingConfig) -> Evidence:
+    def of_recording(self, outline: RecordingBuffer, config: BearingConfig) -> Evidence:
         """Return the evidence of one recording: the operator's reports, else the level, else the truth.
 
         A level is read into reports by :meth:`calibrated`, over all recordings together.

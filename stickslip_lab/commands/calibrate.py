@@ -38,7 +38,7 @@ from stickslip_monitor.monitor.calibration_file import CALIBRATION_SCHEMA
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.statements import rounded
-from stickslip_monitor.offline.check import Kept, check_recording
+from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 from stickslip_monitor.physics.probability import QUANTILES
 
 
@@ -125,7 +125,7 @@ def _read_evidence(
     evidence = []
     for k, path in enumerate(bags):
         meter.show(f'reading {Path(path).name}', k, len(bags))
-        outline = Kept()
+        outline = RecordingBuffer()
         check_recording(path, MonitorConfig((config,)), [outline])
         evidence.append(source.of_recording(outline, config))
     return evidence

@@ -61,8 +61,8 @@ def _read_track(path: str, bearing: BearingConfig) -> Track:
         BagError: The recording cannot be read, is empty, or has not both speed and load of the bearing.
     """
     # Imported only for a track: reading bags takes time to import.
-    from stickslip_monitor.offline.check import Kept, check_recording
+    from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 
-    recording = Kept()
+    recording = RecordingBuffer()
     check_recording(path, MonitorConfig((bearing,)), [recording])
     return track_of_scan(recording.scan(bearing.name))

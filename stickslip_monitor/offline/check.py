@@ -76,7 +76,7 @@ class CheckReport:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class BearingSamples:
     """Samples and verdicts of a bearing in a part of a recording."""
 
     stream: Stream  # the samples in order of arrival, with repeats of values that stand
@@ -89,7 +89,7 @@ class Stretch:
     """A stretch of a recording; the last one has no samples, and the verdicts at the end."""
 
     end_ns: int  # the last log time in it [ns]
-    bearings: Mapping[str, Heard]  # by name
+    bearings: Mapping[str, BearingSamples]  # by name
 
 
 class StretchSink:
@@ -253,7 +253,9 @@ class _BearingCheck:
         self._evaluations = 0
         self._measured_ns = np.zeros(len(MEASURED), np.int64)
 
-    def take(self, part: Mapping[Request, Series], start_ns: int | None, end_ns: int | None) -> Heard:
+    def take(
+        self, part: Mapping[Request, Series], start_ns: int | None, end_ns: int | None
+    ) -> BearingSamples:
         """Run the rule over the next part, add up its verdicts and what its inputs are like, and return them.
 
         Args:
@@ -271,9 +273,9 @@ class _BearingCheck:
         self._add_scan(scan)
         for input_check, input_series in zip(self._inputs, series, strict=True):
             input_check.take(input_series, stream, scan, self._fitness)
-        return Heard(stream, repeats, scan)
+        return BearingSamples(stream, repeats, scan)
 
-    def finish(self, end_ns: int | None) -> Heard:
+    def finish(self, end_ns: int | None) -> BearingSamples:
         """Run the rule to the end of the recording [ns]; add up and return the verdicts, without samples.
 
         They are stored for :meth:`report`. There was one part at least.
@@ -281,7 +283,7 @@ class _BearingCheck:
         assert self._scan is not None
         self._end = self._scan.finish(_SILENCE, end_ns)
         self._add_scan(self._end)
-        return Heard(_SILENCE, np.zeros(0, np.bool_), self._end)
+        return BearingSamples(_SILENCE, np.zeros(0, np.bool_), self._end)
 
     def _add_scan(self, scan: Scan) -> None:
         """Add the points and events of a scan to the totals of the bearing."""
@@ -405,7 +407,7 @@ class SampleSpan:
         return 0 if self.start_ns is None or self.end_ns is None else self.end_ns - self.start_ns
 
 
-class Kept(StretchSink):
+class RecordingBuffer(StretchSink):
     """Keeps samples and verdicts of a whole recording in memory, for callers that need them at once.
 
     Attributes:

@@ -47,7 +47,7 @@ from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.severity import MEASURED, Condition
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status, Stream
 from stickslip_monitor.monitor.statements import Event, Verdict
-from stickslip_monitor.offline.check import Heard, Stretch, StretchSink, is_long
+from stickslip_monitor.offline.check import BearingSamples, Stretch, StretchSink, is_long
 
 NODE = 'stickslip_monitor'
 TICK_NS = 10**9
@@ -316,7 +316,7 @@ class _Follower:
                 is_published[k] = False
         return is_published
 
-    def loss_times(self, samples: Heard) -> list[int]:
+    def loss_times(self, samples: BearingSamples) -> list[int]:
         """Return the time at which the first input times out [ns] as a list of one.
 
         The list is empty if the part has samples, if nothing was received before it, or if an input is lost
@@ -328,7 +328,9 @@ class _Follower:
         until = max(rule.standing_until(state, self._scan.settings.live), state.now)
         return [until - state.shift]
 
-    def states(self, samples: Heard, ticks: Sequence[int], seen: Sequence[int]) -> list[StatusFields]:
+    def states(
+        self, samples: BearingSamples, ticks: Sequence[int], seen: Sequence[int]
+    ) -> list[StatusFields]:
         """Follow the bearing over a part, and return its diagnostic status at each of some times.
 
         Scan, counts and the watches of the sources go on to the end of the part.
@@ -361,7 +363,7 @@ class _Follower:
                 getattr(together, name)  # worked out now, for all
             yield from (together.at(k) for k in range(len(points)))
 
-    def _count_samples(self, samples: Heard, ends: IntArray) -> IntArray:
+    def _count_samples(self, samples: BearingSamples, ends: IntArray) -> IntArray:
         """Count the samples by input and status up to each end in a part, shape (ends, inputs, statuses).
 
         All before the part counts, repeats do not. Adds the whole part to the stored counts.
@@ -375,7 +377,9 @@ class _Follower:
         self._counts += counts_of(samples.stream.inputs[counted], samples.scan.status[counted])
         return totals
 
-    def _mixed_reasons(self, samples: Heard, ends: IndexArray, ticks: Sequence[int]) -> Iterator[str]:
+    def _mixed_reasons(
+        self, samples: BearingSamples, ends: IndexArray, ticks: Sequence[int]
+    ) -> Iterator[str]:
         """Return an iterator, for each time, of the sentence that an input has two sources; '' if none has.
 
         ``ends`` counts the samples that had arrived at each of ``ticks`` [ns]. Advances the watches at once.

@@ -26,7 +26,7 @@ from stickslip_logs.recordings.recording import Request
 from stickslip_monitor import assess, exact_fold_speed
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.offline.check import Kept, check_recording
+from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 BAGS = ROOT / 'bags'
@@ -119,7 +119,7 @@ def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
 def scan_recording(name: str) -> list[tuple[BearingConfig, int, Scan]]:
     """The monitor over a recording: each bearing, when it starts [ns], its scan."""
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
-    kept = Kept()
+    kept = RecordingBuffer()
     start_ns = check_recording(BAGS / name, config, [kept]).bag.start_ns
     assert start_ns is not None
     return [(each, start_ns, kept.scan(each.name)) for each in config.bearings]

@@ -20,7 +20,7 @@ from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.signals import Status
-from stickslip_monitor.offline.check import Kept, check_recording
+from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 
 MakeScene = Callable[..., Scene]
 MessagesOf = Callable[..., dict[str, Messages]]
@@ -223,7 +223,7 @@ def test_monitor_counts_every_kind_of_bad_message(make_scene: MakeScene, tmp_pat
     ]
     scene = make_scene('stamped', 4.0, effects=effects)
     write_bag(scene, tmp_path / 'bag')
-    kept = Kept()
+    kept = RecordingBuffer()
     check_recording(tmp_path / 'bag', scene.config, [kept])
     counts = kept.scan('aft').counts
     load = {status: int(counts[1, status]) for status in Status}

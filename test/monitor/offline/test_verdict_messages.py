@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.bearing_records import BearingState, diagnostic_r
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.statements import Event, Verdict
-from stickslip_monitor.offline.check import CheckReport, Kept, check_recording, to_json
+from stickslip_monitor.offline.check import CheckReport, RecordingBuffer, check_recording, to_json
 from stickslip_monitor.offline.verdict_messages import VerdictWriter
 
 NS, START = 10**9, 1_777_874_400 * 10**9
@@ -111,7 +111,7 @@ def write_verdicts(bag: Path, path: Path, config: MonitorConfig | None = None) -
 
 def scan_of(bag: Path, config: MonitorConfig) -> Scan:
     """The verdicts on the bearing."""
-    kept = Kept()
+    kept = RecordingBuffer()
     check_recording(bag, config, [kept])
     return kept.scan('aft')
 
