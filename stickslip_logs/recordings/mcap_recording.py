@@ -37,8 +37,9 @@ from stickslip_logs.recordings.recording import (
 )
 from stickslip_logs.time_order import Columns, select_rows
 
-# Messages of each topic, and of all, that are yielded at a time: few enough for the caches.
-_MAX_OF_TOPIC, _MAX_OF_ALL = 1 << 13, 1 << 19
+# Messages of each topic, and of all, that are yielded at a time: a check takes 3 % less than with 2^13, as
+# calls take as long as their work; with 2^15 check --mcap takes more memory than it may.
+_MAX_OF_TOPIC, _MAX_OF_ALL = 1 << 14, 1 << 19
 
 # Memory of a number that waits for its turn [bytes].
 _ROW_BYTES = 24

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from stickslip_logs.fields import ByName
-from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.input_fitness import FitnessWatch
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
@@ -142,17 +142,18 @@ class SourceWatch:
 
     def see_column(self, arrival_ns: IntArray, si: FloatArray) -> list[SourceFault]:
         """Take values of shape (n,) as :meth:`see` does, quickly; return the faults that they raise."""
-        rows = np.flatnonzero(np.isfinite(si))
-        values = np.append(self._value, np.abs(si[rows]) if self.least_gap > 0.0 else si[rows])
-        seen = _may_jump(values)
+        is_finite = np.isfinite(si)
+        if not is_finite.all():
+            arrival_ns, si = arrival_ns[is_finite], si[is_finite]
+        values = np.append(self._value, np.abs(si) if self.least_gap > 0.0 else si)
         faults, done = [], 0
-        for k in np.flatnonzero(seen).tolist():
+        for k in _find_jumps(values).tolist():
             self._value = float(values[k])
             self._run += k - done
-            faults.append(self.see(int(arrival_ns[rows[k]]), float(values[k + 1])))
+            faults.append(self.see(int(arrival_ns[k]), float(values[k + 1])))
             done = k + 1
         self._value = float(values[-1])
-        self._run += rows.size - done
+        self._run += si.size - done
         return [fault for fault in faults if fault is not None]
 
     def see_steady(self, si: FloatArray) -> bool:
@@ -162,7 +163,7 @@ class SourceWatch:
             Whether they were taken; otherwise nothing has changed.
         """
         si = np.abs(si) if self.least_gap > 0.0 else si
-        if self._count or _may_jump(np.append(self._value, si)).any():
+        if self._count or _find_jumps(np.append(self._value, si)).size:
             return False
         self._run += si.size
         self._value = float(si[-1]) if si.size else self._value
@@ -224,11 +225,18 @@ class SourceWatch:
         return self._fault
 
 
-def _may_jump(values: FloatArray) -> BoolArray:
-    """Return whether each value but the first can be a jump from the one before, shape (n - 1,)."""
+def _find_jumps(values: FloatArray) -> IndexArray:
+    """Return the indices before the steps between values, shape (n,), that can be jumps; n > 0.
+
+    A first value of ``nan`` is none.
+    """
+    low, high = np.fmin.reduce(values), np.fmax.reduce(values)
     with np.errstate(over='ignore'):
+        # As a rule the span of all is less than the least jump.
+        if high - low < _GAP * min(abs(low), abs(high)):
+            return np.empty(0, np.intp)
         height = np.abs(np.diff(values))
-        return np.asarray((height > 0.0) & (height >= _GAP * np.abs(values[1:])))
+        return np.flatnonzero((height > 0.0) & (height >= _GAP * np.abs(values[1:])))
 
 
 def mixed_sentence(config: BearingConfig, standing: Iterable[SourceFault | None]) -> str:

@@ -9,8 +9,10 @@ changes a verdict; each finding is a clause that follows the name of the input a
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
@@ -46,7 +48,7 @@ _FOLLOWS = 0.9
 class _Changes:
     """The intervals at which an input brings new values."""
 
-    time: FloatArray = field(default_factory=lambda: np.empty(0))  # of new values [s]
+    time_ns: IntArray = field(default_factory=lambda: np.empty(0, np.int64))  # of new values
     value: FloatArray = field(default_factory=lambda: np.empty(0))
     messages: IntArray = field(default_factory=lambda: np.empty(0, np.int64))  # counted at each new value
     count: int = 0  # messages so far
@@ -62,15 +64,17 @@ class _Changes:
         np.not_equal(value[1:], value[:-1], out=is_new[1:])
         is_new[0] = not (self.value.size and value[0] == self.value[-1])
         new = np.flatnonzero(is_new)
-        self.time = np.append(self.time, time_ns[new] * 1e-9)
-        self.value = np.append(self.value, value[new])
+        if new.size < value.size:
+            time_ns, value = time_ns[new], value[new]
+        self.time_ns = np.append(self.time_ns, time_ns)
+        self.value = np.append(self.value, value)
         self.messages = np.append(self.messages, self.count + new)
-        self.count += value.size
-        blocks = (self.time.size - 1) // _CHANGES
+        self.count += is_new.size
+        blocks = (self.time_ns.size - 1) // _CHANGES
         if blocks > 0:
             self._judge_blocks(blocks)
             done = blocks * _CHANGES
-            self.time, self.value = self.time[done:], self.value[done:]
+            self.time_ns, self.value = self.time_ns[done:], self.value[done:]
             self.messages = self.messages[done:]
 
     def _judge_blocks(self, blocks: int) -> None:
@@ -78,16 +82,13 @@ class _Changes:
 
         ``misses`` counts those others in a row. The dozens stay in the columns.
         """
-        end = blocks * _CHANGES + 1
-
-        def rows(column: FloatArray) -> FloatArray:
-            return np.asarray(np.diff(column[:end]).reshape(blocks, _CHANGES))
-
-        gap = rows(self.time)
+        gap_ns = _split_steps(self.time_ns, blocks)
         # As a rule none of them is slow, which is known at once.
-        slow = np.flatnonzero(gap.min(axis=1) >= MIN_SLOW) if gap.max() >= MIN_SLOW else np.empty(0, np.int64)
+        slow = np.empty(0, np.intp)
+        if gap_ns.max() >= MIN_SLOW * 1e9:
+            slow = np.flatnonzero(gap_ns.min(axis=1) >= MIN_SLOW * 1e9)
         if slow.size:
-            change = rows(self.value)
+            gap, change = gap_ns * 1e-9, _split_steps(self.value, blocks)
             slow = slow[_is_regular(gap[slow], np.abs(change[slow]))]
         if not slow.size:
             self.misses += blocks
@@ -120,6 +121,11 @@ class _Changes:
         )
 
 
+def _split_steps(column: NDArray[Any], blocks: int) -> NDArray[Any]:
+    """Return the steps between the values of the first dozens of a column, shape (blocks, 12)."""
+    return np.asarray(np.diff(column[: blocks * _CHANGES + 1]).reshape(blocks, _CHANGES))
+
+
 def _is_regular(gap: FloatArray, step: FloatArray) -> BoolArray:
     """Return which rows of intervals and steps, shape (n, 12), have a regular pace and uneven steps."""
     share = gap / np.median(gap, axis=1, keepdims=True)
@@ -142,7 +148,10 @@ class _Pairs:
         Each 512 that are kept set or clear ``clause``, unless nothing can be told of them, and are forgotten.
         """
         slot = time_ns // _PAIR_NS
-        first = np.flatnonzero(np.diff(slot, prepend=self.slot) > 0)
+        is_first = np.empty(slot.size, np.bool_)
+        np.greater(slot[1:], slot[:-1], out=is_first[1:])
+        is_first[0] = slot[0] > self.slot
+        first = np.flatnonzero(is_first)
         if not first.size:
             return
         self.slot = int(slot[first[-1]])
@@ -171,6 +180,9 @@ def explained_share(rows: FloatArray) -> float | None:
         The share by straight lines through groups of like speeds; ``None`` where too few groups are
         of two visits, or the load hardly changes.
     """
+    # As a rule the load hardly changes, in any groups.
+    if np.ptp(rows[:, 2]) < _MIN_RANGE * np.abs(rows[:, 2]).min():
+        return None
     groups = rows[np.argsort(rows[:, 1], kind='stable')].reshape(-1, _GROUP, 3)
     visits = np.diff(np.sort(groups[:, :, 0], axis=1), axis=1).max(axis=1) >= _VISIT_SECONDS
     groups = groups[visits]

@@ -110,6 +110,8 @@ def run(
         if until == NEVER:
             continue
         time_ns[made], until_ns[made] = s.now - s.shift, until - s.shift
+        if made:
+            end_point(time_ns, until_ns, made - 1, time_ns[made])
         speed[made], load[made], water[made] = s.value[SPEED], s.value[LOAD], s.water
         sample[made] = first + k
         after = condition(s)
@@ -122,6 +124,14 @@ def run(
             count = store_change(states, changes, memories, count, note)
         before = after
     return end, count, made
+
+
+def end_point(time_ns: Numbers, until_ns: MutableSequence[float], row: int, end_ns: float) -> None:
+    """Let the point in a row count until ``end_ns`` at most [ns]; not at all where the clock jumped back.
+
+    ``time_ns`` and ``until_ns`` are columns of points, of which the second changes.
+    """
+    until_ns[row] = max(time_ns[row], min(end_ns, until_ns[row]))
 
 
 def store_change(
@@ -195,6 +205,15 @@ class Scan:
         """The models' assessments of the points, of arrays of shape (n,)."""
         return self.assessed(slice(None))
 
+    def fold_speed(self, rows: IndexArray) -> FloatArray:
+        """Return the fold that decides at some of the points, shape (rows,) [m/s]; ``nan`` without one."""
+        lubrication, load, scale = self.config.bearing.lubrication, self.load[rows], 1.0
+        if lubrication is not None:
+            water = None if self.config.water_temperature is None else self.water[rows]
+            scale = lubrication.scale(load, water)
+        with np.errstate(all='ignore'):
+            return scale * self.settings.boundaries.fold(load / scale)
+
     def assessed(self, rows: IndexArray | slice) -> Assessments:
         """Return the models' assessments of some of the points."""
         config, table = self.config, self.settings.boundaries
@@ -244,9 +263,9 @@ class BearingScan:
         self.state = State()
         rule.use_configured_water(self.state, self.settings.live)
         self._long = long
-        # The points of a block, in the same place for all of them, behind the one that was held back.
+        # The points of a block, behind the one that was held back, if any; how many they are.
         self._points: dict[str, NDArray[Any]] = {}
-        self._taken = self._held = 0
+        self._taken = self._held = self._made = 0
         if start_ns is not None:
             rule.advance(self.state, self.settings.live, start_ns)
 
@@ -279,16 +298,13 @@ class BearingScan:
             events += end.advance(max(end_ns, self.state.now - self.state.shift))
             at += [self._taken + size - 1] * (len(events) - len(at))
         out = made if final else max(made - 1, 0)
-        columns: dict[str, Any] = {name: column[:out].copy() for name, column in self._points.items()}
-        time, following = columns['time_ns'], self._points['time_ns'][1:made]
+        columns: dict[str, Any] = {name: column[:out] for name, column in self._points.items()}
         if final and made:
-            following = np.append(following, time[-1] if end_ns is None else end_ns)
-        # Where the clock jumps back it is unknown how long the point counted.
-        columns['until_ns'] = np.maximum(time, np.minimum(np.maximum(following, time), columns['until_ns']))
+            times = columns['time_ns']
+            end_point(times, columns['until_ns'], -1, times[-1] if end_ns is None else end_ns)
         if self.config.level is None:
             columns['measured'] = None
-        self._hold_point(made, made - out)
-        self._taken += size
+        self._made, self._held, self._taken = made, made - out, self._taken + size
         status, now_ns = noted
         now = Standing(self.config, self.settings, self.state)
         return Scan(
@@ -314,8 +330,7 @@ class BearingScan:
         made, _, saved = self._run_rule(stream, (np.empty(size, np.int8), np.empty(size, np.int64)), ends)
         for state, count in saved:
             yield state, self._latest_point(count)
-        self._hold_point(made, min(made, 1))
-        self._taken += size
+        self._made, self._held, self._taken = made, min(made, 1), self._taken + size
 
     def _latest_point(self, count: int) -> FloatArray | None:
         """Return the latest of some points: speed, load, water and probabilities; ``None`` for no points."""
@@ -324,25 +339,18 @@ class BearingScan:
         *point, chances = (self._points[name][count - 1] for name in ('speed', 'load', 'water', 'chances'))
         return np.array([*point, *chances])
 
-    def _hold_point(self, made: int, held: int) -> None:
-        """Store ``held``; if it is 1, copy the last of ``made`` points to row 0 for the next block."""
-        if held:
-            for column in self._points.values():
-                column[0] = column[made - 1]
-        self._held = held
-
     def _make_columns(self, size: int) -> tuple[tuple[Any, ...], Any]:
-        """Return columns for ``size`` points after row 0, the point held back; grow the stored ones if short.
+        """Replace the stored columns by new ones for ``size`` points after row 0, the point held back.
 
         Returns:
             The columns of :data:`_POINT`, and that of the probabilities.
         """
-        if not self._points or self._points['time_ns'].size <= size:
-            numbers, before = 0 if self.config.belief is None else 3, self._points
-            self._points = {name: np.empty(size + 1, kind) for name, kind in _POINT.items()}
-            self._points['chances'] = np.empty((size + 1, numbers))
+        before = self._points
+        self._points = {name: np.empty(size + 1, kind) for name, kind in _POINT.items()}
+        self._points['chances'] = np.empty((size + 1, 0 if self.config.belief is None else 3))
+        if self._held:
             for name, column in before.items():
-                self._points[name][:1] = column[:1]
+                self._points[name][0] = column[self._made - 1]
         *columns, chances = self._points.values()
         return tuple(columns), chances
 

@@ -617,6 +617,8 @@ def rung_of(s: State) -> int:
     The amplitude limit counts only above stick-slip.
     """
     top = 0
+    if not s.raised:
+        return top
     for rung in range(RUNGS):
         if s.raised & (1 << rung) and (rung != AMPLITUDE or top == STICK_SLIP + 1):
             top = rung + 1

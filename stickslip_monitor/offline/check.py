@@ -291,7 +291,7 @@ class _BearingCheck:
         self._evaluations += scan.time_ns.size
         if not self.config.load.is_assumed:
             self._fitness.take_points(scan.time_ns, scan.speed, scan.load)
-        self._plausibility.take(scan.speed, scan.load, lambda rows: scan.assessed(rows).fold_speed)
+        self._plausibility.take(scan.speed, scan.load, scan.fold_speed)
         self._extremes.take(scan)
         if scan.measured is not None:
             self._measured_ns += lasting_ns(scan.measured, scan.until_ns - scan.time_ns, len(MEASURED))

@@ -249,11 +249,7 @@ def join_spells(
 
 
 def _outermost_points(speed: FloatArray, load: FloatArray) -> IndexArray:
-    """Return indices of the points than which no other is both faster and more loaded, ascending.
-
-    At one speed the amplitude of the exact cycle rises with the load, and at one load, as a rule,
-    with the speed: one of these has the greatest, however a recording is cut.
-    """
+    """Return indices of the points than which no other is both faster and more loaded, ascending."""
     order = np.lexsort((np.arange(speed.size), -load, -speed))
     heaviest = np.maximum.accumulate(load[order])
     return np.sort(order[np.append(True, heaviest[1:] > heaviest[:-1])])
@@ -299,7 +295,8 @@ class Extremes:
         durations[_STABLE] += lasting.sum() - durations.sum()
         self.lasting_ns += durations
         self._take_margins(scan, size, top)
-        # One that dies out beyond the fold has no amplitude any more.
+        # One that dies out beyond the fold has no amplitude any more. That of the exact cycle rises with the
+        # load at one speed and, as a rule, with the speed at one load.
         rows = rows[scan.sticking[rows] & ((codes == _BISTABLE) | (codes == _UNSTABLE))]
         if rows.size:
             self._take_rows(scan, rows[_outermost_points(size[rows], scan.load[rows])], 'amplitude')
@@ -334,7 +331,11 @@ class Extremes:
         if rows.size:
             # With the margins of the slowest few others can have a lower one.
             self._take_rows(scan, rows[[size[rows].argmin()]], *_MARGINS)
-            self._take_rows(scan, rows[size[rows] <= self._slow_limit(top)], *_MARGINS)
+            rows = rows[size[rows] <= self._slow_limit(top)]
+            # The slower and the heavier point of two is nearer to the Hopf speed, which rises with the load.
+            worst = _outermost_points(-size[rows], scan.load[rows])
+            nearest = np.nan_to_num(size[rows] / scan.fold_speed(rows), nan=math.inf).argmin()
+            self._take_rows(scan, rows[np.union1d(worst, nearest)], *_MARGINS)
 
     def _slow_limit(self, top: Assessments) -> FloatArray:
         """Return the speed above which no margin can be below the least found so far, shape (1,) [m/s].
