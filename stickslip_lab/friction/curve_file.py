@@ -270,19 +270,7 @@ def _find_column(where: str, cells: list[str], quantity: str, named: str | None)
     Raises:
         FitError: There are several, or none of the heading that is named.
     """
-    split = [_split_heading(cell) for cell in cells]
-    if named is None:
-        candidates = [k for k, (words, _) in enumerate(split) if _find_quantity(words) == quantity]
-        # 'speed' before 'speed setpoint'.
-        plain = [k for k in candidates if {*split[k][0]} <= {*NAMES[quantity].split()}]
-        candidates = plain or candidates
-        if not candidates and quantity == 'speed':
-            candidates = [k for k, (words, unit) in enumerate(split) if not words and unit]
-    else:
-        candidates = [k for k, cell in enumerate(cells) if cell == named]
-        candidates = candidates or [
-            k for k, (words, _) in enumerate(split) if words == _split_heading(named)[0]
-        ]
+    candidates = _recognise_columns(cells, quantity) if named is None else _named_columns(cells, named)
     if len(candidates) > 1:
         several = str([cells[k] for k in candidates])[1:-1]
         raise FitError(
@@ -292,6 +280,27 @@ def _find_column(where: str, cells: list[str], quantity: str, named: str | None)
     if not candidates and named is not None:
         raise FitError(f"{where}: --{quantity}-column '{named}' is none of the columns {str(cells)[1:-1]}")
     return candidates[0] if candidates else None
+
+
+def _recognise_columns(cells: list[str], quantity: str) -> list[int]:
+    """Return the indices of the columns whose headings tell a quantity; of several the plainest, if any.
+
+    Without one, a column headed by a unit of speed alone is one of speeds.
+    """
+    split = [_split_heading(cell) for cell in cells]
+    candidates = [k for k, (words, _) in enumerate(split) if _find_quantity(words) == quantity]
+    # 'speed' before 'speed setpoint'.
+    plain = [k for k in candidates if {*split[k][0]} <= {*NAMES[quantity].split()}]
+    if not candidates and quantity == 'speed':
+        return [k for k, (words, unit) in enumerate(split) if not words and unit]
+    return plain or candidates
+
+
+def _named_columns(cells: list[str], heading: str) -> list[int]:
+    """Return the indices of the columns headed exactly so, else of those with the same words."""
+    same = [k for k, cell in enumerate(cells) if cell == heading]
+    words = _split_heading(heading)[0]
+    return same or [k for k, cell in enumerate(cells) if _split_heading(cell)[0] == words]
 
 
 def _find_speed_unit(where: str, heading: str, option: str | None) -> tuple[str, str]:

@@ -64,11 +64,15 @@ def find_key_column(
             if is_apart or changes > max(2, _MIN_CHANGES * len(filled)):
                 return place
         elif is_apart and parse_heading(headings[place]).unit is None and all(map(str.isdecimal, codes)):
-            texts = [str(rows[k][column]) for k in filled]
-            values = [parse_number(text) or parse_number(text, ',') or 0.0 for text in texts]
-            if _are_values_apart(filled_ns, key, np.array(values)):
+            values = _read_values([str(rows[k][column]) for k in filled])
+            if _are_values_apart(filled_ns, key, values):
                 return place
     return None
+
+
+def _read_values(texts: Sequence[str]) -> FloatArray:
+    """Return the numbers of texts, with either decimal sign; 0 for a text that is none."""
+    return np.array([parse_number(text) or parse_number(text, ',') or 0.0 for text in texts])
 
 
 def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:

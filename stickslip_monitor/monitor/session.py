@@ -162,7 +162,7 @@ class Session:
             try:
                 states[name] = State.of_record(record)
             except (ValueError, AttributeError) as error:
-                self._log.warning(f'{name}: its memory is not taken over: {error}')
+                self._log.warning(f'{name}: its saved memory is ignored, and it starts afresh: {error}')
         return states
 
     def inherit(self, old: Session) -> None:
