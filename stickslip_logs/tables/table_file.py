@@ -385,8 +385,9 @@ class _TextReading:
 
     def __init__(self, dialect: Dialect, clocks: Sequence[Clock], wanted: Sequence[int]) -> None:
         self._first = [cell.strip() for cell in dialect.heading]
+        self._most = len(dialect.names)
         # Cells parted by blanks do not say which of them is missing.
-        self._width = len(dialect.names) if dialect.delimiter == ' ' else 0
+        self._width = self._most if dialect.delimiter == ' ' else 0
         self._above, self._clocks, self._wanted = {tuple(row) for row in dialect.above}, clocks, [*wanted]
         self._times = [k for clock in clocks for k in clock.columns]
         self._places: list[int] | None = [*self._times, *wanted]
@@ -411,7 +412,7 @@ class _TextReading:
                 self._follow_heading(batch[at] if at < len(batch) else None)
                 batch = batch[at + 1 :]
                 continue
-            self._drop_short_rows(batch, max(self._places))
+            self._drop_uncertain_rows(batch, max(self._places))
             columns = [[row[k] for row in batch] for k in self._places]
             cells = iter(columns)
             times = [clock.read([*itertools.islice(cells, len(clock.columns))]) for clock in self._clocks]
@@ -471,6 +472,7 @@ class _TextReading:
         if row is None:
             return
         self._order, self._repeated = [cell.strip() for cell in row], self._repeated + 1
+        self._most = max(self._most, len(row))
         self._places = []
         for k in (*self._times, *self._wanted):
             alike = [place for place, name in enumerate(self._order) if name == self._first[k]]
@@ -491,8 +493,8 @@ class _TextReading:
             self._untimed += 1
             self._shown = self._shown or ' '.join(row[k].strip() for k in self._clocks[0].columns)[:MAX_SHOWN]
 
-    def _drop_short_rows(self, batch: list[list[str]], width: int) -> None:
-        """Remove rows that end before a wanted column, or fill them up with empty cells.
+    def _drop_uncertain_rows(self, batch: list[list[str]], width: int) -> None:
+        """Remove rows of more cells than columns, and of less than up to a wanted one, or fill up the latter.
 
         A row is filled up if it reaches behind the columns of the first clock and, with a single clock,
         behind half of the headings; where blanks part cells, none is. Removed rows are counted in ``short``,
@@ -502,17 +504,21 @@ class _TextReading:
             batch: The rows, at least one; changed.
             width: The place of the last wanted column: rows need ``width + 1`` cells.
         """
-        width = max(width, self._width - 1)
-        if min(map(len, batch)) > width:
+        width, lengths = max(width, self._width - 1), [*map(len, batch)]
+        if min(lengths) > width and max(lengths) <= self._most:
             return
         # A signal that ended before another leaves the rest of the line out.
         half = len(self._first) // 2 if len(self._clocks) == 1 else 0
         need = max(max(self._clocks[0].columns) + 1, half, self._width)
+        # Below other headings there may be more columns.
+        wide = [k for k, row in enumerate(batch) if any(map(str.strip, row[self._most :]))]
+        end = next((k for k in wide if self._is_heading(batch[k])), len(batch))
+        excessive = {k for k in wide if k < end}
         for k in reversed(range(len(batch))):
             row = batch[k]
             if width >= len(row) > need:
                 row += [''] * (width + 1 - len(row))
-            elif len(row) <= width:
+            elif len(row) <= width or k in excessive:
                 self.short += any(cell.strip() for cell in row) and not row[0].startswith(_REMARKS)
                 del batch[k]
 
@@ -527,7 +533,7 @@ class _TextReading:
             shown = f", the first '{self._shown}'" if self._shown else ''
             lose(_not_used(self._untimed, 'without a time', shown))
         if self.short:
-            lose(_not_used(self.short, 'damaged or of too few cells'))
+            lose(_not_used(self.short, 'damaged, or of too few or too many cells'))
         if self._foreign:
             lose(_not_used(self._foreign, f"under other headings ('{self._foreign_heading[:MAX_SHOWN]}')"))
         if self._repeated:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip_logs.arrays import FloatArray
+from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError
 from stickslip_logs.tables.cell_times import (
     DAY,
@@ -191,7 +191,7 @@ def _find_whole_times(path: Path, table: TableColumns) -> Clock:
         return _clock_of_stamps(table, rows, (changing[0],))
     if days and of_day:
         return _clock_of_stamps(table, rows, (days[0], of_day[0]))
-    if clock := _clock_of_parts(table, rows):
+    if clock := _clock_of_parts(table, rows) or _clock_of_unit_columns(table, rows):
         return clock
     if of_day:
         return _clock_of_day_times(table, of_day[0])
@@ -361,6 +361,44 @@ def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
 
         return replace(_clock_of_layout(columns, layout), read=partial(_read_parts, layout, day_count))
     return None
+
+
+def _clock_of_unit_columns(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
+    """Return the clock of adjacent columns that are headed by units of time, as hour, min, sec; None without.
+
+    The units have to be from large to small, and the sum of nearly all rows must be a time that hardly ever
+    steps back.
+    """
+    rows = [row for row in (*rows, *table.tail) if len(row) >= len(table.names)]
+    units = [_UNITS.get(words, 0) for words, _ in table.headings]
+    for first in range(len(units) if rows else 0):
+        count = sum(
+            1
+            for _ in itertools.takewhile(
+                lambda pair: pair[0] > pair[1] > 0, itertools.pairwise(units[first:])
+            )
+        )
+        columns = tuple(range(first, first + count + 1))
+        read = partial(_read_sum, [number_reader(units[k], 0, table.decimal) for k in columns])
+        time_ns, is_timed = read([[row[k] for row in rows] for k in columns])
+        steps = np.diff(time_ns[is_timed])
+        if (
+            count
+            and is_timed.mean() > _NEARLY_ALL
+            and steps.any()
+            and (steps < 0).mean() <= 1.0 - _NEARLY_ALL
+        ):
+            listed = ', '.join(f"'{table.names[k]}'" for k in columns)
+            return Clock(columns, read, (f'times are the sum of {listed}, without a date',))
+    return None
+
+
+def _read_sum(reads: Sequence[ReadTimes], columns: Sequence[Cells]) -> Times:
+    """Return the sums of times in columns, each with its reader, and in which rows all of them are times."""
+    times = [read([cells]) for read, cells in zip(reads, columns, strict=True)]
+    sums: IntArray = np.add.reduce([time_ns for time_ns, _ in times])
+    are_all: BoolArray = np.logical_and.reduce([is_timed for _, is_timed in times])
+    return sums, are_all
 
 
 def _read_parts(layout: StampLayout, day_count: int, columns: Sequence[Cells]) -> Times:

@@ -524,7 +524,7 @@ LOGS = {
     'a last line that is cut': Log(
         'time,speed,load\n0,30,900\n1,31,901\n2,32',
         times=since(0, 1),
-        lost='1 line damaged or of too few cells was not used',
+        lost='1 line damaged, or of too few or too many cells was not used',
     ),
     'a clock that is set back': Log(
         'time,speed,load\n100,30,900\n101,31,901\n102,32,902\n2,33,903\n3,34,904\n4,35,905\n',
@@ -555,7 +555,7 @@ LOGS = {
         times=times_after_start(0, 1, 3),
         speed=(30, 31, 32),
         load=(900, 901, 903),
-        lost='1 line damaged or of too few cells was not used',
+        lost='1 line damaged, or of too few or too many cells was not used',
     ),
     'SQL Server: a line below the headings': Log('time,rpm,load\n----,---,----\n~0,30,900\n~1,31,901\n'),
     'Markdown': Log('| time | rpm | load |\n|---|---|---|\n| ~0 | 30 | 900 |\n| ~1 | 31 | 901 |\n'),

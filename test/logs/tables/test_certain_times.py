@@ -219,6 +219,30 @@ def test_twelve_digits_are_no_milliseconds_of_1978(tmp_path: Path) -> None:
     assert times_of(tmp_path, log_of('time', '{:%y%m%d%H%M%S}'.format))[1]
 
 
+@pytest.mark.parametrize('every', [EVERY, 20 * EVERY, timedelta(minutes=20)])
+@pytest.mark.parametrize(
+    ('head', 'form'),
+    [
+        ('hour,min,sec', '{0.hour},{0.minute},{0.second}'),
+        ('d,h,min,s', '{0.day},{0.hour},{0.minute},{0.second}.0'),
+    ],
+)
+def test_parts_of_a_time_without_a_date_are_added(
+    head: str, form: str, every: timedelta, tmp_path: Path
+) -> None:
+    """The seconds alone were a clock that is set back each minute, and a pause of minutes was none."""
+    times, question = times_of(tmp_path, log_of(head, form.format, every))
+    assert ([time - times[0] for time in times], question) == (
+        [k * every // timedelta(microseconds=1) * 1000 for k in range(90)],
+        '',
+    )
+
+
+def test_a_draught_and_a_height_are_no_parts_of_a_time(tmp_path: Path) -> None:
+    text = 'd,h,time,rpm\n' + ''.join(f'{8 - k % 3},{k % 5},{k}.25,30\n' for k in range(60))
+    assert times_of(tmp_path, text)[0][:2] == [250_000_000, 1_250_000_000]
+
+
 def test_julian_days(tmp_path: Path) -> None:
     """2461174.75 is 06:00 on 14 May 2026 (U.S. Naval Observatory)."""
     text = 'time,rpm\n' + ''.join(f'{2461174.75 + k / 86_400:.8f},{30 + k % 3}\n' for k in range(90))

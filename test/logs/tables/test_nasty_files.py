@@ -116,6 +116,16 @@ def test_a_recording_starts_with_its_first_line_though_the_clock_was_set_back(tm
     assert (recording.start_ns, recording.end_ns) == (100 * 10**9, 103 * 10**9)
 
 
+def test_a_line_of_more_cells_than_others_is_not_used(tmp_path: Path) -> None:
+    """A line that was not ended runs into the next one, whose speed was the load."""
+    lines = [f'@{k},{30 + k},{900 + k}\n' for k in range(9)]
+    lines[4:6] = [lines[4].rstrip() + lines[5]]
+    recording = open_log(tmp_path, 'time,rpm,load\n' + ''.join(lines))
+    (series,) = recording.read([Request('load', 'data')]).values()
+    assert series.value.tolist() == [900, 901, 902, 903, 906, 907, 908]
+    assert recording.losses == ('1 line damaged, or of too few or too many cells was not used',)
+
+
 def test_numbers_without_a_heading_make_no_heading_certain(tmp_path: Path) -> None:
     """A load of 1,005 that is not quoted is two cells, and 1 was the load."""
     recording = open_log(tmp_path, 'time,rpm,load\n@0,30,1,005\n@1,31,1,006\n')
