@@ -126,9 +126,8 @@ def diagram_speeds(bearing: Bearing, load: float) -> Range:
 
 def onset_load(bearing: Bearing) -> float:
     """Return the least load [N] with stick-slip at some speed, by averaging; ``nan`` where no load has it."""
-    top = law_speed(bearing)
-    edges = [v for v in _speed_scale_factor(bearing) * np.array(speed_scales(bearing.friction)) if v <= top]
-    speeds = np.concatenate([np.linspace(0.0, top, _SPEEDS_TRIED), edges])
+    edges = _speed_scale_factor(bearing) * np.array(speed_scales(bearing.friction))
+    speeds = np.concatenate([np.linspace(0.0, law_speed(bearing), _SPEEDS_TRIED), edges])
     return float(np.fmin.reduce(fold_load(bearing, speeds)))
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,14 @@ def test_exact_curves_give_the_law_and_the_exponent(exponent: float) -> None:
     assert fit.exponent == pytest.approx(exponent, abs=1e-4)
     assert fit.law.decay == pytest.approx(10.0 / (fit.load / 1000.0) ** exponent, rel=1e-4)
     assert fit.law.static == pytest.approx(0.3, rel=1e-4)
+
+
+@pytest.mark.parametrize(('load', 'sentence'), [(None, ''), (1000.0, 'the points are of one load')])
+def test_one_load_is_told_and_an_unknown_one_is_not(load: float | None, sentence: str) -> None:
+    curve = make_bench(0.0, 0.0, told=False)
+    loads = None if load is None else np.full(36, load)
+    fit = fit_pooled(replace(curve, load=loads, temperature=np.repeat([5.0, 15.0, 30.0], 12)))
+    assert fit.sentence == sentence
 
 
 def test_a_temperature_alone_is_taken_out() -> None:

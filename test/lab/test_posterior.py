@@ -5,11 +5,19 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from slow_passages import BEARING, RPM
 
 from stickslip_lab.calibration.edges import Edges, End, Passage, Reference, ReportedCourse
 from stickslip_lab.calibration.evidence import VibrationReport
-from stickslip_lab.calibration.posterior import Spreads, infer, passage_log_likelihood
+from stickslip_lab.calibration.posterior import (
+    _FOLD_NODES,
+    _FOLDS_SPREAD,
+    _GROWN,
+    Spreads,
+    infer,
+    passage_log_likelihood,
+)
 from stickslip_monitor.arrays import FloatArray
 
 REFERENCE = Reference(BEARING)
@@ -106,3 +114,11 @@ def test_quiet_bounds_how_far_noise_can_have_grown() -> None:
     log_q = np.array([-0.5, 0.0, 0.5])
     steady, middle, wild = likelihood_at(make_onset(0.3, 12.0, began=False), log_q)
     assert steady > middle > wild
+
+
+def test_the_nodes_of_the_onsets_stand_for_a_normal_spread() -> None:
+    """Between ships and between onsets the e-folds differ as normal numbers do: their variances add."""
+    offset = np.linspace(-2.0, 2.0, 201) * math.hypot(_FOLDS_SPREAD, _GROWN)
+    weight = np.exp(-0.5 * _FOLD_NODES**2)
+    density = norm.pdf(offset[:, None], _FOLDS_SPREAD * _FOLD_NODES, _GROWN) @ weight / weight.sum()
+    np.testing.assert_allclose(density, norm.pdf(offset, 0.0, math.hypot(_FOLDS_SPREAD, _GROWN)), rtol=0.02)

@@ -34,6 +34,7 @@ from stickslip_monitor.drawing.map import (
 )
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.severity import Condition
+from stickslip_monitor.physics.averaging import fold_load
 from stickslip_monitor.physics.cycles import end_of_vibration, exact_cycle
 from stickslip_monitor.physics.lubrication import Lubrication
 
@@ -46,6 +47,7 @@ TABLE = replace(
     REFERENCE,
     friction=Tabulated([0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4], [0.3, 0.2, 0.19, 0.19, 0.15, 0.1, 0.11]),
 )
+CLIFF = Tabulated([0.0, 0.002, 0.004, 1.0], [0.4, 0.3, 0.1, 0.09])
 DRY = replace(REFERENCE, friction=Coulomb(0.3, 0.1))
 
 
@@ -53,6 +55,14 @@ def test_corners_are_the_break_points_of_the_law_between_two_speeds() -> None:
     found = corners(TABLE, (0.06, 0.19)).reshape(-1, 3)
     np.testing.assert_allclose(found[:, 1], [0.1, 0.15], rtol=1e-15)
     np.testing.assert_allclose(found[:, ::2] / found[:, 1:2] - 1.0, [[-1e-9, 1e-9]] * 2, rtol=1e-6)
+
+
+@pytest.mark.parametrize(('law', 'factor'), [(None, 1.01), (TABLE.friction, 1.01), (CLIFF, 2.0)])
+def test_the_least_load_with_stick_slip_is_found(law: FrictionLaw | None, factor: float) -> None:
+    """Among 20,000 speeds; that of a fall at creeping speeds to a factor, as a picture needs it."""
+    bearing = replace(REFERENCE, friction=law or REFERENCE.friction)
+    least = float(np.nanmin(fold_load(bearing, np.geomspace(1e-4, 1.0, 20_001))))
+    assert least / 1.001 < onset_load(bearing) < least * factor
 
 
 def test_speeds_of_the_law_grow_with_the_load_that_the_water_carries() -> None:

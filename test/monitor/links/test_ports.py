@@ -34,6 +34,20 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(nmea_client, 'AGAIN', 0.02)
 
 
+def test_a_group_is_joined_on_every_interface() -> None:
+    """What is sent to it is heard, on the interface of this machine too."""
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        listener.bind(('', 0))
+        listener.settimeout(10.0)
+        nmea_client._join_group(listener, '239.192.0.7')
+        sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton('127.0.0.1'))
+        sender.sendto(RPM.encode(), ('239.192.0.7', listener.getsockname()[1]))
+        assert listener.recv(100).decode() == RPM
+
+
 class End:
     """A port under test, and what came of it."""
 
