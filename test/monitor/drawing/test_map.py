@@ -59,10 +59,10 @@ def test_corners_are_the_break_points_of_the_law_between_two_speeds() -> None:
 
 @pytest.mark.parametrize(('law', 'factor'), [(None, 1.01), (TABLE.friction, 1.01), (CLIFF, 2.0)])
 def test_the_least_load_with_stick_slip_is_found(law: FrictionLaw | None, factor: float) -> None:
-    """Among 20,000 speeds; that of a fall at creeping speeds to a factor, as a picture needs it."""
+    """Among 20,000 speeds to 1 %; that of a fall at creeping speeds to a factor, as a picture needs it."""
     bearing = replace(REFERENCE, friction=law or REFERENCE.friction)
     least = float(np.nanmin(fold_load(bearing, np.geomspace(1e-4, 1.0, 20_001))))
-    assert least / 1.001 < onset_load(bearing) < least * factor
+    assert least / 1.01 < onset_load(bearing) < least * factor
 
 
 def test_speeds_of_the_law_grow_with_the_load_that_the_water_carries() -> None:
