@@ -153,10 +153,21 @@ class ChunkWriter:
         self._write_chunk()
         self._file.write(_encode_records(DataEnd(0)))
         begin, summary, offsets = self._file.tell(), b'', []
+        statistics = Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=self.counts,
+            chunk_count=len(self._chunks),
+            message_count=sum(self.counts.values()),
+            message_end_time=self.span[1],
+            message_start_time=self.span[0],
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
         groups: Mapping[Opcode, Sequence[McapRecord]] = {
             Opcode.SCHEMA: self._schemas,
             Opcode.CHANNEL: self._channels,
-            Opcode.STATISTICS: [self._make_statistics()],
+            Opcode.STATISTICS: [statistics],
             Opcode.CHUNK_INDEX: self._chunks,
             Opcode.ATTACHMENT_INDEX: [],
             Opcode.METADATA_INDEX: self._metadata,
@@ -269,20 +280,6 @@ class ChunkWriter:
             )
         )
         self._begin_chunk()
-
-    def _make_statistics(self) -> Statistics:
-        """Return the statistics record of all that was written."""
-        return Statistics(
-            attachment_count=0,
-            channel_count=len(self._channels),
-            channel_message_counts=self.counts,
-            chunk_count=len(self._chunks),
-            message_count=sum(self.counts.values()),
-            message_end_time=self.span[1],
-            message_start_time=self.span[0],
-            metadata_count=len(self._metadata),
-            schema_count=len(self._schemas),
-        )
 
 
 def _group_by_channel(channel: IndexArray) -> Iterator[tuple[int, IndexArray]]:

@@ -8,10 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip_logs.recordings.recording import Request, Series
+from stickslip_logs.recordings.recording import DATES_FROM_NS, Request, Series
+from stickslip_logs.time_order import MAX_TIME_NS
 
-# From the beginning of 2001 to that of 2100 [ns].
-_DATES = 978_307_200 * 10**9, 4_102_444_800 * 10**9
 # No telemetry has more messages of a topic [1/s].
 _MAX_RATE = 1000.0
 
@@ -19,7 +18,7 @@ _MAX_RATE = 1000.0
 def ask_for_time_unit(start_ns: int | None, end_ns: int | None, max_count: int) -> str:
     """Return a question to the owner where log times look like dates in another unit than ns; else empty.
 
-    They do where the messages of a topic are improbably dense, and in another unit lie in this century.
+    They do where the messages of a topic are improbably dense, and in another unit are dates of 1973 to 2116.
 
     Args:
         start_ns: The first log time [ns]; None without messages.
@@ -30,7 +29,7 @@ def ask_for_time_unit(start_ns: int | None, end_ns: int | None, max_count: int) 
         return ''
     rate = max_count / ((end_ns - start_ns) * 1e-9)
     for factor, unit in ((10**3, 'microseconds'), (10**6, 'milliseconds'), (10**9, 'seconds')):
-        if rate > _MAX_RATE and _DATES[0] <= start_ns * factor and end_ns * factor <= _DATES[1]:
+        if rate > _MAX_RATE and start_ns * factor >= DATES_FROM_NS and end_ns * factor <= MAX_TIME_NS:
             return (
                 f'log times are of January 1970, and one topic has {rate:.4g} messages a second:'
                 f' are they in {unit}, not in nanoseconds?'

@@ -32,11 +32,6 @@ class HeldValues:
         self._latest: dict[int, tuple[int, int, float]] = {}
         self._made = dict.fromkeys(self._schedules, 0)
 
-    @property
-    def may_stand(self) -> bool:
-        """Whether an input of the bearing has values that may stand."""
-        return bool(self._schedules)
-
     def fill(self, stream: Stream, until_ns: int | None) -> tuple[Stream, BoolArray]:
         """Insert the repeats due up to a time, and store the latest values for the next part.
 

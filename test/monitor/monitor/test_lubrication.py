@@ -237,6 +237,7 @@ def test_water_that_warms_up_moves_the_boundaries_with_it() -> None:
         bearing = config.bearing.at_temperature(float(scan.water[k]))
         expected = exact_fold_speed(bearing, LOAD)
         assert scan.assessment.fold_speed[k] == pytest.approx(expected, rel=1e-6)
+        assert scan.fold_speed(np.array([k])) == pytest.approx(expected, rel=1e-6)
     # The rule goes by it, too: colder water alone changes what is told.
     cold = _told_of(config, _with_water(hour_of_speeds(), 0.0), long=False)[1]
     assert [event[0] for event in cold] != [event[0] for event in told]

@@ -82,7 +82,9 @@ def make_scan(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Any:
         sticking=np.zeros(speed.size, bool),
         config=SimpleNamespace(water_temperature=None),
         assessed=lambda rows: assess(bearing, speed[rows], load[rows], table=known_table(bearing)),
-        fold_speed=lambda rows: known_table(bearing).fold(load[rows]),
+        fold_speed=lambda rows: (
+            assess(bearing, speed[rows], load[rows], table=known_table(bearing)).fold_speed
+        ),
     )
 
 
