@@ -210,7 +210,10 @@ class _Source:
         return span
 
     def _is_one_segment(self, time_ns: IntArray, step_ns: IntArray) -> bool:
-        """Return whether rows make one segment: they neither step back nor leap, within one cell of time."""
+        """Return whether rows make one segment: they neither step back nor leap, nor leave a cell of time.
+
+        Of rows that come in blocks a segment may have more than one cell.
+        """
         if step_ns.min() < 0 or step_ns.max() > self._leap_ns:
             return False
         cells = time_ns[[0, -1]] // self._resolution_ns
@@ -484,7 +487,10 @@ def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_St
 
 
 def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
-    """Set start, end, longest gap, and how long rows wait for their turn, in the course."""
+    """Set start, end, longest gap, and how long rows wait for their turn, in the course.
+
+    Also set whether its rows are unordered: they would wait too long, and none of them was late.
+    """
     parts, own_late_ns = [], 0
     for key, times_of_source in sources.items():
         segments = times_of_source.segments
@@ -508,9 +514,11 @@ def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
 
 
 def _longest_delay(before_ns: IntArray, time_ns: IntArray) -> int:
-    """Return the longest time by which a row is behind the latest row up to it [ns]; 0 without rows.
+    """Return the longest time by which a row is behind the latest of all up to it [ns]; 0 if none is.
 
-    ``before_ns`` and ``time_ns`` have the shape (n,).
+    Args:
+        before_ns: For each row the last time up to it, shape (n,).
+        time_ns: The first time of each row, shape (n,).
     """
     return int((np.maximum.accumulate(before_ns) - time_ns).max(initial=0))
 
@@ -527,9 +535,9 @@ class Sorter:
         self._waiting: list[Columns] = []
 
     def add(self, columns: Columns) -> Iterator[Columns]:
-        """Add rows (columns, times [ns] first), and yield those that no later row can precede.
+        """Add rows (columns, times [ns] first), and yield those that no later row can precede, sorted.
 
-        Takes effect only as the iterator is read.
+        Takes effect only as the iterator is read. Nothing is yielded where all rows wait for :meth:`rest`.
         """
         self._waiting.append(columns)
         if self._wait_ns is None:

@@ -55,7 +55,8 @@ def restore(flat: NDArray[Any], shape: tuple[int, ...]) -> Any:
 def mapped(function: Callable[..., NDArray[np.float64]], *inputs: ArrayLike) -> Any:
     """Apply a function of flat arrays to broadcast inputs; ``nan`` where one is not finite.
 
-    A result too large for a float is ``inf``.
+    A result too large for a float is ``inf``. Scalars give a Python number, else the result has the
+    broadcast shape.
     """
     shape, arrays = flatten(*inputs)
 

@@ -124,7 +124,11 @@ class _Parser(argparse.ArgumentParser):
 def _make_parser(
     asked: str | None, known: Mapping[str, str] = COMMANDS, package: str = PACKAGE
 ) -> argparse.ArgumentParser:
-    """Build the parser; only the module of the given command is imported."""
+    """Build the parser; of the commands only the module of the one asked for, if any, is imported.
+
+    Raises:
+        ConfigurationError: The package of that command is not installed.
+    """
     parser = _Parser(
         prog='stickslip',
         description="Predicts stick-slip of ships' stern bearings from shaft speed and load.",
@@ -177,10 +181,11 @@ def _add_traceback(parser: argparse.ArgumentParser, *, default: object) -> None:
 def main(
     argv: Sequence[str] | None = None, commands: Mapping[str, str] = COMMANDS, package: str = PACKAGE
 ) -> int:
-    """Run a command.
+    """Run a command; print an error as one sentence on standard error.
 
     Args:
-        argv: Arguments without the program's name; those of the process if ``None``.
+        argv: Arguments without the program's name. ``None`` for those of the process, which then belongs to
+            the command: its streams, warnings and signals are set up, and signals are ignored at the end.
         commands: The commands, with a line about each.
         package: Where their modules are.
 
@@ -233,7 +238,9 @@ def _run_command(arguments: list[str], commands: Mapping[str, str], package: str
 
     Raises:
         ConfigurationError: No command is given, it is unknown or has moved, or an option is wrong.
+        OutputError: An output would destroy something (:func:`.output.check_files`).
         SystemExit: The help or the version was printed.
+        Exception: Any error of the command passes through.
     """
     arguments = _with_negative_values(arguments)
     if '_ARGCOMPLETE' in os.environ:

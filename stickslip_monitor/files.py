@@ -101,7 +101,8 @@ def check_replaceable(path: str | Path, mark: bytes | None, *, force: bool = Fal
         force: Whether any regular file may be replaced.
 
     Raises:
-        OutputError: A file of somebody else is there, or something that is no file.
+        OutputError: A file of somebody else is there, or something that is no file; or its folder is missing
+            or not writable, or the name too long.
     """
     try:
         mode = Path(path).stat().st_mode

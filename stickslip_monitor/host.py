@@ -49,7 +49,10 @@ class HostClock:
         self._ahead_ns, self._set_ns = wall() - steady(), 0
 
     def now(self) -> Moment:
-        """Return the time of both, and by how much the one on the wall was set since the beginning [ns]."""
+        """Return the times of both clocks, and by how much that on the wall was set in all [ns].
+
+        A step counts where it is larger than :data:`STEP_NS` since the last call.
+        """
         moment = Moment(self._steady(), self._wall(), self._set_ns)
         before, self._ahead_ns = self._ahead_ns, moment.time_ns - moment.steady_ns
         step_ns = self._ahead_ns - before
@@ -129,7 +132,10 @@ class _LineForwarder:
 
 @contextmanager
 def unblocked() -> Iterator[int]:
-    """Keep writers from waiting for the reader of standard error; without one it is the null device.
+    """Have a thread write standard error in the block, so that a slow reader keeps no writer waiting.
+
+    Lines beyond :data:`LINES_KEPT` are lost. The stream is standard output instead where ROS 2 logs there
+    (``RCUTILS_LOGGING_USE_STDOUT=1``). A closed standard error becomes the null device for good.
 
     Yields:
         A descriptor of the reader, for what is written when the program breaks.

@@ -105,7 +105,9 @@ class StateFile:
         return self.path.with_name(self.path.name + suffix)
 
     def lock(self) -> None:
-        """Lock the file for this process, until :meth:`unlock` or its end; go on where locks cannot be had.
+        """Lock the file for this process, until :meth:`unlock` or its end, by a file ``.lock`` beside it.
+
+        Where locks cannot be had it goes on without.
 
         Raises:
             RosError: Another process has it.
@@ -151,14 +153,18 @@ class StateFile:
         return document
 
     def set_aside(self) -> str:
-        """Rename a damaged file, so that somebody can look at it; return the sentence on where it is now."""
+        """Rename a damaged file, so that somebody can look at it.
+
+        Returns:
+            The clause on where it is now, or on why it could not be renamed.
+        """
         try:
             return f'it is now {self.path.replace(self._path_beside(".damaged"))}'
         except OSError as error:
             return f'it cannot be set aside: {cause(error)}'
 
     def write(self, document: Any) -> None:
-        """Put a new document in the place of the old one.
+        """Put a new document, as JSON, in the place of the old one.
 
         Raises:
             OSError: It cannot be written; the old one is untouched.
@@ -200,7 +206,10 @@ class Background(Generic[T]):
                 self._thread.start()
 
     def close(self, patience: float) -> bool:
-        """End the thread when all that waits is written; return whether that took up to ``patience`` [s]."""
+        """End the thread when all that waits was tried once; return whether that took up to ``patience`` [s].
+
+        What fails by then is dropped; :attr:`fault` has the reason.
+        """
         with self._changed:
             self._closing = True
             self._changed.notify()

@@ -133,7 +133,10 @@ def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: fl
 
 
 def _build_flow(bearing: Bearing, speed: float, friction: Callable[[float], float]) -> Flow:
-    """Return ``(x', x'')`` as a function of state, with a friction force [N] of the relative speed [m/s]."""
+    """Return the function ``(x', x'')`` of time and state ``(x, x')``, which ``solve_ivp`` integrates.
+
+    ``friction`` gives the friction force [N] at a relative speed [m/s].
+    """
     mass, damping, stiffness = bearing.mass, bearing.damping, bearing.stiffness
 
     def flow(_: float, y: FloatArray) -> tuple[float, float]:
@@ -155,7 +158,8 @@ def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load:
     Sticking is a straight line; ten cycles from breakaway in SI units, the last four of which are
     measured. Common practice; Leine, van Campen, de Kraker and van den Steen, Nonlinear Dyn. 16
     (1998) 41-54. Tight is DOP853 with tolerances 1e-12 and 1e-15, else it is RK45 with scipy's
-    own; the longest step is in units of ``1/omega``, ``inf`` as users leave it.
+    own; the longest step is in units of ``1/omega``, ``inf`` as users leave it. It has not converged
+    where ``solve_ivp`` fails.
     """
     omega = bearing.natural_frequency
     method: Any
@@ -187,7 +191,7 @@ def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load:
 
 
 def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow:
-    """Return ``(x', x'')`` of a state, while it slips behind (side 1) or ahead (-1) of the belt."""
+    """Return the flow, as :func:`_build_flow`, of a slip behind (``side`` 1) or ahead (-1) of the belt."""
     law = scalar_law(bearing.friction).plain
 
     def friction(relative: float) -> float:
@@ -336,7 +340,7 @@ class _Law:
     def resolvent(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Solve ``F(v*) + penalty v* = y`` with the friction force ``F``, which is set-valued at 0.
 
-        Adds the evaluations of the law to :attr:`evaluations`.
+        Adds to :attr:`evaluations` one for each step of Newton's method, which all of ``y`` take together.
 
         Args:
             y: Shape (n,) [units of ``m omega V``].
@@ -394,8 +398,9 @@ class _Problem:
     def residual(self, q: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
         """Return the residual, shape (2 H + 1,), and its Jacobian, shape (2 H + 1, 2 H + 2).
 
-        The Jacobian is by the coefficients and, in the last column, the frequency. Arguments are those of
-        :meth:`solve`. Adds to the evaluations of :attr:`law`.
+        The residual is a force in units of ``m omega V``. The Jacobian is by the coefficients and, in the
+        last column, the frequency. Arguments are those of :meth:`solve`. Adds to the evaluations of
+        :attr:`law`.
         """
         s, e = self.series, self.law.penalty
         turn, size = s.turn, q.size

@@ -131,17 +131,17 @@ class Calibration:
 
     @cached_property
     def factors(self) -> tuple[float, float]:
-        """``(ln r, ln q)`` in the middle, by the ends."""
+        """``(ln r, ln q)`` by the ends, at the middle of their grid."""
         return self._middle_factors(self.posterior.by_ends)
 
     def _middle_factors(self, grid: Grid) -> tuple[float, float]:
-        """Return ``(ln r, ln q)`` in the middle of a grid."""
+        """Return ``(ln r, ln q)`` at :attr:`.Grid.middle`, where ``u`` is turned into ``ln r``."""
         u, log_q = grid.middle
         log_fold_there, log_fold_here = self.reference.fold(np.array([grid.load + log_q, grid.load]))
         return u - float(log_fold_there - log_fold_here), log_q
 
     def _factor_covariance(self, grid: Grid) -> FloatArray:
-        """Return the covariance of ``(ln r, ln q)``, shape (2, 2), to first order about the middle."""
+        """Return the covariance of ``(ln r, ln q)``, shape (2, 2), to first order about its middle."""
         _, log_q = grid.middle
         by = np.array([[1.0, -self.reference.slope(grid.load + log_q)], [0.0, 1.0]])
         covariance: FloatArray = by @ grid.covariance @ by.T

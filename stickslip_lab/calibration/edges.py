@@ -356,7 +356,7 @@ def time_beyond_fold(track: ReportedCourse, end: float, reference: Reference) ->
     With ``y = a/V``, 1 inside, ``d ln y/dt = (c/2m) (N/N_b(y) - 1)``, where ``ln N_b`` goes from
     that of the Hopf speed at ``y = 0`` to that of the fold at ``y = 1`` as ``y^2`` does. For each
     time at which the fold may have been passed the amplitude is followed, and the end of its level found as
-    in a measured one.
+    in a measured one. The fold counts as passed at the first time from which on the level lasts to ``end``.
 
     Args:
         track: The course.

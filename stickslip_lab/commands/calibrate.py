@@ -152,7 +152,10 @@ def _print_calibration(out: Console, config: BearingConfig, calibration: Calibra
 
 
 def _boundary_table(config: BearingConfig, calibration: Calibration) -> Table:
-    """Return the table of both boundaries [rpm] at each load: 5, 50 and 95 % quantile before and now."""
+    """Return the table of both boundaries [rpm]: their 5, 50 and 95 % quantiles before and now.
+
+    It has two rows for each load of :meth:`.Calibration.boundaries`.
+    """
     table = output.make_table(escape('boundaries [rpm]: 5 %, 50 %, 95 %'), 'load; boundary; before; now', ())
     rpm = config.bearing.speed.factor('rpm')
     before = calibration.before.hopf_speed, calibration.before.fold_speed

@@ -124,7 +124,7 @@ def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> 
     """Read the curve; its diameter is the option's, else that of the bearings if all have the same.
 
     Raises:
-        FitError: The file breaks a rule.
+        FitError: The file breaks a rule, or its speeds are in a unit of turning and no diameter is known.
     """
     columns = {name: getattr(args, f'{name}_column') for name in NAMES}
     diameters = {item.bearing.journal_diameter for item in bearings}
@@ -165,7 +165,8 @@ def _regime_probabilities(args: argparse.Namespace, belief: Belief, load: float)
 def columns_of_points(fit: StribeckFit) -> dict[str, Any]:
     """Return the columns of the points by heading, in SI units, shape (n,) each, in the curve's order.
 
-    They are line, speed, coefficient, fitted value, band, residual, weight and leverage.
+    They are ``line``, ``speed``, ``coefficient``, ``fitted``, ``band``, ``residual``, ``weight`` and
+    ``leverage``.
     """
     curve = fit.points
     return {
@@ -237,7 +238,11 @@ def to_json(
 
 
 def _reference_conditions(fit: StribeckFit) -> dict[str, Any] | None:
-    """Return load and water of the reference points, and the exponent; ``None`` without columns of them."""
+    """Return load and water to which the points were reduced, and the exponent, as a JSON object.
+
+    It has the exponent's error and interval, ``None`` each without an exponent, and a sentence too. ``None``
+    for a curve without a column of loads or temperatures.
+    """
     if not isinstance(fit, PooledFit):
         return None
     return {

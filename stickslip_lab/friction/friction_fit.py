@@ -588,8 +588,9 @@ def _lack_of_fit(fit: StribeckFit) -> Iterator[str]:
 def _neighbour_probability(fit: StribeckFit, order: IndexArray) -> float:
     """Return the probability of residuals whose neighbours are as much alike, if the law is right.
 
-    The serial correlation of Durbin and Watson (Biometrika 37, 1950), by simulation: scatter
-    without correlation leaves residuals that the fit has correlated, and of few points strongly.
+    The serial correlation of Durbin and Watson (Biometrika 37, 1950), by simulation, always with the same
+    random numbers: scatter without correlation leaves residuals that the fit has correlated, and of few
+    points strongly.
 
     Args:
         fit: The fit.

@@ -73,7 +73,10 @@ def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
 
 
 def _build_table(item: BearingConfig, point: Assessment) -> Table:
-    """Return the table of an assessment; values without a number are shown as 'none'."""
+    """Return the table of an assessment; values without a number are shown as 'none'.
+
+    Probabilities have no rows where the bearing has no tolerance.
+    """
     title = f'{item.name}: {point.regime.value}'
     table = output.make_table(title, 'quantity; value', caption=point.outcome.sentence)
     units = {'rpm': 1.0 / item.bearing.speed.factor('rpm'), '%': 100.0, 'mm': 1e3}

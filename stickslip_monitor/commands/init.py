@@ -68,7 +68,9 @@ class Quantity(NamedTuple):
         return self.text + (f', in {units}' if units else '')
 
     def read(self, text: str) -> Given:
-        """Read the value [SI] and spread of a text such as ``20mm`` or ``0.15~30%``.
+        """Read the value [SI] of a text such as ``20mm`` or ``0.15~30%``, and its spread as a share (0.3).
+
+        Without a spread that is ``nan``.
 
         Raises:
             ConfigurationError: The text is malformed or out of bounds; the message has units and bounds.

@@ -151,7 +151,7 @@ def add_number(
 
 
 def _read_number(kind: type[float], text: str) -> float | str:
-    """Return the number of a text; the text itself, which is refused, where it is not a number."""
+    """Return the number of a text; where it is none, the text unchanged, for the caller to refuse."""
     try:
         return kind(text)
     except ValueError:

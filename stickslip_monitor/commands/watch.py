@@ -114,6 +114,11 @@ def run(args: argparse.Namespace) -> int:
 def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]:
     """Read and validate a parameter file with its section of links.
 
+    Args:
+        path: The file.
+        node: The node whose parameters count; ``None`` for monitoring without ROS, where inputs need no
+            topics and are named after their buses.
+
     Raises:
         ConfigurationError: It cannot be read or breaks a rule; the text names the file.
     """

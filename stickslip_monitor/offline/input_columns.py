@@ -441,9 +441,10 @@ def _unit_of_column(column: LogColumn, quantity: str) -> str | None:
 
 
 def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:
-    """Return the units a column may have: those that convert to the configured one, the configured first.
+    """Return the units that a column may have.
 
-    For a speed those of turning, and m/s only if it is configured.
+    For a speed they are those of turning, and m/s last, only if that is configured; else the configured unit
+    and, behind it, all that convert to it.
     """
     if quantity == 'speed':
         # A column in m/s may be the ship's own speed.

@@ -221,9 +221,10 @@ class FillerSearch:
         self._count, self._changes, self._low, self._high = 0, 0, math.inf, -math.inf
 
     def take(self, value: FloatArray) -> None:
-        """Take more values, shape (n,): count the least and the greatest if they come twice or before.
+        """Take more values, shape (n,): count the least and the greatest where they may be fillers.
 
-        The span of all the others is extended by them, and their changes are counted.
+        They may where they come twice, came as such before, or are of nines alone. All others extend the
+        span of the others, and their changes are counted.
         """
         for end in {float(value.min()), float(value.max())} if value.size else ():
             is_end = value == end
