@@ -23,7 +23,7 @@ from stickslip_logs.tables.bus_log import first_name
 from stickslip_logs.tables.cell_times import Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality import find_quality, find_quality_columns, is_quality_of
-from stickslip_logs.tables.row_keys import find_key_column, is_same_key
+from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_column, is_same_key
 from stickslip_logs.tables.table_file import open_table, texts_of
 from stickslip_logs.tables.time_columns import Clock, counted_from
 from stickslip_logs.time_order import TimeOrder
@@ -177,16 +177,16 @@ class ColumnRecording(Recording):
         return None
 
     def unknown_marks(self, column: LogColumn) -> tuple[str, list[str]] | None:
-        """Return the heading of the quality of a column and its marks, each once, if all are unknown words.
+        """Return the heading of the quality of a column and its marks, each once, if all are unknown.
 
-        None where a quality is known, is chosen by ``where``, has one mark only, or is not there. The file is
-        read for marks that its head and tail lack.
+        None where a quality is known, is chosen by ``where``, has one mark only or more than 100, or is not
+        there. The file is read for marks that its head and tail lack.
         """
         status = self._find_quality_column(column.place)
         if status is None or self.quality(status) is not None or status in dict(column.where):
             return None
-        marks = [mark for mark in self._read_texts(status) if mark.strip() and parse_number(mark) is None]
-        return (self.table.names[status], marks) if len(marks) > 1 else None
+        marks = [mark for mark in self._read_texts(status) if mark.strip()]
+        return (self.table.names[status], marks) if 1 < len(marks) <= MAX_WORDS else None
 
     def quality(self, status: int) -> Callable[[str], bool] | None:
         """Return a function that is True for a mark by which a number does not count.

@@ -11,8 +11,8 @@ from stickslip_logs.arrays import FloatArray, IntArray
 from stickslip_logs.tables.cell_times import Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, unit_of
 
-# More words are names of files, events or remarks: a fleet's list of ships is shorter.
-_MAX_WORDS = 100
+MAX_WORDS = 100
+"""More words of a column are names of files, events or remarks: a fleet's list of ships is shorter."""
 # Share of the rows that have the time of another, and of those that have another word than the one before,
 # from which a column tells things apart: a state of one thing changes seldom.
 _MIN_SHARED, _MIN_CHANGES = 0.1, 0.5
@@ -55,7 +55,7 @@ def find_key_column(
         cells = [row[place].strip() if place < len(row) else '' for row in rows]
         filled = [k for k, cell in enumerate(cells) if cell]
         codes = {word: k for k, word in enumerate(dict.fromkeys(cells[k] for k in filled))}
-        if not 2 <= len(codes) <= min(_MAX_WORDS, max(len(filled) // 2, 2)):
+        if not 2 <= len(codes) <= min(MAX_WORDS, max(len(filled) // 2, 2)):
             continue
         key, filled_ns = np.array([codes[cells[k]] for k in filled]), time_ns[filled]
         is_apart = _are_times_shared(filled_ns, key)

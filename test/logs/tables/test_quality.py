@@ -87,3 +87,16 @@ def test_a_bad_code_after_the_head_of_a_file_of_zeros_counts() -> None:
     is_bad = find_quality('quality', ['0'])
     assert is_bad is not None
     assert [is_bad(mark) for mark in ('0', '2147483648')] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ('marks', 'asked'),
+    [('100 0', ['100', '0']), ('1 1', None), ('192 0', None), (' '.join(map(str, range(120))), None)],
+)
+def test_numbers_of_a_quality_without_a_meaning_are_asked(
+    marks: str, asked: list[str] | None, tmp_path: Path
+) -> None:
+    """A historian writes the share that is good; many numbers are a measurement."""
+    rows = ''.join(f'{k}.5,30,{mark},900\n' for k, mark in enumerate(marks.split() * 3))
+    recording = open_log(tmp_path, f'time,rpm,rpm quality,load\n{rows}')
+    assert recording.unknown_marks(recording.all_columns[0]) == (asked and ('rpm quality', asked))
