@@ -186,6 +186,14 @@ def test_a_fold_that_averaging_does_not_have_is_marked() -> None:
     assert names[-1] == 'end of sticking 7.194 rpm (averaging has no fold)'
 
 
+def test_of_several_branches_alike_the_legend_names_one() -> None:
+    figure = draw_diagram(with_law(TABLE), LOAD, points=20)
+    labels = [line.get_label() for line in figure.axes[0].lines]
+    assert len(labels) > len(set(labels))
+    names = legend_texts(figure)
+    assert len(names) == len(set(names))
+
+
 def test_an_empty_picture_says_why() -> None:
     figure = draw_diagram(with_law(Coulomb(0.1, 0.1)), LOAD, points=20)
     text = ' '.join(text.get_text() for text in figure.axes[0].texts)

@@ -136,6 +136,12 @@ def test_a_map_shows_the_way_out_of_stick_slip(law: FrictionLaw, end: float) -> 
     assert (low, high / RPM) == (0.0, pytest.approx(1.25 * end, rel=1e-4))
 
 
+def test_a_map_is_of_the_speeds_and_loads_that_are_asked_for() -> None:
+    axes = draw_map(BEARING, (0.05, 0.2), (100.0, 900.0)).axes[0]
+    assert axes.get_xlim() == pytest.approx((0.05 / RPM, 0.2 / RPM))
+    assert axes.get_ylim() == pytest.approx((0.1, 0.9))
+
+
 def test_a_map_shows_the_onset_and_the_whole_track() -> None:
     assert onset_load(REFERENCE) == pytest.approx(200.0, rel=1e-9)
     assert map_ranges(REFERENCE)[1] == (0.0, pytest.approx(2000.0, rel=1e-9))

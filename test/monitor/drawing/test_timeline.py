@@ -116,6 +116,11 @@ def test_next_to_nothing_is_drawn(count: int) -> None:
     draw_timeline(draw_course([20.0] * count), 4.4)
 
 
+@pytest.mark.parametrize(('start', 'name'), [(START, 'time [UTC]'), (0, 'time from the start [s]')])
+def test_times_of_a_date_are_told_from_those_of_a_start(start: int, name: str) -> None:
+    assert draw_timeline(draw_course([60.0] * 20, start)).axes[-1].get_xlabel() == name
+
+
 def test_a_narrow_picture_has_fewer_times_below_it() -> None:
     """Ten names of a time of day are wider than a phone."""
     course = draw_course([60.0] * 100)

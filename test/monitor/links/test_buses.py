@@ -158,14 +158,18 @@ def test_one_sentence_for_whatever_breaks_a_rule(
 
 
 @pytest.mark.parametrize(
-    ('host', 'is_safe'),
+    ('address', 'is_safe'),
     [
-        *((host, True) for host in ('[::1]', '127.0.0.1', '127.8.9.1', 'localhost')),
-        *((host, False) for host in ('[2001:db8::1]', '10.0.0.2', '128.0.0.1', 'localhost.example')),
+        *((f'http://{host}', True) for host in ('[::1]', '127.0.0.1', '127.8.9.1', 'localhost')),
+        *(
+            (f'http://{host}', False)
+            for host in ('[2001:db8::1]', '10.0.0.2', '128.0.0.1', 'localhost.example')
+        ),
+        ('https://10.0.0.2', True),
     ],
 )
-def test_a_token_goes_unencrypted_to_this_machine_only(files: Files, host: str, is_safe: bool) -> None:
-    path = files.write(SIGNALK | {'signalk.url': f'http://{host}:3000', 'signalk.token_file': 't'})
+def test_a_token_goes_unencrypted_to_this_machine_only(files: Files, address: str, is_safe: bool) -> None:
+    path = files.write(SIGNALK | {'signalk.url': f'{address}:3000', 'signalk.token_file': 't'})
     if is_safe:
         assert load_watch(path, None)[1].signalk is not None
     else:

@@ -93,6 +93,16 @@ def test_a_number_in_another_unit_is_converted_as_in_a_log(
     assert reader.take(delta(1.2433)) == [1.2433]
 
 
+@pytest.mark.parametrize(
+    'frame',
+    [meta(''), delta(3.0) | meta(''), json.loads(json.dumps(meta('rpm')).replace('port', 'starboard'))],
+)
+def test_meta_data_without_a_unit_or_of_another_path_change_nothing(frame: Any) -> None:
+    reader = Reader()
+    reader.take(frame)
+    assert reader.take(delta(1.2433)) == [1.2433]
+
+
 @pytest.mark.parametrize('context', [SHIP, 'vessels.self'])
 def test_a_server_that_greets_without_the_word_vessels_is_heard(context: str) -> None:
     reader = Reader()
