@@ -246,7 +246,7 @@ class EventLog:
     def _add_entries(self, entries: Iterable[Any]) -> bool:
         """Add entries, texts cut to :data:`_MAX_TEXT`; drop the oldest beyond :data:`MAX_ENTRIES`.
 
-        Return whether any was new.
+        What is no dictionary, or is there already, is left out. Return whether any was new.
         """
         before = len(self._entries)
         for entry in entries:

@@ -127,7 +127,10 @@ class Replay:
         self._board.finish()
 
     def _play_until(self, wanted_ns: int) -> bool:
-        """Take the samples up to a log time [ns] for up to ``_TURN``; return whether some are left."""
+        """Take the samples up to a log time [ns], for up to ``_TURN``; return whether some up to it are left.
+
+        Bearings and alarms are advanced to each sample, and to the log time where a later sample exists.
+        """
         end = time.monotonic() + _TURN
         while self._next < len(self._samples):
             sample = self._samples[self._next]

@@ -241,7 +241,7 @@ class WatchedMonitor(Sink):
         return list(self._gap_sentences(name))
 
     def _gap_sentences(self, name: str) -> Iterator[str]:
-        """Yield a sentence on each thing that is missing from what is shown."""
+        """Yield a sentence on each thing missing from what is shown of the monitor, called ``name`` in it."""
         if missing := self.missing():
             yield f'No data on {_list_names(missing)}: {name} does not watch it.'
         now = self._clock()
@@ -324,7 +324,7 @@ class WatchedMonitor(Sink):
                 done.set_result(answers)
 
     def take_other(self, node: str) -> None:
-        """Store the name of another monitor than those that are shown, which :meth:`faults` proposes."""
+        """Store the name of a monitor that is not shown, less its first slash, for :meth:`faults`."""
         self._remember_name(self._others, f'/{node}')
 
     def _name_fully(self, record: dict[str, Any]) -> None:

@@ -218,7 +218,7 @@ class Server:
         await self._runner.cleanup()
 
     async def serve(self, address: str, port: int, started: Callable[[str], None]) -> None:
-        """Listen, and serve until a signal comes, with a tick of the board each half second.
+        """Listen, and serve until a signal comes, with a tick of the board each half second; then close.
 
         ``started`` is called with the page's address.
 

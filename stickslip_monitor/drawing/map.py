@@ -447,7 +447,7 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
 
 
 def _draw_smoothed_track(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> list[Any]:
-    """Draw the track without noise: means over parts of its time, at least a stride apart.
+    """Draw a track [rpm, kN] without noise: means over parts of its time, at least a stride apart.
 
     It goes from wide and light to narrow and dark, so that ways back can be distinguished.
 

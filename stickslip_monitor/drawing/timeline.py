@@ -303,7 +303,7 @@ def _draw_legend(axes: canvas.Axes, loc: str = 'lower right', edge: float = 1.0)
 def _draw_alarm(axes: canvas.Axes, lines: _Lines, max_labels: int) -> None:
     """Draw the alarm's condition as a band of colours; its names stand where they fit.
 
-    Of more than ``max_labels`` spells neighbours are joined (:func:`.coarsened`).
+    Of more than ``max_labels`` spells neighbours are joined (:func:`.coarsen_spells`).
     """
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     pixels = axes.get_window_extent().width / max(high - low, 1e-12)

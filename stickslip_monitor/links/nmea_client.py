@@ -197,7 +197,7 @@ class Port:
             return sock.detach()
 
     async def _wait_for_end(self) -> str:
-        """Wait until the port fails or is silent for too long; return the reason."""
+        """Wait until the port fails, or is silent for too long from now on; return the reason."""
         self._heard_at = self._loop.time()
         while (left := self._heard_at + self._silent - self._loop.time()) > 0.0:
             done, _ = await asyncio.wait({self._fault}, timeout=None if left == math.inf else left)

@@ -287,7 +287,10 @@ class Notifications:
         self._monitor = make_alarm(MONITOR)
 
     def take_alarms(self, record: Mapping[str, Any]) -> list[Update]:
-        """Return the updates for the alarms that differ from what was sent, and note them as sent."""
+        """Return the updates for the alarms that differ from what was sent, and note them as sent.
+
+        Alarms of other bearings are left out.
+        """
         return [
             update
             for alarm in record['alarms']
@@ -377,7 +380,10 @@ class Notifications:
         return [old, alarm.update()]
 
     def _requests_of_echo(self, alarm: _Alarm, value: Mapping[str, Any]) -> list[ActionRequest]:
-        """Return the request, none or one, by which an echo differs from the one before; note its flags."""
+        """Return the request, none or one, by which an echo differs from the one before; store its flags.
+
+        Before :meth:`_take_first_echo` has stored flags to compare with, nothing is done.
+        """
         if alarm.base is None:
             return []
         before, alarm.base = alarm.base, _acknowledged_silenced(value)

@@ -281,7 +281,7 @@ class SignalKClient(Sink):
         self._records[record['bearing']] = record
 
     def take_alarms(self, record: dict[str, Any]) -> None:
-        """Queue the notifications of the alarms that changed."""
+        """Queue the notifications of the alarms that changed; none without a connection or a prefix."""
         if self._link.prefix:
             self._queue_updates(self._alarms.take_alarms(record))
 

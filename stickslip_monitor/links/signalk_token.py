@@ -67,7 +67,7 @@ async def save_requested_token(link: SignalKLink | None, log: Callable[[str], ob
 
 
 def _is_replaceable(path: Path) -> bool:
-    """Return whether a file is empty or holds a JSON Web Token, as a server gives."""
+    """Return whether a path is a regular file, no link, that is empty or holds a JSON Web Token."""
     if not path.is_file() or path.is_symlink() or path.stat().st_size > MAX_TOKEN_BYTES:
         return False
     return re.fullmatch(rb'([\w-]+(\.[\w-]+){2,})?\n?', path.read_bytes()) is not None

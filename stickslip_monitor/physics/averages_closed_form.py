@@ -190,7 +190,10 @@ def _total_fall(law: Stribeck) -> float:
 
 
 def _hopf_number(law: Stribeck, q: FloatArray) -> FloatArray:
-    """Return ``beta V`` of the Hopf speed, ``-ln kappa``; ``nan`` where steady sliding is always stable."""
+    """Return ``beta V`` of the Hopf speed, ``-ln kappa``, at ``q = c/N`` [s/m], of its shape.
+
+    ``nan`` where steady sliding is always stable, ``inf`` where nothing damps it.
+    """
     fall = _total_fall(law)
     if fall <= 0.0:
         return np.full_like(q, np.nan)

@@ -181,7 +181,7 @@ known_table = lru_cache(maxsize=64)(boundary_table)
 
 
 def _linear_pieces(speed: FloatArray) -> FloatArray:
-    """Return straight lines between speeds as cubics, lowest power first, shape (n - 1, 4).
+    """Return straight lines between speeds at places 0, 1, ... of a table, as :func:`_spline_pieces` does.
 
     ``nan`` counts as 0; a piece with an infinite end is level.
     """
@@ -194,9 +194,11 @@ def _linear_pieces(speed: FloatArray) -> FloatArray:
 
 
 def _spline_pieces(speed: FloatArray) -> FloatArray:
-    """Return a spline through speeds from the first positive one on, shape (n - 1, 4), lowest power first.
+    """Return a spline through speeds at places 0, 1, ... of a table, from the first positive one on.
 
-    Pieces before it are 0. Of fewer than four speeds, or an infinite one, they are straight lines.
+    Each row of the result, shape (n - 1, 4), has a piece's coefficients for the share of the step passed,
+    lowest power first. Pieces before the first positive speed are 0. Of fewer than four speeds, or an
+    infinite one, they are straight lines.
     """
     rows = np.flatnonzero(speed > 0.0)
     if rows.size < 4 or not np.isfinite(speed[rows[0] :]).all():

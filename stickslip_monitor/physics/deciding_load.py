@@ -43,7 +43,7 @@ def load_of_fold(bearing: Bearing, speed: ArrayLike) -> Any:
         return np.nan_to_num(table.fold(np.exp(table.first + table.step * at)), posinf=np.inf)
 
     def loads(v: FloatArray) -> FloatArray:
-        """Return the loads [N] at speeds, of either sign, shape (n,) [m/s]."""
+        """Return loads [N] at speeds of either sign, shape (n,) [m/s]; 0 for every load, ``nan`` for none."""
         size = np.abs(v)
         reached = np.maximum.accumulate(fold(place))
         after = np.searchsorted(reached, size, side='right')
@@ -75,7 +75,7 @@ def deciding_load(bearing: Bearing, speed: ArrayLike) -> Any:
     table = known_table(bearing)
 
     def loads(v: FloatArray) -> FloatArray:
-        """Return the loads [N] at speeds, of either sign, shape (n,) [m/s]."""
+        """Return loads [N] at speeds of either sign, shape (n,) [m/s]; 0 for every load, ``nan`` for none."""
         reaching, averaged = np.asarray(load_of_fold(bearing, v)), np.asarray(fold_load(bearing, v))
         inside = (np.abs(v) < table.fold_kbm(reaching)) & ~(reaching >= averaged)
         return np.where(inside, averaged, reaching)

@@ -316,7 +316,9 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
 
 @contextmanager
 def _open_node() -> Iterator[tuple[Node, Callable[[], None]]]:
-    """Open a node, with a function that spins it in a thread; signals are left to the program.
+    """Open a node, with a function that spins it in a thread, until the block ends; then end ROS.
+
+    Signals are left to the program.
 
     Raises:
         RosError: ROS cannot be started.

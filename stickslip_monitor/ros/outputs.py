@@ -188,7 +188,9 @@ class Configured:
 
 
 class Outputs(Sink):
-    """The publishers of a configured node. A topic without subscribers is not published.
+    """The publishers of a configured node.
+
+    What has no subscribers is not made, unless clips are wanted; warnings and alarms are published always.
 
     Args:
         clips: Takes what is published, and notice of alarms, where clips are wanted.
@@ -225,7 +227,7 @@ class Outputs(Sink):
             self._node.destroy_lifecycle_publisher(publisher)
 
     def take_verdict(self, verdict: Verdict) -> None:
-        """Publish the numbers and words of one bearing, each on its topic if it has subscribers."""
+        """Publish the numbers and words of one bearing, each on its topic if :meth:`_is_wanted`."""
         for publisher, message, value in self._bearings[verdict.bearing]:
             if self._is_wanted(publisher):
                 message.data = value(verdict)
@@ -242,7 +244,7 @@ class Outputs(Sink):
         self._publish_message(self._alarms, String(data=json.dumps(record, allow_nan=False)))
 
     def take_states(self, states: list[BearingState], *, whole: bool) -> None:
-        """Publish the state of bearings as JSON and as diagnostics.
+        """Publish the state of bearings as JSON and as diagnostics, each if :meth:`_is_wanted`.
 
         Args:
             states: The states.

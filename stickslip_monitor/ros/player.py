@@ -109,6 +109,8 @@ class Player:
     def _run_clock(self, begin: float, first: int, target: int, rate: float) -> None:
         """Block until a message is due, and publish /clock up to its time meanwhile.
 
+        Raises as :meth:`_publish_clock`.
+
         Args:
             begin: When the first message was due, by ``time.monotonic`` [s].
             first: Recorded time of the first message [ns].
@@ -123,7 +125,12 @@ class Player:
         self._publish_clock(target)
 
     def _publish_clock(self, time_ns: int) -> None:
-        """Publish a time on /clock; raise as :func:`publish_message`."""
+        """Publish a time [ns] on /clock.
+
+        Raises:
+            RosError: A subscriber does not keep up.
+            KeyboardInterrupt: ROS was shut down.
+        """
         message = Clock()
         message.clock.sec, message.clock.nanosec = divmod(time_ns, 10**9)
         publish_message(self._clock, message)

@@ -213,8 +213,8 @@ def main(args: Sequence[str] | None = None, store: Callable[[ClipConfig], ClipSt
         store: Makes what takes event clips.
 
     Returns:
-        0 after Ctrl-C, a termination signal or the end of the terminal, 2 for a bad configuration,
-        3 after a fault of the program.
+        0 after Ctrl-C, a termination signal or the end of the terminal; 2 where the node cannot be made or
+        started, as with a bad configuration; 3 after a fault of the program.
     """
     args = sys.argv if args is None else args
     with unblocked() as errors:
