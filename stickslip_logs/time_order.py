@@ -382,7 +382,7 @@ def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
 
 
 def _fit_together(runs: Sequence[_Run], leap_ns: int) -> bool:
-    """Return whether runs, sorted by time, follow each other without overlap or pause."""
+    """Return whether runs, put in order of time, leave no overlap and no pause above ``leap_ns``."""
     spans = sorted((run.least_ns, run.most_ns) for run in runs)
     seams = (behind[0] - before[1] for before, behind in itertools.pairwise(spans))
     return all(-_MIN_STEP_NS <= seam <= leap_ns for seam in seams)

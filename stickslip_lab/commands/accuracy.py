@@ -104,6 +104,7 @@ def to_json(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _to_plain_values(record: Row | Summary) -> dict[str, object]:
+    """Return the fields of a record by name, ``None`` for a number that is not finite."""
     return {k: number(v) if isinstance(v, float) else v for k, v in asdict(record).items()}
 
 

@@ -190,8 +190,10 @@ def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Return the change that adds a fixed size to some values, or takes it from them, by chance.
 
+    It hits those in ``windows``, a random ``share``, or both.
+
     Raises:
-        SceneError: A setting is missing or breaks its rule.
+        SceneError: There is neither, or a setting is missing or breaks its rule.
     """
     unit, factor = read_unit(settings, channel)
     size = settings.number('size', unit) * factor
@@ -335,7 +337,7 @@ def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     Their stamps stay. It hits those in ``windows``, a random ``share``, or both.
 
     Raises:
-        SceneError: The messages have no header, or a setting breaks its rule.
+        SceneError: The messages have no header, there is neither, or a setting breaks its rule.
     """
     require_header(channel, 'none of its messages can be out of order')
     # A shorter delay overtakes nothing.

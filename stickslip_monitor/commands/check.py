@@ -133,6 +133,8 @@ def _report_path(path: str) -> str:
 def run(args: argparse.Namespace) -> int:
     """Check the recordings, or the one on standard input; print the results and write the outputs.
 
+    That one is copied to a file first, which then stands in ``args.bags``.
+
     Returns:
         The exit code, the highest of all recordings.
 
@@ -293,8 +295,9 @@ def check_one(
         progress: Called with the name of the recording, and with bytes done and bytes in all.
 
     Returns:
-        The result; of a recording that cannot be checked, or outputs that cannot be written, one with the
-        text of the error. Other exceptions than this package's pass through.
+        The result, not complete where the task left something out; of a recording that cannot be checked, or
+        outputs that cannot be written, one with the text of the error. Other exceptions than this package's
+        pass through.
     """
     from stickslip_monitor.offline.check import check_recording, to_json
 
@@ -386,8 +389,9 @@ def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) 
 def _print_result(result: CheckResult, args: argparse.Namespace, *, listed: bool, shown: str | None) -> None:
     """Print the result of one recording: its text or JSON, or its error, and the counts of its clips.
 
-    Errors and counts go to standard error. Where ``shown`` is given, it takes the place of the path in the
-    result's document, too. The JSON of one of several recordings (``listed``) is left to the list of all.
+    Errors and counts go to standard error, with the bearings without an operating point and the clips that
+    were not written. Where ``shown`` is given, it takes the place of the path in the result's document, too.
+    The JSON of one of several recordings (``listed``) is left to the list of all.
     """
     document, error = result.document, result.document.get('error')
     if shown is not None:

@@ -52,8 +52,9 @@ def check_files(args: argparse.Namespace) -> None:
     """Refuse outputs that would destroy something, before any work is done.
 
     Raises:
-        OutputError: An output has a wrong ending, is an input by any name or another output, would
-            lie in a folder that is read, or exists and is not ours (allowed by ``--force``).
+        OutputError: A file has an empty name; or an output has a wrong ending, is an input by any name or
+            another output, would lie in a folder that is read or cannot be written, or exists and is not ours
+            (allowed by ``--force``).
     """
     files, written = getattr(args, 'files', ()), list[str]()
     inputs = [path for option in files if option.is_read for path in option.paths(args)]
@@ -216,7 +217,11 @@ class ProgressBar:
 
 
 def json_text(document: Any) -> str:
-    """Return a JSON document as text with a final newline."""
+    """Return a JSON document as text with a final newline.
+
+    Raises:
+        ValueError: A number in it is not finite.
+    """
     return json.dumps(document, indent=2, allow_nan=False) + '\n'
 
 

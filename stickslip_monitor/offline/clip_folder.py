@@ -171,6 +171,9 @@ class ClipWriter(StretchSink):
         """Reset for a recording: it has no alarms and no waiting parts yet; ``counts`` are kept.
 
         ``start_ns`` is its start on the clock of the samples [ns], ``None`` if it is empty.
+
+        Raises:
+            BagError: The definition of an input cannot be read.
         """
         self._bag, self._topics = bag, input_topics(bag, config)
         definitions = {kind: text for _, kind, text in topics(bag, config) if text is not None}

@@ -111,6 +111,8 @@ class Gaps:
     def _take_intervals(self, stamp_ns: IntArray, interval: IntArray) -> int:
         """Update counts, times and gaps by the intervals [ns] before some stamps.
 
+        Of the first stamps of all, the first has no interval.
+
         Returns:
             The sum of the positive intervals [ns].
         """

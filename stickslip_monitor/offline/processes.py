@@ -113,7 +113,10 @@ def _completed_calls(
 
 @contextlib.contextmanager
 def open_processes(jobs: int) -> Iterator[Executor]:
-    """Yield a pool of ``jobs`` spawned processes; an exception in the block terminates them at once."""
+    """Yield a pool of ``jobs`` spawned processes; an exception in the block terminates them at once.
+
+    At the end calls that run are waited for, and those that have not begun are cancelled.
+    """
     children = multiprocessing.active_children()
     # Forking a process that has threads (numpy's, a progress bar's) may leave it hanging.
     pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context('spawn'))

@@ -107,7 +107,11 @@ class VerdictWriter(StretchSink):
         self._writer.__exit__(*error)
 
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
-        """Define the topics in the file and start reading the inputs."""
+        """Define the topics in the file and start reading the inputs.
+
+        Raises:
+            BagError: The definition of an input cannot be read.
+        """
         for topic, kind, definition in topics(bag, config):
             self._writer.add_topic(topic, kind, definition)
         self._inputs = bag.messages(input_topics(bag, config))
