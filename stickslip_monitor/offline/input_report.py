@@ -216,9 +216,14 @@ class InputReport:
 
 
 class FillerSearch:
-    """Finds a number such as -99 or -555 among values, which loggers write where an instrument is silent."""
+    """Finds a number such as -99 or -555 among values, which loggers write where an instrument is silent.
 
-    def __init__(self) -> None:
+    Args:
+        has_peaks: Whether values may jump far and be cut at a limit, as a level: then it is of nines only.
+    """
+
+    def __init__(self, *, has_peaks: bool) -> None:
+        self._has_peaks = has_peaks
         self._ends = Counter[float]()
         self._count, self._changes, self._low, self._high = 0, 0, math.inf, -math.inf
 
@@ -246,10 +251,12 @@ class FillerSearch:
         not between them and zero, as what is at rest.
         """
         total = self._count + self._ends.total()
-        for number, count in self._ends.items():
-            rest_count, ends = total - count, self._ends.keys() - {number}
+        for number in {min(self._ends), max(self._ends)} if self._ends else ():
+            count, ends = self._ends[number], self._ends.keys() - {number}
+            rest_count = total - count
             low, high = min(self._low, *ends, math.inf), max(self._high, *ends, -math.inf)
-            is_beyond = 2 * self._changes > rest_count and not min(low, 0.0) <= number <= max(high, 0.0)
+            is_moving = 2 * self._changes > rest_count and not self._has_peaks
+            is_beyond = is_moving and not min(low, 0.0) <= number <= max(high, 0.0)
             is_apart = max(low - number, number - high) > high - low
             if is_apart and 1 < count < rest_count and (is_beyond or _NINES.fullmatch(f'{number:.10g}')):
                 return number
@@ -272,7 +279,7 @@ class InputCheck:
         self._watch = SourceWatch(least_gap(config, place))
         self._sources: list[SourceFault] = []
         self._span = math.inf, -math.inf
-        self._fillers = FillerSearch()
+        self._fillers = FillerSearch(has_peaks=place == LEVEL)
         self._messages = self._delay_ns = 0
 
     def take(self, series: Series, stream: Stream, scan: Scan, fitness: FitnessWatch) -> None:

@@ -24,7 +24,7 @@ from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.offline.check import check_recording, to_json
-from stickslip_monitor.offline.input_report import Gap, Gaps, Plausibility
+from stickslip_monitor.offline.input_report import FillerSearch, Gap, Gaps, Plausibility
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
 
 NS = 10**9
@@ -373,3 +373,14 @@ def test_a_large_load_has_no_exponent(unit: str, scale: float, shown: str, tmp_p
     report = check_recorded(tmp_path / 'bag.mcap', 1.0, [30.0] * 9, config)
     (bearing,) = report['bearings'].values()
     assert bearing['inputs']['load']['values'] == shown
+
+
+@pytest.mark.parametrize(('has_peaks', 'filler'), [(False, 16.0), (True, None)])
+def test_a_level_that_is_cut_at_a_limit_has_no_filler(has_peaks: bool, filler: float | None) -> None:
+    """A level leaps from its background to the end of its range."""
+    search = FillerSearch(has_peaks=has_peaks)
+    for begin in (0, 500):
+        value = 0.2 + 0.01 * (np.arange(begin, begin + 500) * 7 % 13)
+        value[100:150] = 16.0
+        search.take(value)
+    assert search.filler == filler
