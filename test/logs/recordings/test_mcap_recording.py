@@ -267,6 +267,19 @@ def test_reads_what_the_reference_decodes(
         assert found == [(m.topic, m.type, m.log_time_ns, m.data) for m in ordered]
 
 
+@pytest.mark.parametrize('field', ['large', 'parts[0].id', 'parts[1].value', 'last', 'spare'])
+def test_one_number_behind_texts_and_parts_is_that_of_the_reference(field: str, tmp_path: Path) -> None:
+    """Asked for alone it is gathered from all messages at once, by the sizes of what is before it."""
+    rows = [(TYPES.index('ship_msgs/msg/Mixed'), 1, 'whole', k % 2 == 1) for k in range(12)]
+    messages = build_messages(rows, np.random.default_rng(3), 1000)
+    write_file(tmp_path / 'bag.mcap', {}, messages)
+    request = Request(messages[0].topic, field)
+    known, _, _ = expect_by_reference(messages, {request.topic}, request)
+    assert open_bag(tmp_path / 'bag.mcap').read([request])[request].value.tolist() == [
+        row[3] for row in known
+    ]
+
+
 def test_the_message_written_first_names_the_elements(tmp_path: Path) -> None:
     messages = []
     for time, names, speeds in (

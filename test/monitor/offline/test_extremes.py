@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sending import change
+from sending import change, configured
 from shared import LAWS
 
 from stickslip_monitor.arrays import FloatArray
@@ -20,10 +20,12 @@ from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.extremes import (
     ConditionInterval,
     Extremes,
+    Outliner,
     coarsen_spells,
     condition_intervals,
     join_spells,
 )
+from stickslip_monitor.offline.input_report import HOLDS
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import known_table
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched
@@ -91,6 +93,37 @@ def make_scan(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Any:
 def times_in_regimes(scan: Any, codes: NDArray[np.int8]) -> list[int]:
     """The time in each regime, by what each point is alone."""
     return [int(scan.until_ns[codes == code].sum()) for code in range(len(REGIMES))]
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'until'),
+    [
+        # Each counts to the next, the last and one before a gap for its own five seconds.
+        ([0, 1, 2, 50, 51], [1.0, 2.0, 7.0, 51.0, 56.0]),
+        # One before a step back of the clock ends before what the next one says of that time.
+        ([10, 11, 12, 7, 9], [11.0, 12.0, 7.0 - 1e-9, 9.0, 14.0]),
+    ],
+)
+def test_how_long_a_verdict_of_an_outline_counts(seconds: list[int], until: list[float]) -> None:
+    (config,) = configured().bearings
+    time_ns, outliner = np.array(seconds) * NS, Outliner(config)
+    speed, load = np.full(time_ns.size, 0.3), np.full(time_ns.size, 1000.0)
+    scan: Any = SimpleNamespace(
+        time_ns=time_ns,
+        until_ns=time_ns + 5 * NS,
+        assessment=assess(config.bearing, speed, load),
+        sticking=np.zeros(time_ns.size, bool),
+        water=np.full(time_ns.size, np.nan),
+        events=[],
+    )
+    outliner.take(scan)
+    assert outliner.outline().until_ns.tolist() == [round(second * NS) for second in until]
+
+
+def test_the_times_for_which_a_value_may_stand_are_whole_minutes() -> None:
+    """They are written into a configuration by a person."""
+    assert [hold % 60 for hold in HOLDS] == [0] * len(HOLDS)
+    assert list(HOLDS) == sorted(HOLDS)
 
 
 def test_a_lighter_point_may_have_the_higher_fold() -> None:
