@@ -88,7 +88,10 @@ def _check_kind(path: str | Path, mode: int) -> None:
 
 
 def hold(number: int) -> bool:
-    """Lock an open draft until it is closed; return False where another process has locked it."""
+    """Lock an open draft, by its descriptor, until it is closed; return whether that was possible.
+
+    It is not where another process has locked the draft, nor on a file system without locks.
+    """
     try:
         fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

@@ -155,6 +155,9 @@ def find_unit(text: str, quantity: str = '') -> Unit | None:
 def conversion_from_text(text: str, target: str) -> float | None:
     """Return the factor from the unit that a text spells to another; None where it spells no such unit.
 
+    Raises:
+        KeyError: ``target`` is not the name of a unit.
+
     >>> conversion_from_text('r/min', 'Hz') == 1 / 60
     True
     """

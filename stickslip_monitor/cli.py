@@ -289,10 +289,12 @@ def _with_negative_values(arguments: list[str]) -> list[str]:
 
 
 def _hide_warnings() -> None:
-    """Show no warnings of Python, which are for developers, unless -W or PYTHONWARNINGS asks."""
+    """Show no warnings of Python, which are for developers, unless -W or PYTHONWARNINGS asks.
+
+    Set PYTHONWARNINGS, so that processes started from here show none either.
+    """
     if not sys.warnoptions:
         warnings.simplefilter('ignore')
-        # Of the processes that check many bags, too.
         os.environ['PYTHONWARNINGS'] = 'ignore'
 
 

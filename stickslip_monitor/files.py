@@ -121,7 +121,7 @@ def check_replaceable(path: str | Path, mark: bytes | None, *, force: bool = Fal
 
 
 def holds_mark(path: str | Path, mark: bytes) -> bool:
-    """Return whether the beginning of a file has the mark of one of ours."""
+    """Return whether the beginning of a file has the mark of one of ours; False where it cannot be read."""
     try:
         with open_file(path) as file:
             return mark in (file.read(_HEAD) or b'')

@@ -75,6 +75,9 @@ def compiled(
 
     Returns:
         The compiled function.
+
+    Raises:
+        ImportError: numba is not installed.
     """
     try:
         function = _compile_function(entry, modules, law, inline=inline, cache=True)

@@ -137,7 +137,7 @@ class StateFile:
         """Read the document; ``None`` where there is no file yet.
 
         Raises:
-            AlarmStateError: It cannot be read.
+            AlarmStateError: It cannot be read, is empty, or is not JSON.
         """
         try:
             content = read_file(self.path, MAX_SIZE)

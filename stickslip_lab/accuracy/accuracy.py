@@ -288,16 +288,19 @@ def _single_and_bulk(
 
 
 def _smoothed_method(width: float, tight: bool) -> Method:
+    """Return the method of :func:`.smoothed` with a width [m/s]; slow where that is narrow and tight."""
     name = f'tanh {width:.0e} m/s, {"tight" if tight else "default"}'.replace('e-0', 'e-')
     solve = partial(smoothed, width, tight)
     return Method(name, 'tanh friction, LSODA', solve, slow=tight and width < 5e-5)
 
 
 def _switching_method(name: str, tight: bool, longest: float = math.inf) -> Method:
+    """Return the method of :func:`.switching` with its first two arguments."""
     return Method(f'switching, {name}', 'switching, solve_ivp', partial(switching, tight, longest))
 
 
 def _harmonic_balance(harmonics: int) -> Method:
+    """Return the method of :func:`.harmonic_balance` with some harmonics; slow with more than 31."""
     name, solve = f'harmonic balance, H = {harmonics}', partial(harmonic_balance, harmonics)
     return Method(name, 'harmonic balance', solve, has_resolvent, slow=harmonics > 31)
 
@@ -325,6 +328,10 @@ _RPM = REFERENCE.speed.factor('rpm')
 def _bench_case(
     name: str, rpm: float, load: float, reference: float, quick: bool = False, **changes: Any
 ) -> Case:
+    """Return a case of :data:`REFERENCE` with changed fields, at a speed [rpm] and a load [N].
+
+    ``reference`` is its amplitude, as of :class:`Case` [m].
+    """
     return Case(name, replace(REFERENCE, **changes), rpm * _RPM, load, reference, quick)
 
 

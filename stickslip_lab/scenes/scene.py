@@ -400,7 +400,8 @@ def write_bag(
 
     Raises:
         BagError: The bag exists already or cannot be written.
-        SceneError: A speed or load leaves what the telemetry can carry, or the lining cannot be followed.
+        SceneError: A speed or load leaves what the telemetry can carry, the lining cannot be followed, or a
+            table cannot be read any more.
     """
     run = scene.build()
     with BagWriter(path) as writer:
