@@ -157,9 +157,10 @@ def checked_record(document: Any) -> dict[str, Any] | None:
 
 
 def checked_alarms(document: Any, bearings: Collection[str]) -> dict[str, Any] | None:
-    """Return the known fields of a list of alarms for the page, times in ms; ``None`` if it is invalid.
+    """Return the known fields of a list of alarms for the page, times in ms.
 
-    Each alarm and row also gets ``actions``, the values of the actions to offer for it.
+    ``None`` if it is invalid, or of another schema. Each alarm and row also gets ``actions``, the values
+    of the actions to offer for it.
 
     Args:
         document: The list as received, which may be anything.

@@ -347,7 +347,10 @@ def _exact_amplitudes(
 
 
 def _draw_belief_bands(axes: canvas.Axes, config: BearingConfig, loads: Range, rpm: float) -> None:
-    """Shade where 5 to 95 % of the belief have the Hopf and the fold speed; nothing without a belief."""
+    """Shade where 5 to 95 % of the belief have the Hopf and the fold speed; nothing without a belief.
+
+    ``loads`` is the range of the map [N], ``rpm`` the surface speed of one rpm [m/s].
+    """
     if config.belief is None:
         return
     load = np.linspace(max(loads[0], 1e-6 * loads[1]), loads[1], _BAND_LOADS)
@@ -366,7 +369,7 @@ def _draw_belief_bands(axes: canvas.Axes, config: BearingConfig, loads: Range, r
 class TrackEvent(NamedTuple):
     """A change of the alarm to a condition, and the operating point at which it was raised."""
 
-    speed: float  # of the surface [m/s], ``nan`` where there was no point yet
+    speed: float  # of the surface [m/s]
     load: float  # [N]
     condition: Condition
 

@@ -197,6 +197,7 @@ def bearing_of(values: Sequence[Estimate]) -> Bearing:
 
     Raises:
         KeyError: One of these is missing.
+        PhysicsError: A value breaks its rule.
     """
     by_name = {item.name: item.value for item in values}
     return Bearing(

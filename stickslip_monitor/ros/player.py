@@ -76,12 +76,13 @@ class Player:
     ) -> int:
         """Publish messages at their recorded times divided by the rate.
 
+        Blocks until all are published and, for up to :data:`_PATIENCE` s a topic, received; a topic whose
+        readers take longer is logged.
+
         Args:
             messages: In order of time.
             rate: How much faster than recorded, > 0.
             progress: Called with the recorded time reached [ns].
-
-        Blocks until all are published and, for up to :data:`_PATIENCE` s a topic, received.
 
         Returns:
             The number of messages published; those on skipped topics do not count.

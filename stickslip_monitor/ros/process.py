@@ -63,7 +63,7 @@ def _spin_node(node: MonitorNode, signals: Sequence[int], errors: int) -> None:
         errors: File descriptor to which Python writes the frames of a crash.
 
     Raises:
-        ConfigurationError: As :func:`make_executor`.
+        ConfigurationError: The environment asks for an unknown executor (:func:`make_executor`).
     """
     executor, manager = make_executor(), ServiceManager()
     faulthandler.enable(errors)  # the executor has it write where nobody hands on what is left
