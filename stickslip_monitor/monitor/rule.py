@@ -560,15 +560,15 @@ def update_stick_slip(s: State, c: RuleNumbers, verdict: int, may_begin: bool, f
 def end_stick_slip(s: State, verdict: int) -> None:
     """End stick-slip and set its growth back to 0.
 
-    Where the level alone ended it, by quiet at a speed in the bistable range, the level is doubted from
-    now on: what had vibrated there was no stick-slip.
+    A level that had vibrated meanwhile and is quiet by then is doubted from now on: what it heard was no
+    stick-slip, since that goes on to the fold.
 
     Args:
         s: The memory, changed.
         verdict: State of the level at this point.
     """
     s.sticking, s.growth, s.borne = 0, 0.0, 0.0
-    if verdict == QUIET and s.course == IDLE:
+    if verdict == QUIET and s.heard:
         s.doubt = 2 * DOUBT
 
 

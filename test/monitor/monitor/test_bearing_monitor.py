@@ -500,14 +500,15 @@ def test_an_input_is_lost_until_its_first_value_and_after_its_timeout() -> None:
 
 
 @pytest.mark.parametrize(
-    ('verdict', 'course', 'doubt'),
-    [(QUIET_LEVEL, IDLE, 2 * DOUBT), (QUIET_LEVEL, BEYOND, 0), (UNKNOWN, IDLE, 0)],
+    ('verdict', 'heard', 'doubt'), [(QUIET_LEVEL, 1, 2 * DOUBT), (QUIET_LEVEL, 0, 0), (UNKNOWN, 1, 0)]
 )
-def test_a_level_is_doubted_only_where_its_quiet_alone_ended_stick_slip(
-    verdict: int, course: int, doubt: int
+@pytest.mark.parametrize('course', [IDLE, BEYOND])
+def test_a_level_that_vibrated_and_is_quiet_before_stick_slip_ends_is_doubted(
+    verdict: int, heard: int, doubt: int, course: int
 ) -> None:
+    """A level that was quiet all along was right where the prediction was not, and counts on."""
     state = State()
-    state.sticking, state.course, state.doubt = 1, course, 0
+    state.sticking, state.course, state.heard, state.doubt = 1, course, heard, 0
     end_stick_slip(state, verdict)
     assert (state.sticking, state.doubt) == (0, doubt)
 
