@@ -230,12 +230,16 @@ def test_a_damaged_chunk_is_skipped(tmp_path: Path, compression: str, with_summa
     assert warning.endswith(') and was skipped')
 
 
-def test_zeros_in_the_middle_cost_the_chunks_that_they_touch(tmp_path: Path) -> None:
+@pytest.mark.parametrize(('first', 'last', 'begins', 'ends'), [(1, 3, 5, 5), (0, 0, 1, 60), (5, 5, 1, 60)])
+def test_zeros_in_the_middle_cost_the_chunks_that_they_touch(
+    first: int, last: int, begins: int, ends: int, tmp_path: Path
+) -> None:
     """The index of chunks leads on where the heads of records do not."""
     whole = make_mcap('zstd', chunks=6, per_chunk=8)
-    begin, end = (whole.chunks[k].chunk_start_offset + 5 for k in (1, 3))
+    begin = whole.chunks[first].chunk_start_offset + begins
+    end = whole.chunks[last].chunk_start_offset + ends
     path = tmp_path / 'a.mcap'
     path.write_bytes(whole.data[:begin] + bytes(end - begin) + whole.data[end:])
     bag = open_bag(path)
-    assert read_times(bag) == whole.times[:8] + whole.times[32:]
+    assert read_times(bag) == whole.times[: 8 * first] + whole.times[8 * last + 8 :]
     assert 'what lies behind was found by the index of chunks' in ' '.join(bag.losses)
