@@ -506,7 +506,10 @@ def _bearing_record(item: BearingReport) -> dict[str, Any]:
 
 
 def _input_record(item: InputReport) -> dict[str, Any]:
-    """Return the report on an input as a JSON object: SI units, times [ns], None for no number."""
+    """Return the report on an input as a JSON object: times [ns], None for no number.
+
+    ``span`` is in the unit of the messages, ``si_span`` the same in SI.
+    """
     return {
         'topic': item.topic,
         **({'assumed': True} if item.is_assumed else {}),

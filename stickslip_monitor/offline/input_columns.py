@@ -338,7 +338,10 @@ class _ColumnUse:
         return self.source.gear_text if isinstance(self.source, SpeedConfig) else ''
 
     def conversion(self) -> SourceColumn:
-        """Return the column with the conversion of its numbers to the configured unit; without a timeout."""
+        """Return the column with the conversion of its numbers to the configured unit; without a timeout.
+
+        Numbers whose heading states no unit that converts are taken as they are.
+        """
         if self.unit is None:
             return SourceColumn(self.column)
         source = self.source
