@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class StickslipError(Exception):
@@ -26,6 +26,25 @@ class OutputError(StickslipError):
 def plural(number: int, noun: str) -> str:
     """Return a number with its noun: ``0 events``, ``1 event``, ``1250 events``."""
     return f'{number} {noun}{"" if number == 1 else "s"}'
+
+
+MOST_NAMED = 10
+"""Topics, files or texts that a sentence lists: more fill a terminal, and show nothing new."""
+
+
+def join_names(texts: Sequence[str], separator: str = ', ') -> str:
+    """Return up to ten texts, joined, and how many more there are; empty without any.
+
+    >>> join_names([*'abcdefghijkl'])
+    'a, b, c, d, e, f, g, h, i, j and 2 more'
+    """
+    more = f' and {len(texts) - MOST_NAMED} more' if len(texts) > MOST_NAMED else ''
+    return separator.join(texts[:MOST_NAMED]) + more
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Return up to ten texts in quotation marks, and how many more there are."""
+    return join_names([f"'{text}'" for text in texts])
 
 
 def did_you_mean(given: object, candidates: Iterable[str]) -> str:

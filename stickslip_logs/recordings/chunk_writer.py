@@ -309,22 +309,15 @@ def _make_records(columns: Iterable[Messages]) -> Iterator[tuple[IndexArray, NDA
         if isinstance(messages, np.ndarray):
             yield row + np.arange(messages.size), _frame_records(messages.view(f'V{messages.itemsize}'))
         else:
-            for rows, data in _group_by_size(messages):
+            sizes = np.fromiter(map(len, messages), np.int64, len(messages))
+            for size in np.unique(sizes).tolist():
+                rows = np.flatnonzero(sizes == size)
+                joined = b''.join(
+                    messages if rows.size == sizes.size else [messages[k] for k in rows.tolist()]
+                )
+                data = np.frombuffer(joined, f'V{size}') if size else np.empty(rows.size, 'V0')
                 yield row + rows, _frame_records(data)
         row += len(messages)
-
-
-def _group_by_size(messages: Sequence[bytes]) -> Iterator[tuple[IndexArray, NDArray[np.void]]]:
-    """Group messages by size, the smallest first.
-
-    Yields:
-        The indexes of the m messages of a size among all, and these messages, shape (m,) each.
-    """
-    sizes = np.fromiter(map(len, messages), np.int64, len(messages))
-    for size in np.unique(sizes).tolist():
-        rows = np.flatnonzero(sizes == size)
-        joined = b''.join(messages if rows.size == sizes.size else [messages[k] for k in rows.tolist()])
-        yield rows, np.frombuffer(joined, f'V{size}') if size else np.empty(rows.size, 'V0')
 
 
 def _frame_records(data: NDArray[np.void]) -> NDArray[np.void]:

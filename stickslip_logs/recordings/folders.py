@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-from stickslip_logs.errors import BagError, plural
+from stickslip_logs.errors import MOST_NAMED, BagError, listed, plural
 from stickslip_logs.files import near_name, read_file
 from stickslip_logs.recordings import file_kind
 from stickslip_logs.recordings.file_kind import (
@@ -33,7 +33,7 @@ from stickslip_logs.recordings.file_kind import (
     recording_name_of,
 )
 from stickslip_logs.recordings.mcap_file import McapFile, scan_file
-from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, MOST_NAMED, Findings
+from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, Findings
 from stickslip_logs.tables.table_file import is_number_table
 from stickslip_logs.tables.text_file import ZSTD
 
@@ -105,11 +105,12 @@ def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
         for name in names
         if _kind_of(folder / name) in (_LOG, _OTHER)
     }
-    listed = sorted(str(file) for file in unread if os.path.realpath(file) not in checked)
-    if not listed:
+    files = sorted(str(file) for file in unread if os.path.realpath(file) not in checked)
+    if not files:
         return ''
-    named = ', '.join(f"'{file}'" for file in listed[:MOST_NAMED]) + ', ...' * (len(listed) > MOST_NAMED)
-    return f'{plural(len(listed), "file")} not checked (name one to check it, or to see why not): {named}'
+    return (
+        f'{plural(len(files), "file")} not checked (name one to check it, or to see why not): {listed(files)}'
+    )
 
 
 def _find_in_folder(path: Path) -> list[Path]:

@@ -19,7 +19,7 @@ from mcap.records import Channel, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.errors import BagError, plural
+from stickslip_logs.errors import BagError, join_names, listed, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.mcap_chunks import (
     HEAD,
@@ -35,7 +35,7 @@ from stickslip_logs.recordings.mcap_chunks import (
 )
 from stickslip_logs.recordings.mcap_heads import MAX_RECORD, RecordHeads
 from stickslip_logs.recordings.message_types import LONGEST_TEXT
-from stickslip_logs.recordings.recording import DATES_FROM_NS, MOST_NAMED, Cut, Findings, encoding_problem
+from stickslip_logs.recordings.recording import DATES_FROM_NS, Cut, Findings, encoding_problem
 
 
 class McapFile:
@@ -111,9 +111,10 @@ class McapFile:
             for user in users:
                 place = block.offset, offset
                 self._refused[user] = min(self._refused.get(user, place), place)
+            names = listed([self.channels[user].topic for user in users]) or 'it'
             self.findings.lose(
                 f'{block.place} defines {"schema" if is_schema else "channel"} {number} otherwise than'
-                f' before: messages of {self._list_names(users)} from there on were not read'
+                f' before: messages of {names} from there on were not read'
             )
         return True
 
@@ -155,12 +156,6 @@ class McapFile:
         end = place if block.offset == offset else piece.end if block.offset < offset else 0
         return rows[piece.offset[rows] < end]
 
-    def _list_names(self, keys: list[int]) -> str:
-        """Name the topics of some channels, up to ten of them; 'it' where there are none."""
-        names = [f"'{self.channels[key].topic}'" for key in keys[:MOST_NAMED]]
-        more = [f'{len(keys) - MOST_NAMED} more topics'] if len(keys) > MOST_NAMED else []
-        return ', '.join([*names, *more]) or 'it'
-
     def compare_counts(
         self, stated: Mapping[int, int], counted: Mapping[int, int], keys: Iterable[int]
     ) -> None:
@@ -178,10 +173,8 @@ class McapFile:
             if stated.get(key, 0) != counted.get(key, 0)
         ]
         if texts:
-            more = len(texts) - MOST_NAMED
-            rest = f'; so with {more} more topics' if more > 0 else ''
-            listed = '; '.join(texts[:MOST_NAMED])
-            self.findings.lose(f"file '{self.path.name}': its statistics count {listed}{rest}")
+            counts = join_names(texts, '; ')
+            self.findings.lose(f"file '{self.path.name}': its statistics count {counts}")
 
     def read_all(self, heads: RecordHeads) -> None:
         """Fill in channels, counts, blocks, times and ``cut`` by reading all blocks; report oddities."""

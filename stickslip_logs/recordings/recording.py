@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import weakref
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.errors import BagError
+from stickslip_logs.errors import MOST_NAMED, BagError, join_names
 from stickslip_logs.fields import FieldPath, parse_field
 
 METADATA_NAME, METADATA_ROOT = 'metadata.yaml', 'rosbag2_bagfile_information'
@@ -172,8 +172,6 @@ class TimeSpans:
 
 Progress = Callable[[int, int], None]
 """Given how much is done, and how much there is to do: bytes of MCAP, messages of SQLite, or lines."""
-MOST_NAMED = 10
-"""Topics, files or texts that a sentence lists."""
 DATES_FROM_NS = 10**17
 """Of 1973: times from here on are dates, not time since a trigger or since something was switched on [ns]."""
 
@@ -369,16 +367,7 @@ def missing_topic(topics: Collection[str], name: str) -> str:
     """Return the error text on a missing topic, with up to ten that are there, similar names first."""
     close = difflib.get_close_matches(name, topics, MOST_NAMED, cutoff=0.5)
     ranked = [*close, *(topic for topic in topics if topic not in close)]
-    more = len(ranked) - MOST_NAMED
-    rest = f' and {more} more' if more > 0 else ''
-    listed = f'{", ".join(ranked[:MOST_NAMED])}{rest}' if ranked else 'no topics'
-    return f"the recording has no topic '{name}': it has {listed}"
-
-
-def listed(texts: Sequence[str]) -> str:
-    """Return up to ten texts in quotation marks, and how many more there are."""
-    more = f' and {len(texts) - MOST_NAMED} more' if len(texts) > MOST_NAMED else ''
-    return ', '.join(f"'{text}'" for text in texts[:MOST_NAMED]) + more
+    return f"the recording has no topic '{name}': it has {join_names(ranked) or 'no topics'}"
 
 
 def full_name(topic: str, topics: Collection[str]) -> str:

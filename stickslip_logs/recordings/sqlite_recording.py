@@ -22,12 +22,11 @@ import zstandard
 from mcap.records import Schema
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.errors import BagError, plural
+from stickslip_logs.errors import MOST_NAMED, BagError, plural
 from stickslip_logs.recordings.mcap_chunks import MAX_CHUNK
 from stickslip_logs.recordings.message_fields import MessageReading, TopicNumbers
 from stickslip_logs.recordings.message_types import definition_of
 from stickslip_logs.recordings.recording import (
-    MOST_NAMED,
     Findings,
     Message,
     Progress,

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.errors import BagError, did_you_mean
+from stickslip_logs.errors import BagError, did_you_mean, listed
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
-from stickslip_logs.recordings.recording import DATES_FROM_NS, Findings, Recording, TopicInfo, listed
+from stickslip_logs.recordings.recording import DATES_FROM_NS, Findings, Recording, TopicInfo
 from stickslip_logs.tables.bus_log import first_name
 from stickslip_logs.tables.cell_times import Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit

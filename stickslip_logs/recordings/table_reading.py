@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.errors import BagError, plural
+from stickslip_logs.errors import BagError, join_names, listed, plural
 from stickslip_logs.recordings.columns import LogColumn, SourceColumn
-from stickslip_logs.recordings.recording import Fault, Progress, Request, Scratch, Series, listed
+from stickslip_logs.recordings.recording import Fault, Progress, Request, Scratch, Series
 from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
 from stickslip_logs.senders import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
@@ -27,8 +27,8 @@ from stickslip_logs.tables.table_file import Numbers, Rows, some_cells, texts_of
 from stickslip_logs.time_order import Sorter, TimeCourse, TimeOrder
 from stickslip_logs.units import conversion
 
-# Words in place of numbers that a message lists, and that are counted apart.
-_MAX_WORDS, _MAX_KINDS = 6, 200
+# Words in place of numbers that are counted apart.
+_MAX_KINDS = 200
 # More lines of one time, where times are so coarse [ns], have lost their times by rounding; a value before
 # and one behind a change share theirs rightly.
 _MAX_ALIKE, _COARSE_NS = 2, 10 * 10**9
@@ -286,9 +286,8 @@ class TableReading:
         result: dict[Request, tuple[Fault, ...]] = {}
         for request in self._requests:
             words = self._words[request.topic]
-            listed = ', '.join(f"'{word}' ({n})" for word, n in words.most_common(_MAX_WORDS))
-            more = ', ...' if len(words) > _MAX_WORDS else ''
-            text = f'no number: {listed}{more}'
+            counts = join_names([f"'{word}' ({n})" for word, n in words.most_common()])
+            text = f'no number: {counts}'
             result[request] = (Fault(words.total(), text, is_nan=True),) if words else ()
         return result
 

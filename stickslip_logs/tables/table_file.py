@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.errors import BagError, plural
+from stickslip_logs.errors import BagError, join_names, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.tables.bus_log import BUS_LOGS, NO_SENTENCE
 from stickslip_logs.tables.cell_times import MAX_SHOWN, Cells, number_reader
@@ -37,9 +37,8 @@ from stickslip_logs.tables.time_columns import WITHOUT_ZONE, Clock, TableColumns
 BLOCK = 1 << 14
 # First bytes of Parquet, and rows of its head and of its tail.
 _PARQUET, _PARQUET_HEAD, _PARQUET_TAIL = b'PAR1', 2000, 9
-# Columns that a remark names, characters of a word that is counted, and days by which the order of a date is
-# found: ten years of them.
-_MAX_NAMED, _MAX_WORD, _MAX_DAYS = 6, 20, 3660
+# Characters of a word that is counted, and days by which the order of a date is found: ten years of them.
+_MAX_WORD, _MAX_DAYS = 20, 3660
 _DAY = re.compile(r'\D*\d+\D+\d+')
 # What a line that is no row begins with; WinCC ends with a count of rows.
 _REMARKS = *COMMENTS, '$RT_'
@@ -348,8 +347,7 @@ def _remarks_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
     notes = list(dict.fromkeys(text for clock in clocks for text in clock.remarks))
     if len(clocks) > 1:
         pairs = [f"'{names[k]}' by #{clock.columns[0] + 1}" for clock in clocks for k in clock.values or ()]
-        listed = ', '.join(pairs[:_MAX_NAMED]) + (', ...' if len(pairs) > _MAX_NAMED else '')
-        notes.append(f'{len(clocks)} columns are times, each of the signals beside it: {listed}')
+        notes.append(f'{len(clocks)} columns are times, each of the signals beside it: {join_names(pairs)}')
     return notes
 
 

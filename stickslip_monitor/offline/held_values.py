@@ -76,20 +76,15 @@ class HeldValues:
         # Before the next sample, and up to the end of the part.
         room = np.diff(arrival_ns, append=until_ns + 1)
         due = np.searchsorted(schedule, room, 'left')
-        due[[not self._is_valid(place, number) for number in value.tolist()]] = 0
+        c = self._numbers
+        statuses = [judge_value(c, place, number, si_value(c, place, number)) for number in value.tolist()]
+        due[np.array(statuses) != Status.ACCEPTED] = 0
         due = np.maximum(due, made)
         self._made[place] = int(due[-1])
         count = due - made
         of = np.repeat(np.arange(value.size), count)
         steps = np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + made[of]
         return stamp_ns[of], arrival_ns[of] + schedule[steps], value[of]
-
-    def _is_valid(self, place: int, number: float) -> bool:
-        """Return whether the rule accepts a number, as sent, of the input ``place``."""
-        return (
-            judge_value(self._numbers, place, number, si_value(self._numbers, place, number))
-            == Status.ACCEPTED
-        )
 
 
 def _repeat_schedule(hold_ns: int) -> IntArray:

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from stickslip_logs.errors import listed
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
-from stickslip_logs.recordings.recording import listed
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.dialect import FORCE_WORDS, parse_heading, unit_of
 from stickslip_logs.units import UNITS, affine_conversion, find_unit

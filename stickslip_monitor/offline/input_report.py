@@ -104,7 +104,11 @@ class Gaps:
             step = _measure_steps(log_time_ns, int(log_time_ns[0]) - 1 if first else self._log_ns)
             passed_ns = _time_passed(step[first:])
         self._log_passed_ns += passed_ns
-        self._take_log(step)
+        self._times += int(np.count_nonzero(step))
+        runs = np.array([self._run, 1])
+        if not step.all():
+            runs = np.diff(np.flatnonzero(step), prepend=-self._run, append=step.size)
+        self._longest_run, self._run = max(self._longest_run, int(runs.max())), int(runs[-1])
         self._messages += stamp_ns.size
         self._stamp_ns, self._log_ns = int(stamp_ns[-1]), int(log_time_ns[-1])
 
@@ -132,14 +136,6 @@ class Gaps:
         gaps = [Gap(int(begins[k]), float(lasting_ns[k] / 1e9)) for k in order]
         self.longest = sorted([*self.longest, *gaps], key=lambda gap: -gap.seconds)[:_MOST_NAMED]
         return passed_ns
-
-    def _take_log(self, step: IntArray) -> None:
-        """Update the number of different log times and the longest run of equal ones by more steps [ns]."""
-        self._times += int(np.count_nonzero(step))
-        runs = np.array([self._run, 1])
-        if not step.all():
-            runs = np.diff(np.flatnonzero(step), prepend=-self._run, append=step.size)
-        self._longest_run, self._run = max(self._longest_run, int(runs.max())), int(runs[-1])
 
     @property
     def share(self) -> float:
