@@ -109,7 +109,7 @@ def law_speed(bearing: Bearing, load: float | None = None) -> float:
 
 
 def water_note(bearing: Bearing) -> str:
-    """Return ``', water 5 C'``, or an empty text where friction does not depend on the water."""
+    """Return ``', water 5 C'``, or '' where the temperature is unknown or friction does not depend on it."""
     temperature = math.nan if bearing.lubrication is None else bearing.lubrication.water_temperature
     return '' if math.isnan(temperature) else f', water {temperature:g} C'
 

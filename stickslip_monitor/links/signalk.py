@@ -199,6 +199,7 @@ class SignalKValues:
         return [name for name in VALUES if name != 'load' or bearing in self._own_load]
 
     def _path_of(self, bearing: str, name: str) -> str:
+        """Return the path of a bearing's value."""
         return f'{self._prefix}.{to_camel_case(bearing)}.{name}'
 
     def make_update(self, bearing: str, record: Mapping[str, Any] | None) -> Update:

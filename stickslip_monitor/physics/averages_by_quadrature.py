@@ -423,7 +423,8 @@ def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArr
     """Return where a stable stick-slip cycle exists; there may be several such ranges of speed.
 
     It does wherever the highest ``rho`` exceeds ``q``: with growing amplitude ``rho`` falls below every
-    ``q``. Read from :func:`average_curve`, but between two of its speeds of which one has a cycle.
+    ``q``. That is read from :func:`average_curve`, and worked out between two speeds of it of which only
+    one has a cycle. False at rest.
 
     Args:
         law: The law.

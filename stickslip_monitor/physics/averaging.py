@@ -134,6 +134,7 @@ class StationaryAmplitudes:
 
 
 def _rescale_amplitudes(amplitudes: StationaryAmplitudes, scale: Any) -> StationaryAmplitudes:
+    """Return the amplitudes multiplied by the ``scale`` of each point."""
     return replace(amplitudes, amplitude=amplitudes.amplitude * np.asarray(scale)[..., None])
 
 

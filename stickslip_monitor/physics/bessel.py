@@ -21,6 +21,7 @@ _FEW = 10
 
 
 def _parse_series(text: str) -> _Series:
+    """Return the numbers of a text with spaces between them."""
     return tuple(map(float, text.split()))
 
 

@@ -205,6 +205,7 @@ def as_measured(bearing: _Bearing) -> _Bearing:
 
 @lru_cache(maxsize=64)
 def _without_lubrication(bearing: Any) -> Any:
+    """Return a copy of a bearing without lubrication; cached."""
     return replace(bearing, lubrication=None)
 
 
@@ -213,6 +214,7 @@ def gives_speed(function: SpeedAtLoad[_Bearing]) -> SpeedAtLoad[_Bearing]:
 
     @wraps(function)
     def scaled(bearing: _Bearing, load: ArrayLike) -> Any:
+        """Return the boundary [m/s] at loads [N], of their shape, by :func:`speed_over_load`."""
         return speed_over_load(bearing, lambda n: function(as_measured(bearing), n), load)
 
     return scaled

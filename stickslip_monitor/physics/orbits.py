@@ -333,6 +333,7 @@ def _integrate_divergence(
 
 
 def _motion_energy(e: float, z: float) -> float:
+    """Return twice the energy of a motion about its rest, in the units of ``e`` and ``z``."""
     return e * e + z * z  # a power raises where it overflows
 
 

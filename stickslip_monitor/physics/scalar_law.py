@@ -120,6 +120,7 @@ def _drop_of(law: FrictionLaw, rise: float, origin: float, step: float) -> float
 
 
 def _slope_of(law: FrictionLaw, speed: float) -> float:
+    """Return :func:`friction_slope` of a law without functions of its own [s/m]."""
     return float(law.slope(speed))
 
 
@@ -143,6 +144,7 @@ class ScalarLaw:
 
 
 def _make_scalar_law(plain: LawInUse, compiled: LawInUse | None, module: str | None) -> ScalarLaw:
+    """Return a law that another process has sent, with its module by name."""
     return ScalarLaw(plain, compiled, None if module is None else import_module(module))
 
 
