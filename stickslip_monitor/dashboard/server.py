@@ -116,7 +116,7 @@ class Hub:
         self.readers.discard(reader)
 
     async def close(self, _: web.Application) -> None:
-        """End all streams."""
+        """End all streams; called as the application shuts down."""
         for reader in self.readers:
             reader.close()
 

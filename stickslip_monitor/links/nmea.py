@@ -381,7 +381,7 @@ def _truncate_words(text: str, room: int) -> str:
 
 
 def clean(text: str) -> str:
-    """Reduce a text to the letters that every display has and no rule reserves."""
+    """Return a text in capitals, with single spaces for what a display may lack or a rule reserves."""
     return ' '.join(_UNFIT.sub(' ', text.upper()).split())
 
 

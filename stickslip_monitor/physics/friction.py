@@ -170,6 +170,9 @@ class Stretched:
     Args as of :class:`Stribeck`, and:
         exponent: ``delta``, 1 to 4 [-]: 2 is the Gaussian law. Below 1 the curve would leave zero
             speed vertically.
+
+    Raises:
+        PhysicsError: A number breaks its rule.
     """
 
     static: float
