@@ -62,6 +62,7 @@ EFFECTS = parse_refusals("""
 speed_profile: {unit: rpm, points: [[0, 1]]} - speed_profile: {unit: rpm, points: [[0, 1]]}
   => effect 'speed_profile' is listed twice for topic /shaft/speed
 speed_profile: {unit: rpm, pionts: []} => unknown key 'pionts' = [] in speed_profile; did you mean
+speed_profile: {unit: rpm, points: 5} => speed_profile.points = 5 must be a list of points
 speed_profile: {unit: rpm, points: [[0, 1]], bearing: atf}
   => speed_profile.bearing = 'atf' must be one of aft; did you mean 'aft'?
 speed_profile: {unit: rpm, points: [[0, 1.0e+308]]}

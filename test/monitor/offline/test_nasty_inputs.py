@@ -287,6 +287,18 @@ def test_one_column_is_not_the_load_of_two_bearings(
     assert bound.absent.keys() == lost
 
 
+def test_one_column_that_both_bearings_name_is_the_load_of_two(tmp_path: Path) -> None:
+    config, text = tmp_path / 'ship.yaml', CONFIG.read_text()
+    head, section = text.split('    aft_stern:\n')
+    sections = (
+        f'    {name}:\n' + section.replace('/bearing/aft_stern/load', f"/{name}/load, column: 'Load [N]'")
+        for name in ('aft', 'mid')
+    )
+    config.write_text(head.replace('[aft_stern]', '[aft, mid]') + ''.join(sections))
+    bound = bind(open_log(tmp_path, 'time,rpm,Load [N]\n0,30,900\n1,31,901\n'), load_config(config))
+    assert bound.absent == {}
+
+
 def test_a_scale_beside_a_named_column_applies(tmp_path: Path) -> None:
     """The engine of a 4:1 gear at 80 rpm turns the shaft at 20 rpm, whatever unit its heading has."""
     config = tmp_path / 'ship.yaml'

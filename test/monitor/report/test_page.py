@@ -200,6 +200,8 @@ def test_the_cards_say_units_scales_and_what_is_assumed(tmp_path: Path) -> None:
     low, high, *si, first, last = numbers
     assert (low, high) == pytest.approx((2 * first, 2 * last), rel=1e-3)
     assert si == pytest.approx([RPM * low, RPM * high], rel=1e-3)
+    # The time-out of the speed in the configuration.
+    assert 'none longer than 5.0\xa0s' in cards['Speed']
     assert '0.8 kN: no sensor measures it' in cards['Load']
     assert 'topic' not in cards['Load']
 
