@@ -107,7 +107,7 @@ _OCTAVES = 8
 # Speeds of the scan for the onset, by averaging and by orbits.
 _SCAN, _ROUGH_SCAN = 161, 32
 # Intervals of Chebyshev's speeds at first and at most, and speeds that are read from their series.
-_FEWEST, _MOST, _READ = 32, 128, 1200
+_FEWEST, _MOST, _READ = 16, 128, 1200
 # Of a law in pieces speeds of the curve, and of which each so-many-th is solved: each 16th leaves 1 % of a
 # scattered table in place of 0.7 %.
 _BROKEN, _EVERY = 1024, 8
@@ -215,13 +215,16 @@ class Grazing:
             Displacements and relative speeds ``z``, both 0 where nothing attracts that much, shape (2, n).
         """
         v, slope, mu = (column if ahead else column[::-1] for column in self._course)  # outward
-        every, towards = np.arange(field.speed.size), 1.0 if ahead else -1.0
+        towards, start_of_all = 1.0 if ahead else -1.0, np.zeros((2, field.speed.size))
+        steepest = np.max(towards * slope) * field.force * field.speed + towards * field.damping
+        rows = np.flatnonzero(steepest > _DRAWS)
+        if not rows.size:
+            return start_of_all
+        field, every = field.take(rows), np.arange(rows.size)
         z = v / field.speed[:, None]
         away = towards * (z - 1.0)
         rate = field.damping + (field.force * field.speed)[:, None] * slope
         draws = (towards * rate > _DRAWS) & (away > _NEAR_REST)
-        if not draws.any():
-            return np.zeros((2, every.size))
         first = np.argmax(draws, axis=1)
         draws &= np.cumsum(~draws & (np.arange(v.size) > first[:, None]), axis=1) == 0
         drawn = np.where(draws, rate * rate / np.where(draws, away, 1.0), 0.0)
@@ -244,7 +247,8 @@ class Grazing:
                     where=sinking[:, 1:] > 0.0,
                 )
             is_drawn &= sunk < half_depth
-        return np.where(is_drawn, [place[every, start], z[every, start]], 0.0)
+        start_of_all[:, rows] = np.where(is_drawn, [place[every, start], z[every, start]], 0.0)
+        return start_of_all
 
     @cached_property
     def _course(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -832,10 +836,10 @@ def _curve_range(grazing: Grazing) -> FoldRange | None:
     # Where friction rises with the speed, or damping is strong, larger loads may stick up to lower speeds.
     loads = np.geomspace(min(float(exact[rough == last][0]), 0.5 * top), top, _FEW_LOADS)
     in_pieces = len(grazing.use.kinks) > 0
-    scan = (_RANGE_RATIO, _COARSE_IN_PIECES) if in_pieces else (_SMOOTH_RATIO, _COARSE)
-    if in_pieces and bearing.damping_ratio < _SLIGHTLY_DAMPED and grazing.ends_low:
+    if bearing.damping_ratio < _SLIGHTLY_DAMPED and grazing.ends_low:
         loads = loads[-1:]  # the largest load has the highest fold
-    folds = grazing.bracket_last_speeds(loads, *scan)[1]
+    ratio = _RANGE_RATIO if in_pieces or not grazing.rises else _SMOOTH_RATIO
+    folds = grazing.bracket_last_speeds(loads, ratio, _COARSE_IN_PIECES if in_pieces else _COARSE)[1]
     highest = max(float(np.fmax.reduce(folds)), last)
     high = _BELOW_HIGHEST * highest if grazing.rises else highest
     low = lowest
