@@ -46,8 +46,8 @@ _HALVINGS = 5
 # sums at 49 coordinates, which took four times as long, 0.6 %.
 _ROUGH = 101
 # Speeds of a curve up to the last breakpoint, at least (by 200 a fold read between them was 0.3 % off for a
-# noisy table of 40 points), and beyond it up to a million times as far.
-_SPEEDS, _FAR = 400, np.geomspace(1.0, 1e6, 25)[1:]
+# noisy table of 40 points), and beyond it up to a million times as far, densest where it ends.
+_SPEEDS, _FAR = 400, 1.0 + np.geomspace(1e-3, 1e6, 65)
 # Share by which two speeds of a curve differ at least: a spline through closer ones would only have rounding.
 _SAME = 1e-6
 # Of a table with more points so many, and so many of the others besides that may have the highest fold:
@@ -403,16 +403,12 @@ def hopf_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
 
     Of a law whose last stretch falls it is the end of that stretch. ``q`` is ``c/N``, shape (n,) [s/m].
     """
-    result = np.full_like(q, np.nan)
     if not speed_scales(law):
-        return result
+        return np.full_like(q, np.nan)
     speeds, heights = equilibrium_table(law)
-    index = last_above(heights, q)
+    result = _last_root(lambda v: -law.slope(v), speeds, heights, q)
     # A law that ends on a falling stretch is flat beyond it: its last speed is the boundary.
-    result[index == speeds.size - 1] = speeds[-1]
-    inside = np.flatnonzero((index >= 0) & (index < speeds.size - 1))
-    result[inside] = _last_root(lambda v: -law.slope(v), speeds, heights, index[inside], q[inside])
-    return result
+    return np.where(result == np.inf, speeds[-1], result)
 
 
 def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
@@ -426,33 +422,38 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
         Shape (n,); ``nan`` where no speed has a cycle, ``inf`` where the fastest scanned one still has.
     """
     curve = average_curve(law)
-    index = last_above(curve.peak, q)
-    result = np.where(index >= 0, np.inf, np.nan)
-    inside = np.flatnonzero((index >= 0) & (index < curve.speed.size - 1))
-    result[inside] = _last_root(
-        lambda v: peak_slope(law, v), curve.speed, curve.peak, index[inside], q[inside]
-    )
-    return result
+    return _last_root(lambda v: peak_slope(law, v), curve.speed, curve.peak, q)
+
+
+def sticking_end(law: FrictionLaw, q: FloatArray) -> FloatArray:
+    """Return the highest speed at which ``rho`` reaches ``q`` at the sliding limit, as :func:`fold_speed`."""
+    curve = average_curve(law)
+    return _last_root(lambda v: cusp_slope(law, v), curve.speed, curve.cusp, q)
 
 
 def _last_root(
-    height: Callable[[FloatArray], FloatArray],
-    speed: FloatArray,
-    heights: FloatArray,
-    index: IndexArray,
-    q: FloatArray,
+    height: Callable[[FloatArray], FloatArray], speed: FloatArray, heights: FloatArray, q: FloatArray
 ) -> FloatArray:
-    """Return where a height falls to ``q`` between a speed of a scan and the next, shape (n,) [m/s].
+    """Return the last speeds at which a height still reaches ``q`` [m/s].
 
     Args:
         height: Of speeds, shape (n,) [s/m].
-        speed: Of the scan, ascending, shape (m,) [m/s].
+        speed: Of a scan, ascending, shape (m,) [m/s].
         heights: There, shape (m,) [s/m].
-        index: Of the speeds at which a root's bracket begins, shape (n,).
         q: Shape (n,) [s/m].
+
+    Returns:
+        Shape (n,); ``nan`` where no speed of the scan reaches it, ``inf`` where the last one does.
     """
-    ends = heights[index] - q, heights[index + 1] - q
-    return root_on_bracket(lambda v, level: height(v) - level, speed[index], speed[index + 1], ends, (q,))
+    index = last_above(heights, q)
+    result = np.where(index >= 0, np.inf, np.nan)
+    inside = np.flatnonzero((index >= 0) & (index < speed.size - 1))
+    i, level = index[inside], q[inside]
+    ends = heights[i] - level, heights[i + 1] - level
+    result[inside] = root_on_bracket(
+        lambda v, level: height(v) - level, speed[i], speed[i + 1], ends, (level,)
+    )
+    return result
 
 
 def is_unstable(law: FrictionLaw, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:

@@ -244,9 +244,6 @@ def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
     return _total_fall(law) * 2.0 * i1e(v) / v - law.viscous
 
 
-cusp_slope = peak_slope
-
-
 def has_cycle(law: Stribeck, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
     """Return where a stable cycle exists: below ``fold``, the averaged one [m/s]; the rest is not used."""
     return speed < fold

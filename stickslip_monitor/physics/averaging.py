@@ -72,6 +72,18 @@ def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     return mapped(lambda n: averaged(law).boundaries(law, damping_per_load(c, n))[1], load)
 
 
+@gives_speed
+def sticking_end(bearing: Bearing, load: ArrayLike) -> Any:
+    """Return the last speed [m/s] at a load [N] at which a cycle reaches the sliding limit, by averaging.
+
+    It is that of :func:`fold_speed` but for laws by which a cycle that never sticks lives on beyond it.
+    """
+    law, c = bearing.friction, bearing.damping
+    if averaged(law) is averages_closed_form:
+        return fold_speed(bearing, load)
+    return mapped(lambda n: averages_by_quadrature.sticking_end(law, damping_per_load(c, n)), load)
+
+
 @gives_load
 def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Return the load [N] above which steady sliding at a surface speed [m/s] is unstable.

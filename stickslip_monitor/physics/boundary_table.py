@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics import averages_closed_form, averaging
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.folds import deciding_fold, fold_curve
+from stickslip_monitor.physics.folds import fold_curve, last_cycles
 from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.numerics import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.orbits import law_in_use
@@ -160,13 +160,12 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     exact[-1] = np.nan if ends else exact[-1]
     closed = averaging.averaged(law) is averages_closed_form
     averaged = np.asarray(averaging.fold_speed(bearing, load)) if closed else curve.averaged_fold(load)
+    sticking_end = averaged if closed else curve.averaged_sticking_end(load)
     # At its onset the fold of a law that falls most at rest is no speed yet.
     begins = averaged[:1] < curve.exact[0, 0]
     exact[:1] = np.where(begins, averaged[:1], exact[:1])
-    fold, join = (
-        deciding_fold(bearing, load, exact, averaged),
-        _spline_pieces if curve.smooth else _linear_pieces,
-    )
+    fold = last_cycles(exact, averaged, sticking_end)
+    join = _spline_pieces if curve.smooth else _linear_pieces
     kbm, step = join(averaged), float(grid[1])
     pieces = np.stack(
         [_linear_pieces(fold) if ends else join(fold), kbm, _linear_pieces(curve.lower_end(load))]

@@ -14,11 +14,10 @@ from stickslip_monitor.physics.averaging import fold_load
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import known_table
 from stickslip_monitor.physics.lubrication import gives_load
+from stickslip_monitor.physics.numerics import root_on_bracket
 
 # Speed beyond that of any journal's surface, up to which the fold is followed over the load [m/s].
 _FASTEST = 1e4
-# Each halves the interval of ``ln N`` of a table's step, about 0.01: rounding is reached after 43.
-_HALVINGS = 44
 
 
 @gives_load
@@ -38,21 +37,18 @@ def load_of_fold(bearing: Bearing, speed: ArrayLike) -> Any:
         beyond = math.log(max(_FASTEST / last_fold, 1.0)) / float(table.growth[0])
         place = np.append(place, place[-1] + beyond)
 
-    def fold(at: FloatArray) -> FloatArray:
-        """Return the fold that decides [m/s] at places of the table, in steps; 0 for none."""
-        return np.nan_to_num(table.fold(np.exp(table.first + table.step * at)), posinf=np.inf)
+    def excess(at: FloatArray, size: FloatArray | float) -> FloatArray:
+        """Return by how much the fold that decides, 0 for none, lies above speeds at places of the table."""
+        return np.nan_to_num(table.fold(np.exp(table.first + table.step * at)), posinf=np.inf) - size
 
     def loads(v: FloatArray) -> FloatArray:
         """Return loads [N] at speeds of either sign, shape (n,) [m/s]; 0 for every load, ``nan`` for none."""
         size = np.abs(v)
-        reached = np.maximum.accumulate(fold(place))
+        reached = np.maximum.accumulate(excess(place, 0.0))
         after = np.searchsorted(reached, size, side='right')
         high = place[np.minimum(after, place.size - 1)]
         low = place[np.clip(after - 1, 0, place.size - 1)]
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            above = fold(middle) > size
-            low, high = np.where(above, low, middle), np.where(above, middle, high)
+        high = root_on_bracket(excess, low, high, (excess(low, size), excess(high, size)), (size,))
         load = np.where(reached[0] == np.inf, 0.0, np.exp(table.first + table.step * high))
         return np.where(after < place.size, load, np.nan)
 
@@ -77,7 +73,8 @@ def deciding_load(bearing: Bearing, speed: ArrayLike) -> Any:
     def loads(v: FloatArray) -> FloatArray:
         """Return loads [N] at speeds of either sign, shape (n,) [m/s]; 0 for every load, ``nan`` for none."""
         reaching, averaged = np.asarray(load_of_fold(bearing, v)), np.asarray(fold_load(bearing, v))
-        inside = (np.abs(v) < table.fold_kbm(reaching)) & ~(reaching >= averaged)
+        # Where the averaged fold decides it is the speed there, to the rounding of a root.
+        inside = (np.abs(v) < table.fold_kbm(reaching) * (1.0 + 1e-9)) & ~(reaching >= averaged)
         return np.where(inside, averaged, reaching)
 
     return mapped(loads, speed)

@@ -27,16 +27,10 @@ import numpy as np
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics import averages_closed_form, averaging
-from stickslip_monitor.physics.averages_by_quadrature import average_curve
+from stickslip_monitor.physics.averages_by_quadrature import average_curve, cusp_slope
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import speed_scales
-from stickslip_monitor.physics.numerics import (
-    hermite,
-    last_above,
-    monotone_slopes,
-    root_on_bracket,
-    spline_slopes,
-)
+from stickslip_monitor.physics.numerics import hermite, monotone_slopes, root_on_bracket, spline_slopes
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
     LANDED,
@@ -592,45 +586,31 @@ def _solve_brackets(
 def deciding_fold(bearing: Bearing, load: FloatArray, exact: FloatArray, averaged: FloatArray) -> FloatArray:
     """Return the end of vibration [m/s]: the last speeds at which the lining sticks, or vibrates without.
 
-    Where the averaged slope is highest below the sliding limit, a cycle lives on without sticking, up to the
-    averaged fold. Close to the end of sticking it does by the same share as under averaging, whose errors
-    in both ends are about the same.
-
     Args:
         bearing: The bearing.
         load: ``N``, shape (n,) [N].
         exact: The last speeds at which it sticks there, ``nan`` for none, shape (n,) [m/s].
         averaged: The averaged folds there, ``nan`` for none, shape (n,) [m/s].
     """
-    law, lasts = bearing.friction, np.ones(exact.size)
-    if averaging.averaged(law) is not averages_closed_form and speed_scales(law):
-        curve = average_curve(law)
-        if np.any(curve.cusp < curve.peak):
-            with np.errstate(all='ignore'):
-                ends = [
-                    _last_crossing(curve.speed, height, bearing.damping / load)
-                    for height in (curve.peak, curve.cusp)
-                ]
-                lasts = np.fmax(ends[0] / ends[1], 1.0)
-                lasts = np.where(lasts > _APART, np.fmax(averaged / exact, 1.0), lasts)
-    return np.where(np.isnan(exact), averaged, exact * lasts)
+    return last_cycles(exact, averaged, np.asarray(averaging.sticking_end(bearing, load)))
 
 
-def _last_crossing(speed: FloatArray, height: FloatArray, level: FloatArray) -> FloatArray:
-    """Return the last places at which the polygon through heights falls to levels [m/s].
+def last_cycles(exact: FloatArray, averaged: FloatArray, sticking_end: FloatArray) -> FloatArray:
+    """Return :func:`deciding_fold` from the ends of sticking and of cycles, each of shape (n,) [m/s].
+
+    Where the averaged slope is highest below the sliding limit, a cycle lives on without sticking, up to the
+    averaged fold. Close to the end of sticking it does by the same share as under averaging, whose errors
+    in both ends are about the same.
 
     Args:
-        speed: Ascending, shape (m,) [m/s].
-        height: At each, shape (m,).
-        level: Shape (n,).
-
-    Returns:
-        Shape (n,); ``nan`` where it is below the level everywhere, or above it at the last speed.
+        exact: The last speeds at which the lining sticks, ``nan`` for none.
+        averaged: The averaged folds, ``nan`` for none.
+        sticking_end: The last speeds at which it sticks under averaging, ``nan`` for none.
     """
-    i = last_above(height, level)
-    k = np.clip(i, 0, speed.size - 2)
-    place = speed[k] + (speed[k + 1] - speed[k]) * (height[k] - level) / (height[k] - height[k + 1])
-    return np.where((i >= 0) & (i < speed.size - 1), place, np.nan)
+    with np.errstate(all='ignore'):
+        factor = np.fmax(averaged / sticking_end, 1.0)
+        factor = np.where(factor > _APART, np.fmax(averaged / exact, 1.0), factor)
+    return np.where(np.isnan(exact), averaged, exact * factor)
 
 
 def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
@@ -714,7 +694,8 @@ class FoldCurve:
     Attributes:
         grazing: Where slip grazes the belt.
         span: The loads and speeds that it is meant for.
-        averaged: Ascending speeds [m/s], and the loads under averaging [N], ``inf`` for none, shape (2, m).
+        averaged: Ascending speeds [m/s], and under averaging the least loads with a cycle, and with one that
+            sticks [N], ``inf`` for none, shape (3, m).
         exact: The same of loads at which slip grazes the belt, shape (2, n).
         larger: ``ln N`` and exact fold of loads beyond the last, shape (2, k): what rises with the
             speed, or strong damping, makes the fold fall again with the load; ``nan`` for unknown.
@@ -733,7 +714,11 @@ class FoldCurve:
 
     def averaged_fold(self, load: FloatArray) -> FloatArray:
         """Return the last speeds with a cycle under averaging [m/s]; ``nan`` for none, shape (n,)."""
-        return last_speeds(self.averaged, load, self.smooth)
+        return last_speeds(self.averaged[:2], load, self.smooth)
+
+    def averaged_sticking_end(self, load: FloatArray) -> FloatArray:
+        """Return the last speeds with one that sticks under averaging, as :meth:`averaged_fold`."""
+        return last_speeds(self.averaged[::2], load, self.smooth)
 
     def exact_fold(self, load: FloatArray) -> FloatArray:
         """Return the last speeds at which the lining sticks [m/s]; ``nan`` for none, shape (n,)."""
@@ -760,7 +745,7 @@ class FoldCurve:
         out, law = np.zeros(load.size), self.grazing.law
         if not -float(law.slope(ALMOST_REST)) < self.grazing.use.fall * _AS_STEEP:
             return out  # it falls most at rest
-        speed, least_load = self.averaged
+        speed, least_load, _ = self.averaged
         with np.errstate(all='ignore'):
             x, y, level = np.log(speed), np.log(np.minimum.accumulate(least_load)), np.log(load)
             i = np.searchsorted(-y, -level, side='left')
@@ -781,32 +766,28 @@ def fold_curve(bearing: Bearing) -> FoldCurve | None:
     span = _curve_range(grazing)
     if span is None:
         return None
-    averaged = np.stack(_averaged_curve(grazing))
+    averaged = _averaged_curve(grazing)
     if not grazing.use.kinks:
         return FoldCurve(grazing, span, averaged, *_smooth_curve(grazing, span))
     if bearing.damping_ratio < 1.0:
         return FoldCurve(grazing, span, averaged, _curve_in_pieces(grazing, span), _NOTHING)
     return FoldCurve(
-        grazing, span, averaged, averaged * [[1.0], [np.inf]], _heavily_damped_curve(grazing, span)
+        grazing, span, averaged, averaged[:2] * [[1.0], [np.inf]], _heavily_damped_curve(grazing, span)
     )
 
 
-def _averaged_curve(grazing: Grazing) -> tuple[FloatArray, FloatArray]:
-    """Return the averaged fold as a curve over the speed.
-
-    Returns:
-        Ascending speeds [m/s] and the least load with a cycle at each, ``inf`` for none [N]; shape (m,) each.
-    """
+def _averaged_curve(grazing: Grazing) -> FloatArray:
+    """Return the averaged fold and end of sticking as curves: :attr:`FoldCurve.averaged`."""
     law = grazing.law
     speed = np.geomspace(1e-3 * grazing.scales[0], 300.0 * grazing.scales[-1], _SCAN)
     if (solver := averaging.averaged(law)) is averages_closed_form:
-        peak = solver.peak_slope(law, speed)
+        peak = cusp = solver.peak_slope(law, speed)
     elif speed_scales(law):
-        speed, peak, _ = average_curve(law)
+        speed, peak, cusp = average_curve(law)
     else:
-        peak = np.zeros(speed.size)
+        peak = cusp = np.zeros(speed.size)
     with np.errstate(all='ignore'):
-        return speed, np.asarray(grazing.bearing.damping / np.maximum(peak, 0.0))
+        return np.stack([speed, *(grazing.bearing.damping / np.maximum([peak, cusp], 0.0))])
 
 
 def _curve_range(grazing: Grazing) -> FoldRange | None:
@@ -914,7 +895,7 @@ def _curve_in_pieces(grazing: Grazing, span: FoldRange) -> FloatArray:
     """
     place = np.arange(_BROKEN + 1) / _BROKEN
     speed = span.places(place)
-    slope = averaging.averaged(grazing.law).cusp_slope(grazing.law, speed)
+    slope = cusp_slope(grazing.law, speed)
     shape = grazing.bearing.damping / np.maximum(slope, _LEVEL * grazing.use.fall)
     rows = np.arange(0, speed.size, _EVERY)
     ratio = np.log(grazing.loads(speed[rows], _ROUGHLY, _BEYOND * span.top, span.rough) / shape[rows])
