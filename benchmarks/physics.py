@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the physics costs for a point: in bulk, alone, and inside the monitor.
+"""What the physics costs for a point, in bulk, alone and inside the monitor, and for a bearing's boundaries.
 
 Processor time, the best of some turns; beside each the time of ``numpy.exp`` over an array of that
 size in the same run, which tells a slow machine from slow code.
@@ -9,12 +9,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from itertools import count
 
 import numpy as np
 
 from benchmarks.table import Table, duration, ratio
 from stickslip_monitor import Assessment, Bearing, Monitor, Sample, Stribeck, Tabulated, assess, build_config
+from stickslip_monitor.physics.averages_by_quadrature import average_curve, equilibrium_table
+from stickslip_monitor.physics.boundary_table import boundary_table
+from stickslip_monitor.physics.folds import fold_curve
+from stickslip_monitor.physics.friction import FrictionLaw
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 _SPEEDS = np.linspace(0.0, 0.6, 15)
@@ -62,6 +68,11 @@ def run(quick: bool = False) -> Table:
     for name, call in single.items():
         seconds, reference = _best(call, 200), _best(lambda: np.exp(one), 2000)
         rows.append(_row(name, 1, seconds, reference))
+    for name, law in _laws().items():
+        table = partial(boundary_table, replace(BEARING, friction=law))
+        table()  # compiles the law's loops
+        seconds = _best(table, clear=True)
+        rows.append(_row(f'boundaries over the load: {name}', 1, seconds, _best(lambda: np.exp(one), 2000)))
     return Table(
         title='Physics',
         text=(
@@ -73,6 +84,17 @@ def run(quick: bool = False) -> Table:
         columns=('what', 'points a second', 'a point takes', 'ratio to exp'),
         rows=rows,
     )
+
+
+def _laws() -> dict[str, FrictionLaw]:
+    """Return the laws whose boundaries are tabulated, by name; the scatter of a table is seeded."""
+    laws: dict[str, FrictionLaw] = {"Stribeck's law": BEARING.friction}
+    for points, scatter in ((100, 0.0), (100, 0.002), (1000, 0.001)):
+        speed = np.append(0.0, np.geomspace(0.005, 1.0, points - 1))
+        noise = scatter * np.random.default_rng(1).standard_normal(points)
+        name = f'a table of {points:,} points' + (f' that scatters by {scatter:g}' if scatter else '')
+        laws[name] = Tabulated(speed, 0.1 + 0.2 * np.exp(-10.0 * speed) + noise)
+    return laws
 
 
 def _ask(point: Assessment, *names: str) -> None:
@@ -102,10 +124,15 @@ def _updates(speed: float) -> Callable[[], None]:
     return update
 
 
-def _best(call: Callable[[], object], times: int = 1) -> float:
-    """Processor time of one call [s]: the best of some turns of so many calls."""
+def _best(call: Callable[[], object], times: int = 1, clear: bool = False) -> float:
+    """Processor time of one call [s]: the best of some turns of so many calls.
+
+    ``clear`` forgets before each turn what the physics keeps of laws and bearings.
+    """
     best = np.inf
     for _ in range(_TURNS):
+        for function in (fold_curve, average_curve, equilibrium_table) if clear else ():
+            function.cache_clear()
         begin = time.process_time()
         for _ in range(times):
             call()
