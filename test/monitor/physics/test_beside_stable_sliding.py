@@ -8,6 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from stickslip_monitor import Bearing, CycleKind, Tabulated, assess, exact_cycle, fold_speed
+from stickslip_monitor.physics import averages_by_quadrature
+from stickslip_monitor.physics.averaging import sticking_end
+from stickslip_monitor.physics.boundary_table import boundary_table
+from stickslip_monitor.physics.cycles import end_of_vibration
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched
 
 RISES_FIRST = Tabulated([0.0, 0.02, 0.05, 0.1, 0.2, 0.4], [0.15, 0.25, 0.3, 0.2, 0.12, 0.1])
@@ -56,3 +60,38 @@ def test_a_vibration_goes_on_up_to_about_the_averaged_fold(law):
     end = fold_speed(bearing, 1000.0)
     exists = np.isfinite(exact_cycle(bearing, end * np.array([0.99, 1.01]), 1000.0).amplitude)
     assert exists.tolist() == [True, False]
+
+
+def _scattered_bearing() -> Bearing:
+    speed = np.linspace(0.0, 0.8, 100)
+    noise = np.random.default_rng(3).normal(0.0, 0.004, 100)
+    law = Tabulated(speed, np.abs(0.1 + 0.2 * np.exp(-10.0 * speed) + noise))
+    return bearing_of(law)
+
+
+def test_the_fold_that_decides_does_not_hang_on_the_speeds_of_the_averaged_curve(monkeypatch):
+    """Of a curve with half the speeds it is the same root: read off the curve it moved by up to 0.5 %."""
+    bearing, load = _scattered_bearing(), np.array([140.0, 1350.0, 6100.0, 13000.0])
+    fold = end_of_vibration(bearing, load)
+    curve = averages_by_quadrature.average_curve(bearing.friction)
+    fewer = averages_by_quadrature.AverageCurve(*(column[::2] for column in curve))
+    monkeypatch.setattr(averages_by_quadrature, 'average_curve', lambda law: fewer)
+    np.testing.assert_allclose(end_of_vibration(bearing, load), fold, rtol=1e-9)
+
+
+def test_sticking_ends_under_averaging_where_the_cycle_at_the_limit_is_balanced():
+    """``2 S(V; V)/V = c/N`` by the midpoint rule."""
+    bearing, load = _scattered_bearing(), np.array([140.0, 1350.0, 6100.0, 13000.0])
+    end = sticking_end(bearing, load)[:, None]
+    angle = (np.arange(200_000) + 0.5) * (np.pi / 200_000)
+    friction = bearing.friction.coefficient(end * (1.0 - np.cos(angle)))
+    np.testing.assert_allclose(
+        2.0 * np.mean(friction * np.cos(angle), axis=1) / end[:, 0], 400.0 / load, rtol=1e-6
+    )
+
+
+def test_beyond_its_last_speed_a_tabulated_averaged_fold_is_that_of_the_load():
+    """There the fold of a scattered table leaps from one load to the next; it was 7 % off."""
+    bearing, load = _scattered_bearing(), np.array([2873.0, 6116.0])
+    tabulated = boundary_table(bearing).fold_kbm(load)
+    np.testing.assert_allclose(tabulated, fold_speed(bearing, load), rtol=5e-3)
