@@ -143,7 +143,7 @@ def check_recording(
         raise BagError(f"bag '{path}' is empty: 0 bytes")
     bound = bind_at_least_one(bag, config)
     config, times = bound.config, LogTimes()
-    long = is_long(bag, config) if long is None else long
+    long = pays_to_compile(bag, config) if long is None else long
     checks = {bearing.name: _BearingCheck(bearing, bound, outlined, long) for bearing in config.bearings}
     reading = bag.reading({r for item in checks.values() for r in item.requests if r}, progress)
     # When it begins and ends is known when the order of what is read has been judged.
@@ -342,8 +342,11 @@ class _BearingCheck:
         )
 
 
-def is_long(bag: Recording, config: MonitorConfig) -> bool:
-    """Return whether to run the rule compiled: a compiler is there, and the bearings have many messages."""
+def pays_to_compile(bag: Recording, config: MonitorConfig) -> bool:
+    """Return whether it pays to run the rule compiled: numba may be used, and the inputs are long.
+
+    The inputs are long with :data:`LONG` messages or more of all bearings together.
+    """
     topics = {request.topic for bearing in config.bearings for request in requests_of(bearing)}
     counts = (topic.count for name, topic in bag.topics.items() if name in topics)
     return jit.has_compiler() and sum(counts) >= LONG

@@ -20,7 +20,7 @@ from stickslip_logs.recordings.writer import BagWriter, is_labelled
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig
-from stickslip_monitor.offline.check import Stretch, StretchSink, is_long
+from stickslip_monitor.offline.check import Stretch, StretchSink, pays_to_compile
 from stickslip_monitor.offline.verdict_messages import (
     NODE,
     MessageColumn,
@@ -178,7 +178,7 @@ class ClipWriter(StretchSink):
         self._bag, self._topics = bag, input_topics(bag, config)
         definitions = {kind: text for _, kind, text in topics(bag, config) if text is not None}
         self._recorder = ClipRecorder(config.clips, definitions)
-        self._messages = VerdictMessages(config, start_ns, is_long(bag, config))
+        self._messages = VerdictMessages(config, start_ns, pays_to_compile(bag, config))
         self._around_ns = config.clips.around_ns
         self._waiting: deque[tuple[int, Stretch]] = deque()
         self._alarms: list[int] = []

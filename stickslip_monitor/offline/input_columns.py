@@ -206,8 +206,9 @@ class ColumnBinding:
     def _guess_columns(self, bearing: str, quantity: str, source: InputConfig) -> Sequence[LogColumn]:
         """Return the columns that may be an input, by the first of four rules that any column meets.
 
-        The heading is the topic; or has the words of the topic; or has a unit of the quantity and no
-        foreign words; or has the words of the quantity. Empty if no column meets any.
+        The heading is the topic; or has the words of the topic; or has a unit of the quantity and, in a log
+        that no bus sent, no words but plain ones (:func:`_is_plain`); or has the words of the quantity. No
+        column in another unit, or with words of the other side, meets any. Empty if none does.
         """
         topic = source.topic.strip('/')
         units = _units_of(quantity, source)

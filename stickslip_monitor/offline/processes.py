@@ -208,7 +208,7 @@ def run_on_cluster(
 
 
 def versions() -> dict[str, str]:
-    """Return the versions, by name, that must be the same here and on every worker."""
+    """Return the versions, by name, that must be the same here and on every worker; Dask must be there."""
     import distributed
 
     python = '.'.join(platform.python_version_tuple()[:2])

@@ -47,7 +47,7 @@ from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.severity import MEASURED, Condition
 from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status, Stream
 from stickslip_monitor.monitor.statements import Event, Verdict
-from stickslip_monitor.offline.check import BearingSamples, Stretch, StretchSink, is_long
+from stickslip_monitor.offline.check import BearingSamples, Stretch, StretchSink, pays_to_compile
 
 NODE = 'stickslip_monitor'
 TICK_NS = 10**9
@@ -116,7 +116,7 @@ class VerdictWriter(StretchSink):
             self._writer.add_topic(topic, kind, definition)
         self._inputs = bag.messages(input_topics(bag, config))
         self._next = next(self._inputs, None)
-        self._messages = VerdictMessages(config, start_ns, is_long(bag, config))
+        self._messages = VerdictMessages(config, start_ns, pays_to_compile(bag, config))
 
     def take(self, stretch: Stretch) -> None:
         """Write the messages of a stretch, inputs before verdicts."""
