@@ -176,6 +176,26 @@ def test_quantities(shown: str, text: str) -> None:
     assert shown.replace(spaces[0], ' ').replace(spaces[1], ' ') == text
 
 
+@pytest.mark.parametrize(
+    ('ends', 'text'),
+    [
+        (('04T06:00:00', '04T06:00:30'), 'from 06:00:00 to 06:00:30 UTC on 2026-05-04'),
+        (('04T23:59:50', '05T00:00:20'), 'between 23:59:50 UTC on 2026-05-04 and 00:00:20 UTC on 2026-05-05'),
+        (
+            ('04T06:00:00', '04T06:00:30', '04T07:00:00', '04T07:00:10'),
+            'between 06:00:00 and 07:00:10 UTC on 2026-05-04',
+        ),
+    ],
+)
+def test_when_it_was_is_said_with_each_day_once(ends: tuple[str, ...], text: str) -> None:
+    times = [epoch_ns(f'2026-05-{end}') for end in ends]
+    spells = [
+        ConditionInterval(begin, end, Condition.STICK_SLIP)
+        for begin, end in zip(times[::2], times[1::2], strict=True)
+    ]
+    assert summary._spell_times(spells) == text
+
+
 def test_times_are_utc_whatever_the_machine_says(monkeypatch: pytest.MonkeyPatch) -> None:
     import time
 
