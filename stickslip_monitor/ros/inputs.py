@@ -23,6 +23,7 @@ from stickslip_logs.fields import ByName, FieldPath, NoSuchElementError, NumberF
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Moment
+from stickslip_monitor.monitor.value_check import refused
 
 ROS_FAULTS = (
     *(NameValidationException, ParameterException, InvalidQosOverridesError),
@@ -108,10 +109,8 @@ def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:
             check_field(name, source)
             user, kind = users.setdefault(source.topic, (name, source.type))
             if kind != source.type:
-                raise RosError(
-                    f"{name}.type = '{source.type}' must be the same as {user}.type = '{kind}':"
-                    f' both are read from {source.topic}'
-                )
+                rule = f"the same as {user}.type = '{kind}': both are read from {source.topic}"
+                raise refused(f'{name}.type', source.type, rule, RosError)
 
 
 class Inputs:

@@ -30,6 +30,7 @@ from stickslip_monitor.monitor.input_faults import Graph, Publisher
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.session import Sink
 from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.ros.inputs import ROS_FAULTS, Lane, make_input_qos
 
 
@@ -245,10 +246,8 @@ class Bridge:
             quantity = place.name.lower()
             source = config.bearing(name).inputs[quantity]
             if (source.type, source.field_text) != (NUMBER_TYPE, NUMBER_FIELD):
-                raise RosError(
-                    f"{name}.{quantity}.type = '{source.type}' must be {NUMBER_TYPE}, field"
-                    f" '{NUMBER_FIELD}': what a bus brings is published so"
-                )
+                rule = f"{NUMBER_TYPE}, field '{NUMBER_FIELD}': what a bus brings is published so"
+                raise refused(f'{name}.{quantity}.type', source.type, rule, RosError)
             # Of two bearings on one shaft the first brings the speed for both.
             if source.topic in topics:
                 continue

@@ -63,6 +63,22 @@ def test_a_letter_is_a_force_only_beside_one() -> None:
     assert unit.name == 't'
 
 
+@pytest.mark.parametrize(
+    ('text', 'quantity', 'name'),
+    [
+        ('[T]', 'force', 't'),
+        ('°f', 'temperature', 'F'),
+        ('DegC', 'temperature', 'C'),
+        ('PERCENT', 'coefficient', '%'),
+    ],
+)
+def test_a_unit_beside_its_quantity_is_found_in_any_case(text: str, quantity: str, name: str) -> None:
+    unit = find_unit(text, quantity)
+    assert unit is not None
+    assert unit.name == name
+    assert find_unit(text) is None
+
+
 def test_units_are_converted_within_a_quantity_only() -> None:
     """1 Hz is 60 rpm; a unit that is none measures nothing."""
     assert conversion('Hz', 'rpm') == pytest.approx(60.0, rel=1e-15)
