@@ -200,7 +200,7 @@ class ChunkWriter:
     def _append_records(
         self, block: NDArray[np.uint8], ends: IntArray, channel: IndexArray, log_time: IntArray
     ) -> None:
-        """Append encoded records to chunks, write each chunk that is full, and widen ``span``.
+        """Append encoded records, with their index, to chunks; write each full chunk, and widen ``span``.
 
         Args:
             block: The records, one after the other.

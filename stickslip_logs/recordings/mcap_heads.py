@@ -126,11 +126,14 @@ class RecordHeads:
     def _add_record(self, kind: int, offset: int, length: int, begin: bytes) -> None:
         """Add a record of the data section to the last block, or begin a new block with it.
 
+        An index of messages goes only to the chunk right before it, and its messages into ``indexed``. Other
+        records are in no block; those of opcode 0 are counted in ``empty_count``.
+
         Args:
             kind: Its opcode.
             offset: Where it begins [bytes].
             length: How long it is [bytes].
-            begin: Its first bytes.
+            begin: Its first bytes, with its head.
         """
         self.empty_count += kind == 0
         self._has_bare = self._has_bare or kind == Opcode.MESSAGE

@@ -253,7 +253,10 @@ class McapReading(MessageReading):
                 raise errors[0]
 
     def _read_stretches(self) -> Iterator[Columns]:
-        """Yield log times [ns], topics by number, stamps [ns], shape (n,), and values, shape (k, n)."""
+        """Yield log times [ns], topics, stamps [ns], shape (n,), and values, shape (k, n), with progress.
+
+        A topic is its index among the wanted ones; rows that it has no number for are NaN.
+        """
         max_count = min(_MAX_OF_TOPIC * len(self._wanted), _MAX_OF_ALL)
         for time, _, *arrays in self._pass.read_sorted(self._make_columns, max_count, max_count):
             yield time, *arrays
@@ -267,8 +270,9 @@ class McapReading(MessageReading):
         return wanted.reader(schema)
 
     def _make_columns(self, job: Job, piece: Piece, chosen: Chosen) -> Columns:
-        """Return log times [ns], blocks, topics by number, stamps [ns], shape (n,), and values, shape (k, n).
+        """Return log times [ns], blocks, topics, stamps [ns], shape (n,), and values, shape (k, n).
 
+        A topic is its index among the wanted ones, a block its number in the recording.
         Messages without a valid time, or of another definition, are left out and counted as faults; those of
         another definition are reported as lost too. The memory of the numbers is charged to the pass.
 

@@ -461,7 +461,10 @@ class MessageReading(ABC):
 
     @abstractmethod
     def _read_stretches(self) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Yield log times [ns], topics by number, stamps [ns], shape (n,), and values, shape (k, n)."""
+        """Yield log times [ns], topics, stamps [ns], shape (n,), and values, shape (k, n).
+
+        A topic is its index among the wanted ones; rows that it has no number for are NaN.
+        """
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series, without faults, of one stretch of time after the other.

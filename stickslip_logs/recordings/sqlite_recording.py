@@ -397,7 +397,10 @@ class SqliteReading(MessageReading):
             self._readers.append(reader)
 
     def _read_stretches(self) -> Iterator[Columns]:
-        """Yield log times [ns], topics by number, stamps [ns], shape (n,), and values, shape (k, n)."""
+        """Yield log times [ns], topics, stamps [ns], shape (n,), and values, shape (k, n), with progress.
+
+        A topic is its index among the wanted ones; rows that it has no number for are NaN.
+        """
         topics = [item.topic for item in self._wanted]
         total, done = sum(self._recording.topics[topic].count for topic in topics), 0
         for times, topic, messages in self._recording.batches(topics):

@@ -221,10 +221,15 @@ class BagWriter:
             raise BagError(f"bag '{self.path}' exists already and is not overwritten")
 
     def _begin_draft(self) -> tuple[Path, IO[bytes]]:
-        """Create and lock a hidden draft beside the target; remove drafts of this name that others left.
+        """Create a hidden draft beside the target, and lock it if that works; delete drafts that others left.
+
+        ``_held`` becomes the descriptor of the lock.
 
         Returns:
             The draft (a file or a folder), and the open file in it.
+
+        Raises:
+            OSError: It cannot be created.
         """
         sweep(self.path.parent, f'.{self.path.name}')
         for number in itertools.count():

@@ -325,9 +325,10 @@ class Annunciator:
     def _choose_alarms(
         self, alarms: dict[AlarmKind, LiveAlarm], action: Action, kind: AlarmKind | None
     ) -> list[LiveAlarm]:
-        """Return the alarms of one bearing that an action is about; without a kind all that it can be about.
+        """Return the alarms of one bearing that an action is about, whatever their state.
 
-        To acknowledge or silence one kind includes the milder alarms that it covers.
+        To acknowledge or silence one kind includes the milder alarms that it covers. Without a kind these are
+        all alarms, or, to shelve, those that stand.
         """
         if kind is not None:
             below = action in (Action.ACKNOWLEDGE, Action.SILENCE)
@@ -459,12 +460,14 @@ class Annunciator:
         return [self._give_to_people(alarm, change) if after is AlarmState.UNACKNOWLEDGED else change]
 
     def _give_to_people(self, alarm: LiveAlarm, change: AlarmChange) -> AlarmChange:
-        """Give an alarm to people, aloud if it is worse than what they were given lately.
+        """Give an alarm to people; silence it for ten minutes where this or a worse kind was given lately.
 
-        Returns ``change`` with ``aloud`` set; notes the times in the alarm, and silences it where it is not.
-        The ladder is one matter. Stick-slip and the amplitude limit are silent within the matter's
-        time of their last sound only, until they last; a caution is always silent. What still waits
-        at the end of the matter's time sounds then. A bell that rings already is no second sound.
+        The alarms of the ladder count together, and ten minutes are lately. Alarms that latch, stick-slip and
+        the amplitude limit, are silenced only where one sounded lately, and marked as ``recurring`` then. A
+        caution never sounds. When the alarm was given, and sounded, is stored.
+
+        Returns:
+            ``change``, with ``aloud`` set where the alarm sounds and no other of its bearing did already.
         """
         given, alarms = self._given[alarm.bearing], self.alarms[alarm.bearing]
         ringing = any(alarm_beside.sounding for alarm_beside in alarms.values() if alarm_beside is not alarm)

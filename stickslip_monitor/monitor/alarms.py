@@ -174,7 +174,9 @@ class Causes:
         self._recalled_until = now_ns + alarm.on_delay_ns + alarm.off_delay_ns
 
     def take_point(self, now_ns: int, *, resting: bool, sticking: bool) -> bool:
-        """Take an operating point: count stick-slip, note rest, and time what is held since a restart.
+        """Take an operating point: count the time of stick-slip, and note rest.
+
+        The first one after a restart begins the time for which the causes in ``recalled`` count as present.
 
         Args:
             now_ns: The running time [ns].

@@ -174,7 +174,10 @@ class _Assessed(Generic[_Number]):
         return amplitude * self.scale
 
     def _load_of(self, boundary: Callable[[Bearing, ArrayLike], Any]) -> _Number:
-        """Return the load [N] at which ``boundary`` is at the speed of each point; ``nan`` without one."""
+        """Return the load of a boundary [N] at the speed of each point; ``nan`` without one.
+
+        ``boundary`` returns the load for a bearing and surface speeds [m/s].
+        """
         lubrication = self.bearing.lubrication
         if lubrication is None or self.temperature is None:
             return mapped(lambda v, _: boundary(self.bearing, v), self.speed, self.load)

@@ -228,7 +228,7 @@ def _check_saved(part: Any, saved: Any) -> Any:
 
 
 def _to_plain(value: Any) -> Any:
-    """Return numbers as JSON can hold them: ``nan`` as ``None``."""
+    """Return a number, or a list of them, as JSON can hold it: ``nan`` as ``None``."""
     if isinstance(value, list):
         return [_to_plain(part) for part in value]
     return None if value != value else value
