@@ -53,7 +53,7 @@ def has_compiler() -> bool:
 
 
 # The functions that a friction law's own module has in place of those of other modules.
-_OF_A_LAW = ('friction_drop', 'friction_slope')
+_OF_A_LAW = ('friction_drop', 'friction_slope', 'begin_series', 'extend_series')
 
 
 @functools.cache
@@ -68,8 +68,8 @@ def compiled(
     Args:
         entry: Name of the function.
         modules: The module that defines it, and those whose functions it calls.
-        law: The module of a friction law, whose ``friction_drop`` and ``friction_slope`` it calls
-            in place of functions of these names. numba keeps no code of a function that is
+        law: The module of a friction law, whose functions it calls in place of those of the same names
+            (``_OF_A_LAW``). numba keeps no code of a function that is
             handed another, but it keeps this.
         inline: Whether to copy functions into their callers: right for short ones.
 

@@ -12,13 +12,14 @@ its module has two functions of them, as this one has::
     def friction_drop(law, origin, step): ...  # mu(origin) - mu(origin + step), see below
     def friction_slope(law, speed): ...  # d mu / d|v|
 
-Without them the law's methods are called, at some microseconds a call.
+Without them the law's methods are called, at some microseconds a call. Orbits need neither: they take
+any other law as polynomials in pieces (:mod:`.friction_pieces`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, MutableSequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple, Protocol, TypeGuard, TypeVar, runtime_checkable
@@ -29,6 +30,7 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, require_finite, require_not_negative, require_positive
 from stickslip_monitor.physics.friction_table import Tabulated as Tabulated
+from stickslip_monitor.physics.series import INVERSE, LAW, RELATIVE_SPEED, STRIDE
 
 
 @runtime_checkable
@@ -329,6 +331,74 @@ def friction_slope(law: Exponential, speed: float) -> float:
         rate *= law.exponent * base ** (law.exponent - 1.0)
         return law.viscous - law.gap * rate * math.exp(-_stretched_exponent(law, v))
     return law.viscous - law.gap * rate * math.exp(-law.decay * v)
+
+
+# Change of the exponent towards rest in which a series of order 16 sees all of what its powers leave out;
+# and the exponent from which nothing is left that could be seen.
+_SEEN, _GONE = 12.0, 40.0
+# Where the series of the falling part begins, and three numbers.
+_FALLING, _NUMBERS = LAW + STRIDE, LAW + 2 * STRIDE
+
+
+def begin_series(
+    law: Exponential, origin: float, slip: float, unit: float, work: MutableSequence[float]
+) -> tuple[float, float, float]:
+    """Begin the series of the law, whose exponent is 1 or 2, in the row of work.
+
+    Args:
+        law: Its numbers.
+        origin: Sliding speed from which the relative speed counts [m/s].
+        slip: Relative speed at which the series begins, in units of speed.
+        unit: The unit of the relative speed [m/s].
+        work: Written: the falling part, and what :func:`extend_series` needs.
+
+    Returns:
+        The speeds between which it holds [m/s], ``-inf`` and ``inf`` for no bound; and
+        :func:`friction_drop` from the origin.
+    """
+    from_origin, more = law.decay * origin, law.decay * unit * slip
+    more = max(more, -1.0 - from_origin)
+    at = from_origin + more
+    exponent = at
+    if law.exponent != 1.0:
+        at, from_origin = min(at, _FADED), min(from_origin, _FADED)
+        more *= at + from_origin
+        from_origin *= from_origin
+        exponent = at * at
+    top = law.gap * math.exp(-from_origin)
+    # The larger of the two first, whose power is a number.
+    fall = -top * math.expm1(-more) if more >= 0.0 else law.gap * math.exp(-exponent) * math.expm1(more)
+    work[_FALLING] = top - fall
+    work[_NUMBERS], work[_NUMBERS + 1], work[_NUMBERS + 2] = at, law.decay * unit, law.viscous * unit
+    low = -math.inf
+    if exponent > _SEEN:
+        low = exponent - max(_SEEN, exponent - _GONE)
+        low = (low if law.exponent == 1.0 else math.sqrt(low)) / law.decay
+    return low, math.inf, fall - law.viscous * unit * slip
+
+
+def extend_series(law: Exponential, k: int, work: MutableSequence[float]) -> float:
+    """Return the coefficient of ``mu`` of a power of the time.
+
+    Args:
+        law: Its numbers.
+        k: The power, > 0; all lower ones have been asked for.
+        work: The row of work with the relative speed up to that power; written: the law's own series.
+    """
+    at, rate, slip = work[_NUMBERS], work[_NUMBERS + 1], work[RELATIVE_SPEED + k]
+    exponent = rate * slip
+    if law.exponent != 1.0:
+        total = 0.0
+        for j in range(1, k):
+            total += work[RELATIVE_SPEED + j] * work[RELATIVE_SPEED + k - j]
+        exponent = 2.0 * at * exponent + rate * rate * total
+    work[LAW + k] = k * exponent  # of its derivative
+    total = 0.0
+    for j in range(2, k):  # what has long been known first, so that a processor may begin with it
+        total += work[LAW + j] * work[_FALLING + k - j]
+    total += work[LAW + 1] * work[_FALLING + k - 1] if k > 1 else 0.0
+    work[_FALLING + k] = -work[INVERSE + k] * (total + work[LAW + k] * work[_FALLING])
+    return work[_FALLING + k] + work[_NUMBERS + 2] * slip
 
 
 def _stretched_exponent(law: Exponential, speed: float) -> float:

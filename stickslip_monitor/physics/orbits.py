@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Orbits of the slipping lining, each followed to its end by the steps of :mod:`.slip_step`.
+"""Orbits of the slipping lining, each followed to its end by the steps of :mod:`.slip_series`.
 
 Lengths are in units of ``V/omega`` and times of ``1/omega``, with the displacement ``e`` beyond a
 reference point and the relative speed ``z`` beyond a reference speed, so that small motions keep
@@ -29,7 +29,8 @@ import numpy as np
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics import scalar_law as scalar_laws
-from stickslip_monitor.physics import slip_step as dop853
+from stickslip_monitor.physics import series, slip_series
+from stickslip_monitor.physics import slip_step as slip_steps
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw
 from stickslip_monitor.physics.numerics import gauss_rule
@@ -39,18 +40,11 @@ from stickslip_monitor.physics.scalar_law import (
     friction_drop,
     friction_slope,
     scalar_law,
+    series_law,
 )
-from stickslip_monitor.physics.slip_step import (
-    PLACE,
-    RELATIVE_SPEED,
-    Medium,
-    SlipState,
-    acceleration,
-    cut_step,
-    next_length,
-    slip_step,
-    until_kink,
-)
+from stickslip_monitor.physics.series import PLACE, RELATIVE_SPEED, find_level, new_work, place_and_speed
+from stickslip_monitor.physics.slip_series import expand
+from stickslip_monitor.physics.slip_step import Medium, acceleration
 
 # How an orbit ended: steps ran out, at a turn, on the belt, past the place that could hold it, at
 # rest, or, back in time, from far outside.
@@ -70,9 +64,6 @@ _NODES, _WEIGHTS = (tuple(column.tolist()) for column in gauss_rule(5))
 # Interpreted steps of a process after which it pays to compile: 20,000 take 0.8 s, loading the
 # compiled loop 0.7 s. A table of boundaries of Stribeck's law takes 6,000.
 PATIENCE = 20_000
-# Error of a step from which a stop at every kink costs more steps than it saves: a table of 100 points
-# took 225,000 steps of 1e-7 with them, 155,000 without.
-_OVER_KINKS = 1e-11
 # Columns of what follow_each reads and writes of an orbit.
 _READS, _WRITES = 8, 7
 
@@ -203,72 +194,71 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     Returns:
         Their ends, as :func:`follow_one` has them.
     """
-    n, scalar = e.size, scalar_law(field.law)
+    n, law = e.size, series_law(field.law)
+    assert law.compiled is not None
     columns = field.speed, field.force, field.offset, field.origin, e, z, route.last, route.direction
     rows, out = np.empty((n, _READS)), np.zeros((n, _WRITES))
     for k, column in enumerate(columns):
         rows[:, k] = column
     shared = float(field.damping), float(field.drift)
-    plain = route._replace(last=0, direction=1.0)
-    interpreted = scalar.compiled is None or not jit.has_compiler()
-    stops = len(scalar.plain.kinks) if route.error < _OVER_KINKS else 0
-    begun = 0
-    while begun < n and (interpreted or _Effort.steps < PATIENCE):
+    plain = route._replace(last=0, direction=1.0, max_steps=route.max_steps + 4 * law.pieces)
+    work, begun = new_work(), 0
+    while begun < n and (_Effort.steps < PATIENCE or not jit.has_compiler()):
         # One by one, so that long work is noticed while it is under way.
-        law, row, written = scalar.plain, rows[begun].tolist(), [0.0] * _WRITES
-        follow_each(law.numbers, law.kinks[:stops], *shared, [row], plain, [written])
+        row, written = rows[begun].tolist(), [0.0] * _WRITES
+        follow_each(law.plain.numbers, *shared, [row], plain, work, [written])
         out[begun] = written
         _Effort.steps += int(written[-1])
         begun += 1
-    if begun < n and scalar.compiled is not None:
-        law, modules = scalar.compiled, (import_module(__name__), dop853, scalar_laws)
-        loop = jit.compiled('follow_each', *modules, law=scalar.module, inline=False)
-        loop(law.numbers, law.kinks[:stops], *shared, rows[begun:], plain, out[begun:])
+    if begun < n:
+        modules = import_module(__name__), slip_steps, slip_series, series, scalar_laws
+        loop = jit.compiled('follow_each', *modules, law=law.module, inline=False)
+        loop(law.compiled.numbers, *shared, rows[begun:], plain, np.array(work), out[begun:])
     end, time, place, first, second, gain, _ = out.T
     return Orbits(end.astype(int), time, place, np.stack([first, second]), gain)
 
 
 def follow_each(
     law_numbers: Any,
-    kinks: Sequence[float],
     damping: float,
     drift: float,
     rows: Sequence[Sequence[float]],
     route: Route,
+    work: MutableSequence[float],
     out: Sequence[MutableSequence[float]],
 ) -> None:
     """Follow one orbit after the other; each row of ``out`` receives the result of :func:`follow_one`.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.numbers`.
-        kinks: Its kinks [m/s].
+        law_numbers: The law, as :attr:`.LawInUse.numbers` of :func:`.series_law`.
         damping: ``2 zeta``.
         drift: As of :class:`SlipField`.
         rows: Of each orbit speed, force, offset, origin, displacement, relative speed, last turn
             and direction.
         route: The same for all, without ``last`` and ``direction``.
+        work: Written: the series of a step; as of :func:`.new_work`.
         out: Written: of each orbit end, time, place, two turns, divergence and the number of steps.
     """
     for k in range(len(rows)):
         row, to = rows[k], out[k]
         medium = Medium(row[0], row[1], damping, row[2], row[3], drift, 0.0, 0.0, 0.0)
         own_route = Route(int(row[6]), route.error, row[7], route.contact, route.weigh, route.max_steps)
-        orbit = follow_one(law_numbers, kinks, medium, row[4], row[5], own_route)
+        orbit = follow_one(law_numbers, medium, row[4], row[5], own_route, work)
         to[0], to[1], to[2], to[3], to[4], to[5], to[6] = orbit
 
 
 def follow_one(
-    law_numbers: Any, kinks: Sequence[float], medium: Medium, e: float, z: float, route: Route
+    law_numbers: Any, medium: Medium, e: float, z: float, route: Route, work: MutableSequence[float]
 ) -> tuple[float, float, float, float, float, float, float]:
     """Follow the orbit that begins at ``e`` and ``z``.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.numbers`.
-        kinks: Its kinks [m/s].
+        law_numbers: The law, as :attr:`.LawInUse.numbers` of :func:`.series_law`.
         medium: What it slips in.
         e: Displacement from breakaway in units of ``V/omega``.
         z: Speed relative to the belt in units of ``V``.
         route: How it is followed.
+        work: Written: the series of a step.
 
     Returns:
         The end (``TURNED``, ``LANDED``, ``MISSED``, ``RESTED``, ``LEFT``, or ``EXHAUSTED`` when the steps are
@@ -276,60 +266,62 @@ def follow_one(
         turning points [V/omega], ``nan`` for none; the integral of the divergence, 0 unless asked for; the
         number of steps.
     """
-    drift = medium.drift
-    state, rest = SlipState(e, z, acceleration(law_numbers, medium, e, z)), 0.0
+    drift, rest = medium.drift, 0.0
     if drift:
         rest = -acceleration(law_numbers, medium, 0.0, 1.0)
     energy = _motion_energy(e - rest, z - drift)
     stiffness = abs(
         medium.force * medium.speed * friction_slope(law_numbers, medium.origin + medium.speed * z)
     )
-    h = route.direction * 0.1 / (1.0 + medium.damping + min(stiffness, 1e6))
-    side = z - drift or route.direction * state.rate
+    unit = route.direction * 0.1 / (1.0 + medium.damping + min(stiffness, 1e6))
+    side = z - drift or route.direction * acceleration(law_numbers, medium, e, z)
     time, turns, first, second, end, gain, steps = 0.0, 0, math.nan, math.nan, EXHAUSTED, 0.0, 0
     for _ in range(route.max_steps):
         steps += 1
-        length = until_kink(law_numbers, kinks, medium, state, h)
-        after, error = slip_step(law_numbers, medium, state, length)
-        moved = abs(state.e) + abs(state.z) + abs(length) * (abs(drift) + abs(state.rate))
-        wanted, h = h, next_length(length, error, route.error * moved)
-        if not error <= route.error * moved:
-            if not abs(h) > _SHORTEST:
-                break
-            continue
-        if abs(h) < abs(wanted) > abs(length):
-            h = wanted  # the step was short for the kink's sake
+        order, share, now, unit = expand(law_numbers, medium, e, z, unit, route.error, work)
+        if not abs(unit) > _SHORTEST:
+            break
+        e_after, z_after = place_and_speed(work, order, share)
+        cut = share
         if route.contact and (turns == 2 or drift < 0.0):
-            end, length, after = _find_landing(law_numbers, medium, state, length, after)
-        if end == EXHAUSTED and drift >= 0.0 and (after.z - drift) * side <= 0.0:
-            length, after = cut_step(law_numbers, medium, state, length, RELATIVE_SPEED, drift)
+            end, cut = _find_landing(medium, work, order, share, e_after, z_after)
+        elif drift >= 0.0 and (z_after - drift) * side <= 0.0 and share > 0.0:
+            turn = find_level(work, RELATIVE_SPEED, order, share, z_after, drift)
             turns, side = turns + 1, -side
-            first = after.e if turns == 1 else first
-            second = after.e if turns == 2 else second
+            first = place_and_speed(work, order, turn)[0] if turns == 1 else first
+            second = place_and_speed(work, order, turn)[0] if turns == 2 else second
             end = TURNED if turns == route.last else EXHAUSTED
-        gain += _integrate_divergence(law_numbers, medium, state, length, route.weigh)
-        time, state = time + length, after
+            if end == TURNED or (turns == 2 and z_after <= 0.0):
+                cut = turn
+        if cut != share:
+            e_after, z_after = place_and_speed(work, order, cut)
+        gain += _integrate_divergence(law_numbers, medium, work, order, cut, now, route.weigh)
+        time, e, z = time + cut * now, e_after, z_after
         if end == EXHAUSTED and drift >= 0.0:
-            end = _fading_end(
-                medium, route.direction, energy, _motion_energy(after.e - rest, after.z - drift), after.z
-            )
+            end = _fading_end(medium, route.direction, energy, _motion_energy(e - rest, z - drift), z)
         if end != EXHAUSTED:
             break
-    place = state.e if end in (TURNED, LANDED) else math.nan
+    place = e if end in (TURNED, LANDED) else math.nan
     time = time if end in (TURNED, LANDED) else math.nan
     return end, time, place, first, second, gain, steps
 
 
 def _integrate_divergence(
-    law_numbers: Any, medium: Medium, begin: SlipState, step: float, weigh: bool
+    law_numbers: Any,
+    medium: Medium,
+    work: Sequence[float],
+    order: int,
+    share: float,
+    unit: float,
+    weigh: bool,
 ) -> float:
     """Return the integral of the flow's divergence over a step; 0 where it is not weighed."""
     total = 0.0
     for k in range(len(_NODES) if weigh else 0):
-        state = slip_step(law_numbers, medium, begin, _NODES[k] * step).state
-        slope = friction_slope(law_numbers, medium.origin + medium.speed * state.z)
+        _, z = place_and_speed(work, order, _NODES[k] * share)
+        slope = friction_slope(law_numbers, medium.origin + medium.speed * z)
         total -= _WEIGHTS[k] * (medium.damping + medium.force * medium.speed * slope)
-    return total * step
+    return total * share * unit
 
 
 def _motion_energy(e: float, z: float) -> float:
@@ -338,31 +330,31 @@ def _motion_energy(e: float, z: float) -> float:
 
 
 def _find_landing(
-    law_numbers: Any, medium: Medium, begin: SlipState, length: float, after: SlipState
-) -> tuple[int, float, SlipState]:
+    medium: Medium, work: Sequence[float], order: int, share: float, e: float, z: float
+) -> tuple[int, float]:
     """Find where a step touches the belt, or passes the last place at which a stick could hold.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.numbers`.
         medium: What it slips in.
-        begin: The state as the step begins.
-        length: Length of the step [1/omega].
-        after: The state as it ends.
+        work: The series of the step.
+        order: Their order.
+        share: Length of the step in their unit.
+        e: Displacement as it ends.
+        z: Relative speed as it ends.
 
     Returns:
-        ``LANDED``, ``MISSED``, or ``EXHAUSTED`` for neither; the length of the step up to there and the
-        state there, both as given for neither.
+        ``LANDED``, ``MISSED``, or ``EXHAUSTED`` for neither; the length of the step up to there, as given
+        for neither.
     """
     hold, end = -medium.offset, EXHAUSTED
-    if medium.drift > 0.0 and after.e > hold:
-        if begin.e > hold:
-            return MISSED, 0.0, begin
-        length, after = cut_step(law_numbers, medium, begin, length, PLACE, hold)
-        end = MISSED
-    if after.z < 0.0:
-        length, after = cut_step(law_numbers, medium, begin, length, RELATIVE_SPEED, 0.0)
-        end = LANDED
-    return end, length, after
+    if medium.drift > 0.0 and e > hold:
+        if work[PLACE] > hold:
+            return MISSED, 0.0
+        share, end = find_level(work, PLACE, order, share, e, hold), MISSED
+        _, z = place_and_speed(work, order, share)
+    if z < 0.0:
+        share, end = find_level(work, RELATIVE_SPEED, order, share, z, 0.0), LANDED
+    return end, share
 
 
 def _fading_end(medium: Medium, direction: float, begun: float, now: float, z: float) -> int:

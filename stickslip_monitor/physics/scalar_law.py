@@ -8,6 +8,7 @@ same name in the law's own module (:func:`stickslip_monitor.jit.compiled`).
 from __future__ import annotations
 
 import math
+from collections.abc import MutableSequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib import import_module
@@ -16,7 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip_monitor.physics.friction import FrictionLaw, computes_as, speed_scales
+from stickslip_monitor.physics import friction, friction_pieces
+from stickslip_monitor.physics.friction import Exponential, FrictionLaw, computes_as, speed_scales
+from stickslip_monitor.physics.friction_table import Cubics
 
 # The smallest speed that is not rest [m/s].
 ALMOST_REST = 1e-300
@@ -54,6 +57,37 @@ def friction_slope(law: Any, speed: float) -> float:
     return law.slope(speed)
 
 
+def begin_series(
+    law: Any, origin: float, slip: float, unit: float, work: MutableSequence[float]
+) -> tuple[float, float, float]:
+    """Begin the power series of a law's coefficient in the row of work of :mod:`.series`.
+
+    Args:
+        law: :attr:`LawInUse.numbers` of :func:`series_law`.
+        origin: Sliding speed from which the relative speed counts [m/s].
+        slip: Relative speed at which the series begins, in units of speed.
+        unit: The unit of the relative speed [m/s].
+        work: Written: the law's rows.
+
+    Returns:
+        The speeds between which it holds [m/s], ``-inf`` and ``inf`` for no bound; and
+        :func:`friction_drop` from the origin.
+    """
+    begun: tuple[float, float, float] = law.begin(origin, slip, unit, work)
+    return begun
+
+
+def extend_series(law: Any, k: int, work: MutableSequence[float]) -> float:
+    """Return the coefficient of ``mu`` of the time to the power ``k`` > 0, after those of all lower powers.
+
+    Args:
+        law: :attr:`LawInUse.numbers` of :func:`series_law`.
+        k: The power.
+        work: The row of work with the relative speed up to that power; written: the law's rows.
+    """
+    return law.extend(k, work)
+
+
 class LawInUse(NamedTuple):
     """Functions of a law for the loops.
 
@@ -78,14 +112,13 @@ class LawInUse(NamedTuple):
 class _Plain:
     """A law whose two functions are called as they stand."""
 
-    __slots__ = ('drop', 'slope')
+    __slots__ = ('begin', 'drop', 'extend', 'slope')
 
-    def __init__(self, law: FrictionLaw, module: ModuleType | None) -> None:
+    def __init__(self, law: FrictionLaw, module: ModuleType | None, numbers: Any = None) -> None:
         if module is None:
             self.drop: Any = partial(_drop_of, law, float(law.slope(0.0)))
             self.slope: Any = partial(_slope_of, law)
         else:
-            numbers = law.numbers  # type: ignore[attr-defined]
             columns = (x.tolist() if isinstance(x, np.ndarray) else x for x in numbers)
             law_numbers = type(numbers)(*columns)
             never = getattr(module, 'NEVER_OVERFLOWS', False)
@@ -95,6 +128,9 @@ class _Plain:
                 else partial(_guard_overflow, module.friction_drop, law_numbers)
             )
             self.slope = partial(module.friction_slope, law_numbers)
+            if hasattr(module, 'extend_series'):
+                self.begin = partial(module.begin_series, law_numbers)
+                self.extend = partial(module.extend_series, law_numbers)
 
 
 def _guard_overflow(drop: Any, law_numbers: Any, origin: float, step: float) -> float:
@@ -138,6 +174,11 @@ class ScalarLaw:
     compiled: LawInUse | None
     module: ModuleType | None
 
+    @property
+    def pieces(self) -> int:
+        """Number of pieces of a law of :func:`series_law`; 0 for one that is whole."""
+        return len(self.compiled.numbers.begin) if self.compiled and self.module is friction_pieces else 0
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Send a module to another process by its name."""
         return _make_scalar_law, (self.plain, self.compiled, self.module and self.module.__name__)
@@ -160,11 +201,30 @@ def scalar_law(law: FrictionLaw) -> ScalarLaw:
     top, fall, rise = float(law.coefficient(ALMOST_REST)), _largest_slope(law, -1.0), _largest_slope(law, 1.0)
     falls_at_once = law.static > top * (1.0 + 1e-15)
     bounds = max(law.static, top), top, math.inf if falls_at_once else fall, max(fall, rise)
-    plain = LawInUse(_Plain(law, module), kinks, *bounds)
+    numbers = None if module is None else law.numbers  # type: ignore[attr-defined]
+    plain = LawInUse(_Plain(law, module, numbers), kinks, *bounds)
     if module is None:
         return ScalarLaw(plain, None, None)
-    numbers = law.numbers  # type: ignore[attr-defined]
     return ScalarLaw(plain, LawInUse(numbers, np.array(kinks), *bounds), module)
+
+
+@lru_cache(maxsize=64)
+def series_law(law: FrictionLaw) -> ScalarLaw:
+    """Return a friction law as :func:`scalar_law` does, by functions that have its power series; cached.
+
+    Stribeck's law, and the Gaussian one, as they are; a table, and any other law, as polynomials in pieces.
+    """
+    scalar = scalar_law(law)
+    numbers = scalar.compiled.numbers if scalar.compiled else None
+    module: ModuleType = friction_pieces
+    if isinstance(numbers, Cubics):
+        numbers = friction_pieces.pieces_of_cubics(numbers)
+    elif isinstance(numbers, Exponential) and numbers.exponent in (1.0, 2.0):
+        module = friction
+    else:
+        numbers = friction_pieces.fit_pieces(law)
+    plain = scalar.plain._replace(numbers=_Plain(law, module, numbers))
+    return ScalarLaw(plain, scalar.plain._replace(numbers=numbers), module)
 
 
 def own_module(law: FrictionLaw) -> ModuleType | None:

@@ -361,3 +361,24 @@ def test_a_vibration_that_never_sticks_has_amplitude_and_period():
     time, x, _ = exact_cycle(bearing, 0.7, 100.0).waveform(50)
     assert 0.5 * np.ptp(x) == pytest.approx(cycle.amplitude[0], rel=5e-3)
     assert time[-1] == cycle.period[0]
+
+
+@pytest.mark.parametrize('zeta', [0.001, 0.05, 0.3])
+def test_the_unstable_cycle_of_constant_friction_grazes_the_belt(zeta):
+    """The damped swing back from there in closed form: beside the belt ``x'`` = 1 and ``x''`` = 0."""
+    bearing = Bearing(1.0, 2.0 * zeta, 1.0, Coulomb(0.3, 0.1), 0.1)
+    speed = 0.5 * exact_fold_speed(bearing, 1.0)
+    cycle = exact_unstable_cycle(bearing, speed, 1.0)
+    damped = math.sqrt(1.0 - zeta**2)
+
+    def swing(t):
+        fades, b = math.exp(-zeta * t), (1.0 - 2.0 * zeta**2) / damped
+        return fades * (-2.0 * zeta * math.cos(damped * t) + b * math.sin(damped * t))
+
+    # It turns where its speed is 0, a half period apart.
+    turn = math.atan2(damped, -zeta) / damped - math.pi / damped
+    times = [turn - k * math.pi / damped for k in range(3) if turn - k * math.pi / damped < 0.0]
+    right = 0.5 * speed * abs(swing(times[0]) - swing(times[1]))
+    assert cycle.kind == CycleKind.TOO_UNSTABLE
+    assert cycle.amplitude == pytest.approx(right, rel=1e-11)
+    assert exact_unstable_cycle(bearing, 3.0 * speed, 1.0).kind == CycleKind.NONE

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any friction law as polynomials in pieces, right to rounding, for the orbits' power series.
+
+A measured table is such a law as it stands. Of any other its coefficient, asked in arrays, is
+fitted between Chebyshev points, and a piece that misses in between is halved until it does not.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import MutableSequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.physics.friction import FrictionLaw, speed_scales
+from stickslip_monitor.physics.friction_table import Cubics
+from stickslip_monitor.physics.series import LAW, RELATIVE_SPEED, STRIDE
+
+# Degree of a fitted piece, and how far it may miss the law, as a share of its coefficient
+# there or of slow sliding.
+_DEGREE, _MISS = 7, 1e-14
+# Halvings of a piece at most: what a law does between neighbouring numbers is left as it is. And pieces that
+# may miss at once: of more it is the law's own rounding, and ten times as much is allowed.
+_HALVINGS, _ROUNDING_PIECES = 60, 500
+# Beyond its scales a law is fitted up to so many times the last, by panels each four times as long.
+_FAR = 4.0 ** np.arange(1, 21)
+# Smallest speed that is not rest [m/s].
+_ALMOST_REST = 1e-300
+
+
+class Pieces(NamedTuple):
+    """Polynomials in ``(v - base) / width``, one from each begin on; the last is level or a line.
+
+    Attributes:
+        begin: Rising speeds, the first 0, shape (n,) [m/s].
+        base: Speeds from which the pieces count, shape (n,) [m/s].
+        width: What they count in, shape (n,) [m/s].
+        degree: Of all.
+        top: The coefficient of slow sliding [-].
+        powers: Coefficients of all, constant first, piece by piece, shape (n * (degree + 1),) [-].
+    """
+
+    begin: Any
+    base: Any
+    width: Any
+    degree: int
+    top: float
+    powers: Any
+
+
+def pieces_of_cubics(cubics: Cubics) -> Pieces:
+    """Return a table's cubics as pieces."""
+    begin = np.asarray(cubics.begin, float)
+    powers = np.stack([np.asarray(column, float) for column in cubics[1:]], axis=1)
+    return Pieces(
+        begin, begin, np.ones(begin.size), 3, float(powers[0, 0]), np.ascontiguousarray(powers).ravel()
+    )
+
+
+def fit_pieces(law: FrictionLaw) -> Pieces:
+    """Fit pieces to a law by its coefficient, to ``_MISS`` where its own rounding allows it.
+
+    >>> pieces = fit_pieces(Stribeck(0.3, 0.1, 10.0))
+    >>> round(friction_drop(pieces, 0.0, 0.1), 14) == round(-0.2 * math.expm1(-1.0), 14)
+    True
+    """
+
+    def coefficient(v: FloatArray) -> FloatArray:
+        return np.asarray(law.coefficient(np.maximum(v, _ALMOST_REST)), float)
+
+    breaks = np.array(speed_scales(law) or [1.0])
+    edges = np.concatenate([[0.0], breaks, breaks[-1] * _FAR])
+    t = np.cos(np.pi * np.arange(_DEGREE, -1, -1) / _DEGREE)
+    between = np.cos(np.pi * (np.arange(_DEGREE, 0, -1) - 0.5) / _DEGREE)
+    fit = np.linalg.inv(np.vander(t, increasing=True)).T
+    check = np.vander(between, _DEGREE + 1, increasing=True).T
+    with np.errstate(all='ignore'):
+        edges = edges[np.cumsum(~np.isfinite(coefficient(edges))) == 0]
+        top, allowed = float(coefficient(edges[:1])[0]), _MISS
+        low, high, fitted = edges[:-1], edges[1:], []
+        for turn in range(_HALVINGS):
+            base, width = 0.5 * (low + high), 0.5 * (high - low)
+            values = coefficient(base[:, None] + width[:, None] * t)
+            powers = values @ fit
+            miss = np.abs(powers @ check - coefficient(base[:, None] + width[:, None] * between)).max(axis=1)
+            size = np.maximum(np.abs(values).max(axis=1), top)
+            fits = (miss <= allowed * size) | (turn == _HALVINGS - 1)
+            fitted.append(np.column_stack([low, base, width, powers])[fits])
+            low, high, base = low[~fits], high[~fits], base[~fits]
+            if not low.size:
+                break
+            low, high = np.concatenate([low, base]), np.concatenate([base, high])
+            if low.size > _ROUNDING_PIECES:
+                allowed *= 10.0
+        last, slope = float(edges[-1]), float(np.asarray(law.slope(edges[-1])))
+    line = np.zeros(_DEGREE + 4)
+    line[:5] = last, last, 1.0, float(coefficient(edges[-1:])[0]), slope if math.isfinite(slope) else 0.0
+    rows = np.concatenate([*fitted, line[None, :]])
+    rows = rows[np.argsort(rows[:, 0])]
+    begin, base, width = (np.ascontiguousarray(column) for column in rows[:, :3].T)
+    return Pieces(begin, base, width, _DEGREE, top, np.ascontiguousarray(rows[:, 3:]).ravel())
+
+
+def _piece_coefficient(law: Pieces, speed: float) -> float:
+    """Return ``mu`` at a speed [m/s]; below 0 the first piece goes on as a line."""
+    i = max(bisect_right(law.begin, speed) - 1, 0)
+    t, at, value = (max(speed, 0.0) - law.base[i]) / law.width[i], i * (law.degree + 1), 0.0
+    for k in range(law.degree, -1, -1):
+        value = value * t + law.powers[at + k]
+    return value if speed >= 0.0 else value + speed * friction_slope(law, 0.0)
+
+
+def friction_drop(law: Pieces, origin: float, step: float) -> float:
+    """``mu(v) - mu(v + step)`` of sliding ahead [-]; below ``v`` = 0 the first piece goes on as a line.
+
+    Args:
+        law: Its pieces.
+        origin: ``v`` >= 0 [m/s].
+        step: Any change of speed [m/s].
+    """
+    top = law.top if origin == 0.0 else _piece_coefficient(law, origin)
+    return top - _piece_coefficient(law, origin + step)
+
+
+def friction_slope(law: Pieces, speed: float) -> float:
+    """``d mu / d|v|`` at a relative speed [s/m]; from the right at ``v`` = 0."""
+    v = abs(speed)
+    i = max(bisect_right(law.begin, v) - 1, 0)
+    t, at, value = (v - law.base[i]) / law.width[i], i * (law.degree + 1), 0.0
+    for k in range(law.degree, 0, -1):
+        value = value * t + k * law.powers[at + k]
+    return value / law.width[i]
+
+
+def begin_series(
+    law: Pieces, origin: float, slip: float, unit: float, work: MutableSequence[float]
+) -> tuple[float, float, float]:
+    """Write the law's powers about a speed, in units of speed, into the row of work.
+
+    Args:
+        law: Its pieces.
+        origin: Sliding speed from which the relative speed counts [m/s].
+        slip: Relative speed at which the series begins, in units of speed.
+        unit: The unit of the relative speed [m/s].
+        work: Written: the law's first row.
+
+    Returns:
+        The speeds between which they hold [m/s], ``-inf`` and ``inf`` for no bound; and
+        :func:`friction_drop` from the origin.
+    """
+    degree, speed = law.degree, origin + unit * slip
+    i = max(bisect_right(law.begin, speed) - 1, 0)
+    t, at, share = (speed - law.base[i]) / law.width[i], i * (degree + 1), unit / law.width[i]
+    for k in range(degree + 1):
+        work[LAW + k] = law.powers[at + k]
+    power = 1.0
+    for first in range(degree):  # Horner's scheme, again and again
+        for k in range(degree - 1, first - 1, -1):
+            work[LAW + k] += t * work[LAW + k + 1]
+        work[LAW + first] *= power
+        power *= share
+    work[LAW + degree] *= power
+    low = law.begin[i] if i > 0 else -math.inf
+    high = law.begin[i + 1] if i + 1 < len(law.begin) else math.inf
+    top = law.top if origin == 0.0 else _piece_coefficient(law, origin)
+    return low, high, top - work[LAW]
+
+
+def extend_series(law: Pieces, k: int, work: MutableSequence[float]) -> float:
+    """Return the coefficient of ``mu`` of a power of the time.
+
+    Args:
+        law: Its pieces.
+        k: The power, > 0; all lower ones have been asked for.
+        work: The row of work with the relative speed up to that power; written: powers of that.
+    """
+    value = 0.0
+    lower = RELATIVE_SPEED  # of the relative speed less its begin, to the power one below
+    for power in range(2, min(law.degree, k) + 1):
+        total, row = 0.0, LAW + (power - 1) * STRIDE
+        for j in range(power - 1, k):
+            total += work[lower + j] * work[RELATIVE_SPEED + k - j]
+        work[row + k] = total
+        value += work[LAW + power] * total
+        lower = row
+    return value + work[LAW + 1] * work[RELATIVE_SPEED + k]

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Power series of a motion and of friction, and laws as polynomials in pieces."""
+
+from __future__ import annotations
+
+import math
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from stickslip_monitor.physics.friction import Coulomb, Stretched, Stribeck, Tabulated
+from stickslip_monitor.physics.friction_pieces import fit_pieces, friction_drop, friction_slope
+from stickslip_monitor.physics.scalar_law import begin_series, extend_series, scalar_law, series_law
+from stickslip_monitor.physics.series import (
+    ORDER,
+    PLACE,
+    RELATIVE_SPEED,
+    find_level,
+    new_work,
+    place_and_speed,
+)
+from stickslip_monitor.physics.slip_series import expand
+from stickslip_monitor.physics.slip_step import Medium
+from test.own_law import WithoutFunctions
+
+COURSE = [0.9, -0.4, 0.3, -0.05, 0.02, 0.01]  # of a relative speed in powers of the time, unit 0.2 m/s
+UNIT, ORIGIN = 0.2, 0.05
+
+
+def coefficients(law, count=10):
+    """Of ``mu`` along the course, by the functions of the orbits."""
+    numbers, work = series_law(law).plain.numbers, new_work()
+    work[RELATIVE_SPEED : RELATIVE_SPEED + len(COURSE)] = COURSE
+    low, high, drop = begin_series(numbers, ORIGIN, COURSE[0], UNIT, work)
+    assert low < ORIGIN + UNIT * COURSE[0] < high
+    return [drop, *(extend_series(numbers, k, work) for k in range(1, count))]
+
+
+def expected(mu, count=10):
+    """Of the same by differentiation in 40 digits."""
+    with mp.workdps(40):
+        found = mp.taylor(
+            lambda t: mu(mp.mpf(ORIGIN) + UNIT * sum(c * t**k for k, c in enumerate(COURSE))), 0, count - 1
+        )
+        return [float(mu(mp.mpf(ORIGIN)) - found[0]), *map(float, found[1:])]
+
+
+@pytest.mark.parametrize('exponent', [1.0, 1.5, 2.0, 3.0])
+def test_the_series_of_a_law_is_that_of_its_derivatives(exponent):
+    law = Stribeck(0.3, 0.1, 10.0, 0.02) if exponent == 1.0 else Stretched(0.3, 0.1, 10.0, 0.02, exponent)
+    found = coefficients(law)
+    right = expected(lambda v: 0.1 + 0.2 * mp.exp(-((10 * v) ** exponent)) + 0.02 * v)
+    pieces = exponent in (1.5, 3.0)  # whose higher derivatives know fewer digits
+    np.testing.assert_allclose(found[:3], right[:3], rtol=1e-8)
+    np.testing.assert_allclose(found[:6], right[:6], atol=2e-6 if pieces else 1e-14)
+
+
+def test_the_series_of_a_table_is_that_of_its_cubic():
+    law = Tabulated([0.0, 0.1, 0.4, 0.8], [0.3, 0.2, 0.13, 0.1])
+    cube, square, line, constant = law.cubics[:, 1]
+    right = expected(lambda v: ((cube * (v - 0.1) + square) * (v - 0.1) + line) * (v - 0.1) + constant)
+    found = coefficients(law)
+    assert found[0] == pytest.approx(float(law.coefficient(ORIGIN) - law.coefficient(ORIGIN + 0.9 * UNIT)))
+    np.testing.assert_allclose(found[1:], right[1:], atol=1e-14)
+
+
+@pytest.mark.parametrize('law', [WithoutFunctions(0.3, 0.1, 10.0), Stretched(0.3, 0.1, 10.0, 0.0, 1.2)])
+def test_a_law_in_pieces_is_the_law_to_rounding(law):
+    pieces, speed = fit_pieces(law), np.geomspace(1e-9, 1e5, 700)
+    top = float(law.coefficient(1e-300))
+    found = [top - friction_drop(pieces, 0.0, v) for v in speed.tolist()]
+    np.testing.assert_allclose(found, law.coefficient(speed), atol=1e-14)
+    speed = speed[speed > 1e-4]
+    slope = [friction_slope(pieces, v) for v in speed.tolist()]
+    np.testing.assert_allclose(slope, law.slope(speed), atol=2e-9)
+
+
+def test_a_kink_that_no_breakpoint_names_is_found():
+    class Bent(WithoutFunctions):
+        def coefficient(self, speed):
+            return 0.3 - 0.5 * np.minimum(np.abs(np.asarray(speed, float)), 0.0771)
+
+    pieces = fit_pieces(Bent(0.3, 0.1, 10.0))
+    for speed in (0.0770999, 0.0771, 0.0771001, 1.0):
+        assert friction_drop(pieces, 0.0, speed) == pytest.approx(0.5 * min(speed, 0.0771), abs=1e-14)
+
+
+def test_a_step_without_friction_is_a_swing():
+    numbers, work = series_law(Coulomb(0.0, 0.0)).plain.numbers, new_work()
+    order, share, unit, _ = expand(numbers, Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0), 1.0, 0.0, 0.8, 1e-13, work)
+    t = share * unit
+    assert 0.5 < t <= 1.0
+    assert order == ORDER
+    np.testing.assert_allclose(place_and_speed(work, order, share), [math.cos(t), math.sin(t)], atol=2e-13)
+    half = find_level(work, PLACE, order, share, math.cos(t), math.cos(0.4))
+    assert half * unit == pytest.approx(0.4, abs=1e-12)
+
+
+def test_a_step_ends_just_past_a_point_of_a_table():
+    law = Tabulated([0.0, 0.5, 1.0], [0.3, 0.2, 0.15])
+    numbers, work = series_law(law).plain.numbers, new_work()
+    medium = Medium(1.0, 3.0, 0.04, 0.0, 0.0, 1.0)
+    order, share, *_ = expand(numbers, medium, 0.5, 0.4, 0.5, 1e-13, work)
+    assert place_and_speed(work, order, share)[1] == pytest.approx(0.5 + 1e-8, abs=8e-9)
+    assert scalar_law(law).plain.kinks == (0.5, 1.0)
