@@ -9,22 +9,61 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from benchmarks.table import Table, duration, ratio
 from stickslip_monitor import Assessment, Bearing, Monitor, Sample, Stribeck, Tabulated, assess, build_config
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.drawing.diagram import bifurcation_diagram
 from stickslip_monitor.physics.averages_by_quadrature import average_curve, equilibrium_table
 from stickslip_monitor.physics.boundary_table import boundary_table
+from stickslip_monitor.physics.cycles import exact_amplitude
 from stickslip_monitor.physics.folds import fold_curve
-from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.friction import FrictionLaw, Stretched
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 _SPEEDS = np.linspace(0.0, 0.6, 15)
 MEASURED = Bearing(50.0, 400.0, 2.0e6, Tabulated(_SPEEDS, 0.1 + 0.2 * np.exp(-10.0 * _SPEEDS)), 0.100)
+_CLOSE = np.linspace(0.0, 0.6, 100)
+
+
+@dataclass(frozen=True)
+class Rational:
+    """A law of one's own, by its methods alone: ``mu_k + gap / (1 + v / v_0)``."""
+
+    static: float = 0.3
+    gap: float = 0.2
+    scale: float = 0.1
+    breakpoints: tuple[float, ...] = ()
+
+    def coefficient(self, speed: ArrayLike) -> FloatArray:
+        """Return ``mu`` at relative speeds [m/s]."""
+        v = np.asarray(speed, dtype=float)
+        return np.where(v < 0.0, -1.0, 1.0) * (self.static - self.gap + self._falling(v))
+
+    def slope(self, speed: ArrayLike) -> FloatArray:
+        """Return ``d mu / d|v|`` at relative speeds [m/s]."""
+        v = np.asarray(speed, dtype=float)
+        return -self._falling(v) / (self.scale + np.abs(v))
+
+    def _falling(self, v: FloatArray) -> FloatArray:
+        return self.gap * self.scale / (self.scale + np.abs(v))
+
+
+LAWS: dict[str, tuple[FrictionLaw, float]] = {
+    'Stribeck': (Stribeck(0.30, 0.10, 10.0), 1.0),
+    'Gaussian': (Stretched(0.30, 0.10, 10.0), 2.0),
+    'a table of 100': (Tabulated(_CLOSE.tolist(), (0.1 + 0.2 * np.exp(-10.0 * _CLOSE)).tolist()), 4.0),
+    "a law of one's own": (Rational(), 2.0),
+}
+"""Laws with the processor time that the exact amplitudes of a day may take [s]."""
+DIAGRAMS = {'Stribeck': 0.1, 'a table of 100': 0.5}
+"""The same for a diagram [s]."""
 CLOSED = ('hopf_margin', 'fold_margin', 'hopf_load', 'fold_load', 'growth_rate')
 THRESHOLD, STABLE, EXACT = 'threshold_amplitude', 'amplitude', 'amplitude_exact'
 _TURNS = 5
@@ -64,6 +103,8 @@ def run(quick: bool = False) -> Table:
         '`Monitor.update`, stick-slip and an amplitude limit': _updates(0.1),
         '`Monitor.update`, no stick-slip': _updates(0.3),
     }
+    rows += [_day(name, law, limit, quick) for name, (law, limit) in LAWS.items()]
+    rows += [_diagram(name, LAWS[name][0], limit) for name, limit in DIAGRAMS.items()]
     one = np.full(1, 0.5)
     for name, call in single.items():
         seconds, reference = _best(call, 200), _best(lambda: np.exp(one), 2000)
@@ -108,6 +149,27 @@ def _bulk(name: str, bearing: Bearing, size: int, columns: tuple[str, ...]) -> l
     _ask(assess(bearing, speed[:10], load[:10]), *columns)  # builds what a law needs
     seconds = _best(lambda: _ask(assess(bearing, speed, load), *columns))
     return _row(name, size, seconds, _best(lambda: np.exp(speed)))
+
+
+def _day(name: str, law: FrictionLaw, limit: float, quick: bool) -> list[str]:
+    """Time the exact amplitudes of a day, one a second, beside their limit [s]."""
+    size, bearing = 8_640 if quick else 86_400, replace(BEARING, friction=law)
+    rng = np.random.default_rng(2)
+    speed, load = rng.uniform(0.02, 0.25, size), rng.uniform(500.0, 1500.0, size)
+    exact_amplitude(bearing, speed[:500], load[:500])  # builds what a law needs, and compiles
+    seconds = _best(lambda: exact_amplitude(bearing, speed, load))
+    label = f'exact amplitudes of a day, {name} (limit {duration(limit / 86_400)})'
+    return _row(label, size, seconds, _best(lambda: np.exp(speed)))
+
+
+def _diagram(name: str, law: FrictionLaw, limit: float) -> list[str]:
+    """Time a diagram of 400 speeds, beside its limit [s]."""
+    bearing, speeds = replace(BEARING, friction=law), (0.02, 0.3)
+    bifurcation_diagram(bearing, 1000.0, speeds)
+    loads = count(1001.0)  # each is new: what is cached must not count
+    seconds = _best(lambda: bifurcation_diagram(bearing, next(loads), speeds))
+    label = f'diagram of 400 speeds, {name} (limit {duration(limit / 400)})'
+    return _row(label, 400, seconds, _best(lambda: np.exp(np.full(400, 0.5)), 100))
 
 
 def _updates(speed: float) -> Callable[[], None]:
