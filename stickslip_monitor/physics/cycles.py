@@ -656,10 +656,12 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
     k = last if stable else first
     ends = gains[changed, k], gains[changed, k + 1]
     a = root_on_bracket(gain, grid[changed, k], grid[changed, k + 1], ends, (changed,))
-    route, nothing = Route(2, _ERROR, -1.0, weigh=weigh), np.zeros(a.size)
-    turn = follow(around.take(changed), -a, nothing, route)
+    # The last round in the direction in time in which it attracts.
+    nothing, direction = np.zeros(a.size), 1.0 if stable else -1.0
+    turn = follow(around.take(changed), -a, nothing, Route(2, _ERROR, direction, weigh=weigh))
     kind = np.where(turn.end == TURNED, float(CycleKind.PURE_SLIP), float(CycleKind.UNRESOLVED))
-    cycles = FoundCycles(kind, turn.turns[0], -a, -turn.time, nothing, a, -turn.divergence)
+    time, exponent = direction * turn.time, direction * turn.divergence
+    cycles = FoundCycles(kind, turn.turns[0], -a, time, nothing, a, exponent)
     slip_cycles.put(rows[changed], cycles)
     return slip_cycles
 

@@ -250,13 +250,15 @@ def test_points_without_a_cycle_say_why(speed, load, kind):
     assert math.isnan(cycle.period)
 
 
-def test_a_turn_that_is_not_resolved_has_no_time():
-    # Of this table, which rises and falls twice, the vibration that never sticks is lost at its turn.
+def test_a_cycle_that_forgets_every_disturbance_has_the_period_of_the_motion():
+    # Of this table, which rises and falls twice: back in time its orbits part by 1e12 a turn.
     speed = [0.0, 0.001, 0.033, 0.173, 0.317, 0.544, 0.553, 0.776, 0.787]
     table = Tabulated(speed, [0.094, 0.4, 0.452, 0.32, 0.068, 0.069, 0.205, 0.279, 0.311])
     cycle = exact_cycle(Bearing(2354.7, 852.4, 2448.2, table, 0.12), 0.279, 2000.0)
-    assert cycle.kind is CycleKind.UNRESOLVED
-    assert_array_equal([cycle.period, cycle.stick_fraction], math.nan)
+    assert cycle.kind is CycleKind.PURE_SLIP
+    # From sliding on for 90 s, by the integrator of another method.
+    assert cycle.amplitude == pytest.approx(0.3358171406, rel=1e-8)
+    assert cycle.period == pytest.approx(6.691999, rel=1e-6)
 
 
 @pytest.mark.parametrize(
