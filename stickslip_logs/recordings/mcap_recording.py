@@ -253,9 +253,10 @@ class McapReading(MessageReading):
                 raise errors[0]
 
     def _read_stretches(self) -> Iterator[Columns]:
-        """Yield log times [ns], topics, stamps [ns], shape (n,), and values, shape (k, n), with progress.
+        """Yield log times [ns], topics, stamps [ns], shape (n,), and values, shape (k, n).
 
-        A topic is its index among the wanted ones; rows that it has no number for are NaN.
+        A topic is its index among the wanted ones; rows that it has no number for are NaN. Reports progress,
+        and losses.
         """
         max_count = min(_MAX_OF_TOPIC * len(self._wanted), _MAX_OF_ALL)
         for time, _, *arrays in self._pass.read_sorted(self._make_columns, max_count, max_count):

@@ -397,9 +397,9 @@ class SqliteReading(MessageReading):
             self._readers.append(reader)
 
     def _read_stretches(self) -> Iterator[Columns]:
-        """Yield log times [ns], topics, stamps [ns], shape (n,), and values, shape (k, n), with progress.
+        """Yield log times [ns], topics, stamps [ns], shape (n,), and values, shape (k, n).
 
-        A topic is its index among the wanted ones; rows that it has no number for are NaN.
+        A topic is its index among the wanted ones; rows that it has no number for are NaN. Reports progress.
         """
         topics = [item.topic for item in self._wanted]
         total, done = sum(self._recording.topics[topic].count for topic in topics), 0

@@ -75,7 +75,7 @@ class Heading(NamedTuple):
 
     @property
     def known_unit(self) -> str | None:
-        """The unit as the configuration calls it; None where it has no such unit."""
+        """The unit as the configuration calls it; None where it has no such unit, as for knots (``kn``)."""
         is_force = bool(FORCE_WORDS & set(self.name.split()))
         is_knots = self.unit == 'kn' and not is_force
         return None if is_knots else unit_of(self.unit or '', 'force' if is_force else '')
@@ -372,7 +372,7 @@ def _split_lines(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 
 def _best_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
-    """Return the delimiter that splits most lines into equally many cells with values, and all rows.
+    """Return the delimiter that splits most lines into equally many cells with values; and their rows.
 
     A comma and an empty list where no delimiter makes two cells of any line.
     """

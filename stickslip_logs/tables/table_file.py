@@ -271,6 +271,9 @@ class TextTable(NumberTable):
             wanted: The places of the columns.
             lose: Takes, at the end, sentences on how many lines were not used.
             note: Takes, at the end, sentences on repeated headings and on lines without a sentence.
+
+        Raises:
+            OSError: The file cannot be opened; damage ends the rows without an error.
         """
         if self._dialect.delimiter in BUS_LOGS:
             yield from self._bus_blocks(wanted, lose, note)

@@ -438,7 +438,7 @@ def _join_parts(columns: Sequence[Cells], day_count: int) -> list[str]:
 def _clock_of_digits(table: TableColumns, rows: Sequence[Cells], named: Sequence[int]) -> Clock | None:
     """Return the clock of a column of times of the day as digits, 060000, perhaps behind one of dates.
 
-    None where no column holds such digits.
+    None where no column in ``named`` holds such digits.
 
     Args:
         table: The columns.

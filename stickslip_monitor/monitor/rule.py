@@ -219,7 +219,7 @@ def take_value(s: State, c: RuleNumbers, model: Model, place: int, time: int, si
 
     Returns:
         The time until which the values of the operating point that it made stand [ns]; ``NEVER`` where it
-        made none, as an input is missing or lost.
+        made none: an input is missing or lost, or it is a speed whose load by the table is still to come.
     """
     stood_until = standing_until(s, c)
     store_value(s, c, place, min(s.now, time), si)

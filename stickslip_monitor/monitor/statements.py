@@ -103,7 +103,7 @@ class Standing:
 
     @property
     def raised_lately(self) -> int:
-        """State of the rung: 0 for normal, 1 raised, 2 raised again within a minute and held."""
+        """State of the worst raised rung: 0 for none, 1 raised, 2 raised again within a minute and held."""
         rung = self.rung
         if not rung:
             return 0
