@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of others: read within limits, never replaced, and their texts made safe to print."""
+"""Reads files within limits, replaces only those of this package, and makes texts safe to print."""
 
 from __future__ import annotations
 
