@@ -81,7 +81,7 @@ def _evaluate_series(
 ) -> FloatArray:
     """Evaluate the series for ``x`` up to 8, times the factor, and the one beyond."""
     if x.size <= _FEW:
-        factors = np.broadcast_to(factor, x.shape).tolist()
+        factors = [factor] * x.size if isinstance(factor, float) else factor.tolist()
         points = zip(x.tolist(), factors, strict=True)
         return np.array(
             [

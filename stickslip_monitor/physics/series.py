@@ -17,10 +17,12 @@ STRIDE = ORDER + 1
 PLACE, RELATIVE_SPEED, RATE, INVERSE, LAW = (STRIDE * series for series in range(5))
 
 
+_NOTHING = (0.0,) * (INVERSE + 1) + tuple(1.0 / k for k in range(1, STRIDE)) + (0.0,) * (7 * STRIDE)
+
+
 def new_work() -> list[float]:
     """Return a row of work, with nothing in it but the inverse numbers."""
-    inverse = [0.0, *(1.0 / k for k in range(1, STRIDE))]
-    return [0.0] * INVERSE + inverse + [0.0] * (7 * STRIDE)
+    return list(_NOTHING)
 
 
 def place_and_speed(work: Sequence[float], order: int, share: float) -> tuple[float, float]:
