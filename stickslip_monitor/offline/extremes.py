@@ -328,6 +328,10 @@ class Extremes:
             return
         rows = np.flatnonzero((size <= self._slow_limit(top)) & (size > 0.0))
         if rows.size:
+            # With the margins of the slowest few others can have a lower one.
+            self._take_rows(scan, rows[[size[rows].argmin()]], *_MARGINS)
+            rows = rows[size[rows] <= self._slow_limit(top)]
+        if rows.size:
             # The slower and the heavier point of two is nearer to the Hopf speed, which rises with the load.
             worst = _outermost_points(-size[rows], scan.load[rows])
             nearest = np.nan_to_num(size[rows] / scan.fold_speed(rows), nan=math.inf).argmin()
