@@ -271,7 +271,7 @@ ODD: dict[str, Odd] = {
     ),
     'a cut file joined to another': Odd(
         lambda: sound(summary=False)[:-200] + file([Piece([*_SWAPPED, *messages(60, 20, True)])]),
-        'is cut',
+        'is truncated',
         30,
         30,
     ),

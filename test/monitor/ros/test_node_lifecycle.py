@@ -106,7 +106,7 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
     executor = Mock(spin_once=spin_once)
     monkeypatch.setattr(node, 'make_executor', lambda: executor)
     monkeypatch.setattr(node.rclpy, 'ok', lambda: running[0])
-    node._spin_node(SimpleNamespace(report_exception=survived.append), [])  # type: ignore[arg-type]
+    node._spin_node(SimpleNamespace(report_exception=survived.append), [], 2)  # type: ignore[arg-type]
     executor.shutdown.assert_called_once()
     assert [str(error) for error in survived] == ['Transition is not registered.', 'what nobody expected']
 
