@@ -17,8 +17,6 @@ from typing import Any, NamedTuple
 
 from stickslip_monitor.physics.scalar_law import LawInUse, friction_slope
 from stickslip_monitor.physics.slip_step import (
-    RATE,
-    RELATIVE_SPEED,
     Medium,
     SlipState,
     acceleration,
@@ -238,12 +236,12 @@ def slip_advance(
         h = after
     after = max(after, h)  # the step was short for the sake of a kink or of the inputs
     if state.z < 0.0:
-        length, state = cut_step(law_numbers, medium, begin, length, RELATIVE_SPEED, 0.0)
+        length, state = cut_step(law_numbers, medium, begin, length, False, 0.0)
         return Advance(length, CONTACT, state, 0.0)
     if may_meet_belt(begin, state, length):
-        s, lowest = cut_step(law_numbers, medium, begin, length, RATE, 0.0)
+        s, lowest = cut_step(law_numbers, medium, begin, length, True, 0.0)
         if lowest.z < 0.0:
-            s, lowest = cut_step(law_numbers, medium, begin, s, RELATIVE_SPEED, 0.0)
+            s, lowest = cut_step(law_numbers, medium, begin, s, False, 0.0)
             return Advance(s, CONTACT, lowest, 0.0)
     return Advance(length, NOTHING, state, after)
 

@@ -96,8 +96,6 @@ class SlipStep(NamedTuple):
     error: float
 
 
-# What a step may be cut at: a displacement, a relative speed, or a rate of it.
-PLACE, RELATIVE_SPEED, RATE = 0.0, 1.0, 2.0
 _LONGEST = 1.0
 # How far past a kink of a law a step is to end, relative to the unit of speed.
 _AT_KINK = 1e-6
@@ -131,7 +129,7 @@ def slip_step(law_numbers: Any, medium: Medium, begin: SlipState, step: float) -
         law_numbers: The law, as :attr:`.LawInUse.numbers`.
         medium: The medium as the step begins.
         begin: The state there.
-        step: Length of the step, negative to go back in time [1/omega].
+        step: Length of the step [1/omega].
 
     >>> medium = Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # without friction cos and sin
     >>> law = scalar_law(Coulomb(0.0, 0.0)).plain.numbers
@@ -215,59 +213,54 @@ def slip_step(law_numbers: Any, medium: Medium, begin: SlipState, step: float) -
     lag = a * z0 + b * z5 + c * z6 + d * z7 + e * z8 + f * z9 + g * z10 + h * z11
     fifth = max(abs(rate), abs(lag))
     ratio = 0.1 * third / fifth if fifth > 0.0 else 0.0
-    error = abs(step) * fifth / math.sqrt(1.0 + ratio * ratio)
+    error = step * fifth / math.sqrt(1.0 + ratio * ratio)
     r = x + held - damping * z + end * friction_drop(law_numbers, origin, speed * z)
     return SlipStep(SlipState(x, z, r), error)
 
 
-def measured(quantity: float, state: SlipState) -> float:
-    """Return what ``quantity`` names of a state: ``PLACE``, ``RELATIVE_SPEED`` or ``RATE``."""
-    return state.e if quantity == PLACE else state.z if quantity == RELATIVE_SPEED else state.rate
+def speed_or_rate(state: SlipState, of_rate: bool) -> float:
+    """Return the relative speed of a state, or its rate."""
+    return state.rate if of_rate else state.z
 
 
 def cut_step(
-    law_numbers: Any, medium: Medium, begin: SlipState, h: float, quantity: float, level: float
+    law_numbers: Any, medium: Medium, begin: SlipState, h: float, of_rate: bool, level: float
 ) -> tuple[float, SlipState]:
-    """Return the length at which a step passes a level, and the state there; ``h`` where it does not.
+    """Return the length at which the relative speed of a step passes a level, and the state there.
 
-    Newton's method, kept between a length before the level and one behind.
+    Newton's method, kept between a length before the level and one behind. ``h`` where it is not passed.
 
     Args:
         law_numbers: The law, as :attr:`.LawInUse.numbers`.
         medium: The medium as the step begins.
         begin: The state there.
         h: Length of the step, by which the level has been passed [1/omega].
-        quantity: ``PLACE``, ``RELATIVE_SPEED`` or ``RATE``.
-        level: The level of that.
+        of_rate: Whether the rate of the relative speed is to pass the level, not the speed itself.
+        level: The level.
 
     >>> medium = Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
     >>> law = scalar_law(Coulomb(0.0, 0.0)).plain.numbers
-    >>> length, _ = cut_step(law, medium, SlipState(1.0, 0.0, 1.0), 1.0, RELATIVE_SPEED, 0.5)
+    >>> length, _ = cut_step(law, medium, SlipState(1.0, 0.0, 1.0), 1.0, False, 0.5)
     >>> round(math.sin(length), 9)
     0.5
     """
     before, behind = 0.0, h
-    first = measured(quantity, begin) - level
+    first = speed_or_rate(begin, of_rate) - level
     rounding = 1e-15 * (abs(first) + abs(level))
     s, state = h, slip_step(law_numbers, medium, begin, h).state
-    upward = measured(quantity, state) > level
+    upward = speed_or_rate(state, of_rate) > level
     if (first > 0.0) == upward and first != 0.0:
         return s, state
     for _ in range(60):
-        miss = measured(quantity, state) - level
+        miss = speed_or_rate(state, of_rate) - level
         if (miss > 0.0) == upward:
             behind = s
         else:
             before = s
-        if quantity == PLACE:
-            rate = medium.drift + medium.drift_rate * s - state.z
-        elif quantity == RELATIVE_SPEED:
-            rate = state.rate
-        else:
-            rate = bend(law_numbers, medium, state, s)
+        rate = bend(law_numbers, medium, state, s) if of_rate else state.rate
         after = s - miss / rate if rate != 0.0 else before
-        inside = min(before, behind) < after < max(before, behind)
-        if abs(miss) <= rounding or (inside and abs(after - s) <= 1e-15 * abs(h)):
+        inside = before < after < behind
+        if abs(miss) <= rounding or (inside and abs(after - s) <= 1e-15 * h):
             break
         if not inside:
             after = 0.5 * (before + behind)
@@ -291,17 +284,17 @@ def until_kink(law_numbers: Any, kinks: Sequence[float], medium: Medium, state: 
         kinks: Its kinks, ascending [m/s].
         medium: The medium as the step begins.
         state: The state there.
-        h: Length of the step that is wanted, negative to go back in time [1/omega].
+        h: Length of the step that is wanted [1/omega].
 
     Returns:
-        A length of the same sign, not longer [1/omega]; ``h`` for a law without kinks.
+        A length, not longer [1/omega]; ``h`` for a law without kinks.
     """
     count = len(kinks)
     if count == 0:
         return h
     speed = medium.speed
-    v, direction = medium.origin + speed * state.z, 1.0 if h > 0.0 else -1.0
-    turn, heading = bend(law_numbers, medium, state), direction * state.rate
+    v, heading = medium.origin + speed * state.z, state.rate
+    turn = bend(law_numbers, medium, state)
     # What has come so close to a kink is taken to have passed it.
     beside = v + _AT_KINK * speed if heading > 0.0 else v - _AT_KINK * speed
     low, high = 0, count
@@ -313,15 +306,15 @@ def until_kink(law_numbers: Any, kinks: Sequence[float], medium: Medium, state: 
             high = middle
     if 0 < low < count:
         width = (kinks[low] - kinks[low - 1]) / speed
-        if _DENSE * width < abs(h * state.rate):
+        if _DENSE * width < abs(h * heading):
             return h
-    length = abs(h)
+    length = h
     if low < count:
         length = min(length, time_to_rise(heading, turn, (kinks[low] - v) / speed + _AT_KINK))
     if low > 0:
         gap = (v - kinks[low - 1]) / speed + _AT_KINK
         length = min(length, time_to_rise(-heading, -turn, gap))
-    return direction * length
+    return length
 
 
 def time_to_rise(rate: float, turn: float, gap: float) -> float:
@@ -355,5 +348,4 @@ def next_length(h: float, error: float, allowed: float) -> float:
         share = 0.2
     if not error <= allowed:
         share = min(share, 0.5) if share >= 0.2 else 0.2
-    length = min(abs(h) * share, _LONGEST)
-    return length if h > 0.0 else -length
+    return min(h * share, _LONGEST)
