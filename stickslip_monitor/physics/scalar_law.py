@@ -201,7 +201,7 @@ def scalar_law(law: FrictionLaw) -> ScalarLaw:
     top, fall, rise = float(law.coefficient(ALMOST_REST)), _largest_slope(law, -1.0), _largest_slope(law, 1.0)
     falls_at_once = law.static > top * (1.0 + 1e-15)
     bounds = max(law.static, top), top, math.inf if falls_at_once else fall, max(fall, rise)
-    numbers = None if module is None else law.numbers  # type: ignore[attr-defined]
+    numbers = None if module is None else getattr(law, 'numbers', None)
     plain = LawInUse(_Plain(law, module, numbers), kinks, *bounds)
     if module is None:
         return ScalarLaw(plain, None, None)
