@@ -242,17 +242,13 @@ def _drawn(judged: Sequence[tuple[Voyage, Sailed]]) -> Any:
             f'--picture shows one bearing in one bag, and here are {names}: give one bag, and'
             ' --bearing where it has several'
         )
-    from stickslip_monitor.drawing.canvas import CONDITION_NAMES, MUTED
-    from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
+    from stickslip_monitor.drawing.timeline import Timeline, draw_timeline
 
     ((voyage, case),) = judged
     scan, truth = case.sent.scan, case.truth
     spells = condition_intervals(scan.events, truth.start_ns, truth.end_ns)
     title = f'{Path(voyage.scene).name}: {voyage.bearing}'
-    figure = draw_timeline(Timeline(case.sent.config, scan, spells, truth, title))
-    changes = (f'{number} {CONDITION_NAMES[event.after]}' for number, event in marked_events(scan.events))
-    figure.text(0.99, 0.99, ',  '.join(changes), ha='right', va='top', size=9.0, color=MUTED)
-    return figure
+    return draw_timeline(Timeline(case.sent.config, scan, spells, truth, title))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -32,7 +32,7 @@ PACE = ('--rate', '10', '--port', '0')
 DESK, PHONE, GAP = 1270, 390, 30
 REPORT_DESK, REPORT_PHONE, REPORT_HEIGHT = 740, 340, 1406
 # A little after stick-slip is predicted, the trail is long enough to see.
-LOOK = "document.body.innerText.includes('ALARM')"
+LOOK = "document.body?.innerText.includes('ALARM')"
 AFTERWARDS = 2.5
 SAID = "[...document.querySelectorAll('#log small')].map((e) => e.textContent)"
 

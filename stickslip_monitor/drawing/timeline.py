@@ -39,6 +39,8 @@ DATED_FROM = 10 * 365 * 86_400 * 10**9
 _ROWS = (('speed', 1.9), ('load', 0.9), ('margin', 1.5), ('amplitude', 1.2), ('alarm', 0.26))
 # Room around and between the panels [inch].
 _LEFT, _RIGHT, _ABOVE, _BELOW, _BETWEEN = 0.82, 0.28, 0.5, 0.62, 0.27
+# Height of the line of a title [inch].
+_TITLE = 0.25
 _TRUTH = '#333333'
 
 
@@ -99,10 +101,12 @@ def draw_timeline(timeline: Timeline, width: float = canvas.WIDTH) -> canvas.Fig
     with canvas.style():
         shown = timeline.has_cycle or timeline.lining is not None
         rows = [row for row in _ROWS if row[0] != 'amplitude' or shown]
-        height = sum(size + _BETWEEN for _, size in rows) - _BETWEEN + _ABOVE + _BELOW
+        above = _ABOVE + (_TITLE if timeline.title else 0.0)
+        height = sum(size + _BETWEEN for _, size in rows) - _BETWEEN + above + _BELOW
         figure = canvas.new_figure(width, height)
-        figure.text(0.01, 0.99, timeline.title, va='top', size=11.0, weight='bold')
-        top, panels = height - _ABOVE, dict[str, canvas.Axes]()
+        if timeline.title:
+            _draw_title(figure, timeline)
+        top, panels = height - above, dict[str, canvas.Axes]()
         for name, size in rows:
             box = _LEFT / width, (top - size) / height, 1.0 - (_LEFT + _RIGHT) / width, size / height
             panels[name] = figure.add_axes(box)
@@ -118,6 +122,21 @@ def draw_timeline(timeline: Timeline, width: float = canvas.WIDTH) -> canvas.Fig
         _format_time_axis(panels, lines, width)
         _draw_event_lines(panels, lines)
         return figure
+
+
+def _draw_title(figure: canvas.Figure, timeline: Timeline) -> None:
+    """Write the title above the panels, and beside it the conditions that occur, each in its colour."""
+    from matplotlib.lines import Line2D
+
+    occurring = {event.after for _, event in marked_events(timeline.scan.events)}
+    handles = [
+        Line2D([], [], color=colour, label=canvas.CONDITION_NAMES[condition])
+        for condition, colour in canvas.CONDITION_COLOUR.items()
+        if condition in occurring
+    ]
+    figure.text(0.01, 0.99, timeline.title, va='top', size=11.0, weight='bold')
+    look: canvas.Look = {'frameon': False, 'fontsize': 8.5, 'handlelength': 1.2, 'columnspacing': 1.0}
+    figure.legend(handles=handles, loc='upper right', ncols=len(handles) or 1, **look)
 
 
 class _Lines:

@@ -57,9 +57,9 @@ _NOT_DRAWN = (
     ' `stickslip map --track BAG --bearing NAME` draws the map of this one.'
 )
 _MAP_CAPTION = (
-    'Smoothed track of the operating point over the regions of the averaged model, from start'
+    'Smoothed track of the operating point over the regions of the model, from start'
     ' (ring) to end (square); raw measurements in grey. Marks show where the alarm changed.'
-    ' Numbers on lines are stick-slip amplitudes.'
+    ' Numbers on lines are amplitudes of exact stick-slip cycles.'
 )
 _SPEED_CAPTION = (
     'Speed lies in the red region where stick-slip starts by itself, in the amber one where a'

@@ -16,7 +16,7 @@ from shared import CONFIG as REFERENCE_FILE
 
 from stickslip_monitor import Monitor
 from stickslip_monitor.arrays import FloatArray, IntArray
-from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, FOLD
+from stickslip_monitor.drawing.canvas import CONDITION_COLOUR, CONDITION_NAMES, FOLD
 from stickslip_monitor.drawing.timeline import _TRUTH, Timeline, draw_timeline, marked_events
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
@@ -92,6 +92,21 @@ def test_events_are_numbered_as_in_the_table() -> None:
     colours = {tuple(patch.get_facecolor()) for patch in panels_by_name(figure)['alarm'].patches}
     for condition in (Condition.NORMAL, Condition.STICK_SLIP):
         assert to_rgba(CONDITION_COLOUR[condition]) in colours
+
+
+def test_a_titled_picture_names_its_conditions_beside_the_title_and_above_the_numbers() -> None:
+    course = replace(draw_course(([60.0] * 20 + [20.0] * 60) * 6 + [60.0] * 60), title='a voyage: aft_stern')
+    figure = draw_timeline(course)
+    figure.draw_without_rendering()
+    (title,), (legend,) = figure.texts, figure.legends
+    conditions = {CONDITION_NAMES[event.after] for event in course.scan.events}
+    assert {text.get_text() for text in legend.get_texts()} == conditions
+    assert legend.get_window_extent().x0 > title.get_window_extent().x1
+    numbers = [text for text in panels_by_name(figure)['speed'].texts if text.get_text().isdigit()]
+    # The first of three rows, which lie 10 points apart.
+    lowest = min(text.get_window_extent().y1 for text in numbers)
+    assert lowest + 2 * 10 / 72 * figure.dpi < title.get_window_extent().y0
+    assert draw_timeline(replace(course, title='')).legends == []
 
 
 def test_without_a_cycle_there_is_no_amplitude_panel() -> None:
