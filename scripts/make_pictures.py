@@ -88,7 +88,8 @@ def run(*command: str) -> None:
 def main() -> int:
     """Run the commands, start the dashboard and the browser, and take the pictures."""
     run(STICKSLIP, 'map', *CONFIG, '--track', BAG, '--output', str(IMAGES / 'coast_down_map.png'))
-    run('benchmarks.score', 'bags/manoeuvring', *CONFIG, '--picture', str(IMAGES / 'manoeuvring.png'))
+    for bag, name in (('manoeuvring', 'manoeuvring'), ('bistable_knock', 'score')):
+        run('benchmarks.score', f'bags/{bag}', *CONFIG, '--picture', str(IMAGES / f'{name}.png'))
     page = [sys.executable, '-m', STICKSLIP, 'dashboard', *CONFIG, '--bag', BAG, *PACE]
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / 'report.html'
