@@ -8,6 +8,7 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
+from own_law import WithoutFunctions
 
 from stickslip_monitor.physics.friction import Coulomb, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.friction_pieces import fit_pieces, friction_drop, friction_slope
@@ -22,7 +23,6 @@ from stickslip_monitor.physics.series import (
 )
 from stickslip_monitor.physics.slip_series import expand
 from stickslip_monitor.physics.slip_step import Medium
-from test.own_law import WithoutFunctions
 
 COURSE = [0.9, -0.4, 0.3, -0.05, 0.02, 0.01]  # of a relative speed in powers of the time, unit 0.2 m/s
 UNIT, ORIGIN = 0.2, 0.05
