@@ -78,16 +78,14 @@ _PACES = {0.05: (10, 12, 15, 20, 30, 60, 120), 0.01: (180, 300, 600, 900, 1200, 
 # Steps of numbers without a unit: below the first, a second would have 10,000 lines and more; from the second
 # on, days would be three hours and more.
 _DAYS_BELOW, _SECONDS_FROM = 1e-4, 0.125
-_SECONDS_OR_LESS = "has times that may be s, ms or numbers of lines: head them 'time [s]' or 'time [ms]'"
-# Lines a second that a text has at most; a rate is known to 0.05.
-_MAX_RATE = 300.0
+# Lines a second that a text has at most; a third of a rate is known to the second.
+_MAX_RATE, _NEAR_RATE = 300.0, 0.01
 # Days of six decimals are that close to whole seconds [s]; of numbers by chance a tenth is.
 _NEAR_SECOND = 0.05
 # Rows that are looked at.
 _MAX_ROWS = 500
 # Of the cells of a column of times more are times; of the rows of parts of a date nearly all.
 _MOSTLY, _NEARLY_ALL = 0.5, 0.9
-_FINE_DECIMALS = re.compile(r'[.,](?:\d\d|[1-9])')
 _ZERO_DECIMALS = re.compile(r'[.,]0+$')
 _DIGITS_OF_DAY = re.compile(r'(\d{1,6})(?:[.,]\d+)?')
 _EMPTY = '', 'nan', 'null', 'none', '-'
@@ -352,7 +350,8 @@ def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
         layout = StampLayout(texts)
         time_ns, is_timed = layout.read([texts])
         steps = np.diff(time_ns[is_timed])
-        if is_timed.mean() <= _NEARLY_ALL or not steps.any() or (steps < 0).mean() > 1.0 - _NEARLY_ALL:
+        is_rising = len(rows) == 1 or (steps.any() and (steps < 0).mean() <= 1.0 - _NEARLY_ALL)
+        if is_timed.mean() <= _NEARLY_ALL or not is_rising:
             continue
         shorter = _join_parts([[row[k] for row in rows] for k in columns[:-1]], day_count)
         is_finest = table.headings[columns[-1]][0] in _SPELLED[SECOND].split()
@@ -558,8 +557,6 @@ def clock_of_numbers(
         return None
     heading = table.names[column]
     unit_ns, zero, meaning, question = _meaning_of_numbers(*table.headings[column], values)
-    if question == _SECONDS_OR_LESS and any(map(_FINE_DECIMALS.search, (row[column] for row in rows[:9]))):
-        question = ''  # who counts in ms writes whole ones
     remarks = (f"times in '{heading}' are {meaning}",)
     read = number_reader(unit_ns, zero, table.decimal)
     return Clock((column,), read, remarks, is_count=True, question=question)
@@ -590,7 +587,7 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
         is_stated = unit != '' or bool(re.search(r'date|datum', words))
         if meaning := _meaning_as_days(values, step, elapsed, is_stated=is_stated):
             return meaning
-    return unit_ns, 0, elapsed, _question_on_rate(step) if unit == '' else ''
+    return unit_ns, 0, elapsed, _question_on_unit(values, step) if unit == '' else ''
 
 
 def _meaning_as_days(
@@ -618,13 +615,24 @@ def _meaning_as_days(
     return None
 
 
-def _question_on_rate(step: float) -> str:
-    """Return the question on times without a unit whose median step no log has in seconds; '' for none."""
-    if step >= 1.0:
-        return _SECONDS_OR_LESS  # smaller steps than of 1 ms are of no log
-    if step > 0.0 and step * _MAX_RATE < 1.0:
-        return f"has {1.0 / step:.3g} lines a second: head the times by their unit, as 'time [d]'"
-    return ''
+def _question_on_unit(values: FloatArray, step: float) -> str:
+    """Return the question on times whose heading has no unit; '' where only seconds have such steps.
+
+    They have if the steps are decimal fractions of a second at a rate that a log can have. Whole ones are as
+    well ms, minutes or numbers of lines; and a rate of a multiple of three is as well one line in some
+    seconds or minutes, of which a minute, an hour and a day have three times as many.
+
+    Args:
+        values: The numbers, shape (n,).
+        step: The median step from one to the next that differs; 0 where none do.
+    """
+    if step == 0.0:
+        return ''
+    rates = 1.0 / step, (np.unique(values).size - 1) / np.ptp(values)
+    is_of_thirds = any(rate > 2.0 and abs(rate / 3.0 - round(rate / 3.0)) < _NEAR_RATE for rate in rates)
+    if 1.0 / _MAX_RATE < step < 1.0 and not is_of_thirds:
+        return ''
+    return f"has times without a unit, {step:.3g} apart: head them 'time [s]', 'time [ms]' or 'time [d]'"
 
 
 def _unit_of_times(words: str, written: str | None) -> str:

@@ -87,6 +87,14 @@ def test_minutes_in_parts_leave_the_column_beside_them(tmp_path: Path) -> None:
     assert times_of(tmp_path, text)[0] == [epoch_ns(T0 + k * timedelta(minutes=1)) for k in range(90)]
 
 
+@pytest.mark.parametrize(
+    'head', ['year,month,day,hour,minute,second', 'Year,Month,Day,Time', 'date,hour,min,sec']
+)
+def test_one_row_of_parts_is_a_time(head: str, tmp_path: Path) -> None:
+    form = {'y': '{:%Y,%m,%d,%H,%M,%S}', 'Y': '{:%Y,%m,%d,%H:%M:%S}', 'd': '{:%Y-%m-%d,%H,%M,%S}'}[head[0]]
+    assert times_of(tmp_path, log_of(head, form.format, count=1)) == ([epoch_ns(T0)], '')
+
+
 def test_days_between_the_ends_tell_month_and_day(tmp_path: Path) -> None:
     """Head and tail, some 6,000 and 400 lines here, are of 1 May and of 6 June."""
     first, last = (
@@ -120,7 +128,7 @@ def test_milliseconds_or_seconds_are_asked(head: str, gap: int, asked: bool, tmp
     """0, 1, 2, ... are 1 Hz, 1 kHz, or numbers of lines."""
     times = times_of(tmp_path, log_of(head, lambda t: f'{(t - T0).seconds * gap}'))
     assert times == ([k * gap * 10**9 for k in range(90)], times[1] if asked else '')
-    assert ('may be s, ms or numbers of lines' in times[1]) == asked
+    assert ("head them 'time [s]', 'time [ms]'" in times[1]) == asked
 
 
 @pytest.mark.parametrize('form', ['{:%H%M%S}', '{0.hour}{0:%M%S}'])
@@ -200,9 +208,9 @@ def test_a_log_of_one_value_a_line_without_headings_has_its_seconds_since_1970(t
 
 
 def test_numbers_of_lines_are_asked(tmp_path: Path) -> None:
-    for form, question in (('{}', 'numbers of lines'), ('{}.00', '')):
+    for form in ('{}', '{}.00'):
         text = log_of('No', lambda t, form=form: form.format((t - T0).seconds))
-        assert question in times_of(tmp_path, text)[1]
+        assert 'without a unit, 1 apart' in times_of(tmp_path, text)[1]
 
 
 @pytest.mark.parametrize(('step', 'asked'), [(10 / 86_400, True), (60 / 86_400, True), (0.01, False)])
@@ -211,7 +219,34 @@ def test_more_lines_a_second_than_a_log_has_are_another_unit(
 ) -> None:
     """124.25 and so on are days of the year; they were a voyage of a tenth of a second."""
     text = 'time,rpm\n' + ''.join(f'{124.25 + k * step:.6f},{30 + k % 3}\n' for k in range(90))
-    assert ("as 'time [d]'" in times_of(tmp_path, text)[1]) == asked
+    assert ("or 'time [d]'" in times_of(tmp_path, text)[1]) == asked
+
+
+@pytest.mark.parametrize(
+    ('form', 'step', 'asked'),
+    [
+        ('{:.2f}', 5.0, True),  # minutes, or seconds
+        ('{:.5f}', 5 / 1440, True),  # days of the year, or 288 Hz
+        ('{:.4f}', 5 / 60, True),  # hours, or 12 Hz
+        ('{:.4f}', 1 / 60, True),  # minutes of seconds, or 60 Hz
+        ('{:.3f}', 1 / 3, True),
+        ('{:.3f}', 1.003, True),
+        ('{:.1f}', 0.1, False),
+        ('{:.2f}', 0.25, False),
+        ('{:.6f}', 1 / 256, False),
+        ('{:.5f}', 0.1003, False),
+        ('{:.2f}', 0.02, False),
+    ],
+)
+@pytest.mark.parametrize('first', [0, 124.25])
+def test_decimals_are_seconds_only_as_fractions_of_one(
+    form: str, step: float, asked: bool, first: float, tmp_path: Path
+) -> None:
+    """A minute, an hour and a day have factors of three, which no decimal fraction has."""
+    text = 'time,rpm\n' + ''.join(f'{form.format(first + k * step)},{30 + k % 3}\n' for k in range(90))
+    times, question = times_of(tmp_path, text)
+    assert bool(question) == asked
+    assert asked or times[-1] - times[0] == pytest.approx(89 * step * 10**9, abs=2 * 10**8)
 
 
 def test_twelve_digits_are_no_milliseconds_of_1978(tmp_path: Path) -> None:

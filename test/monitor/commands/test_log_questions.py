@@ -22,7 +22,7 @@ HEAD = 'time,rpm,load [N]'
         (HEAD, '{:%y-%m-%d %H:%M:%S}', 1, 'or is the year first?'),
         (HEAD, '{1}', 1, 'may be s since the start or days of a spreadsheet'),
         (HEAD, '{2:.6f}', 1, 'may be days of a spreadsheet or s since the start'),
-        ('No,rpm,load [N]', '{3}', 1, 'may be s, ms or numbers of lines'),
+        ('No,rpm,load [N]', '{3}', 1, "head them 'time [s]'"),
         (f'n,{HEAD}', '{3},{0:%Y-%m-%dT%H:%M:%SZ}', 1, ''),
         ('Date,Time,rpm,load [N]', '{:%Y-%m-%d,%H:%M}', 86_400, 'has a value each 8.64e+04 s'),
     ],
