@@ -40,7 +40,7 @@ def chromium() -> Iterator[int]:
     ):
         assert browser.stderr is not None
         ready = (re.search(r'DevTools listening on ws://[^:]+:(\d+)', line) for line in browser.stderr)
-        yield next(int(found[1]) for found in ready if found)
+        yield next(int(match[1]) for match in ready if match)
 
 
 class Page:

@@ -79,8 +79,8 @@ async def acknowledge(session: aiohttp.ClientSession, url: str, token: str) -> N
     """Acknowledge as a person does at a display of the real server."""
     api = f'{url}/signalk/v2/api/notifications'
     async with session.get(api) as answer:
-        known = (await answer.json()).items()
-    number = next(key for key, item in known if item['value'].get('data', {}).get('occurrence') == token)
+        alarms = (await answer.json()).items()
+    number = next(key for key, item in alarms if item['value'].get('data', {}).get('occurrence') == token)
     async with session.post(f'{api}/{number}/acknowledge') as answer:
         answer.raise_for_status()
 

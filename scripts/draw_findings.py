@@ -265,10 +265,10 @@ def draw_amplitudes(
 def _frames(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
     top = float(np.nanmax([sweep.exact, sweep.averaged], initial=0.0)) * 1e3 or 1.0
     low = 0.0 if value[0] < _FROM_ZERO * value[-1] else float(value[0])
-    for each, name in ((axes, 'amplitude [mm]'), (below, 'KBM error [%]')):
-        each.set_xlim(low, float(value[-1]))
-        each.set_ylabel(name)
-        each.yaxis.set_label_coords(-0.065, 0.5)
+    for panel, name in ((axes, 'amplitude [mm]'), (below, 'KBM error [%]')):
+        panel.set_xlim(low, float(value[-1]))
+        panel.set_ylabel(name)
+        panel.yaxis.set_label_coords(-0.065, 0.5)
     axes.set_ylim(-_BELOW_ZERO * top, _HEADROOM * top)
     axes.tick_params(labelbottom=False)
 

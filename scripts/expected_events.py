@@ -84,12 +84,12 @@ def expected_events(scene: Scene, bag: Recording) -> list[ExpectedEvent]:
     Raises:
         ValueError: Noise decides which alarms are due, or there is no closed form.
     """
-    found = [
+    events = [
         event
         for config in scene.config.bearings
         for event in _of_bearing(scene, config, read_track(bag, config.name, scene.start_ns))
     ]
-    return sorted(found, key=lambda event: event.time)
+    return sorted(events, key=lambda event: event.time)
 
 
 def boundaries(config: BearingConfig) -> dict[str, Inside]:
@@ -122,16 +122,16 @@ def boundaries(config: BearingConfig) -> dict[str, Inside]:
         still = config.speed.deadband
         return lambda speed, load: inside(speed, load) if speed > still else -1.0
 
-    found = {
+    boundary = {
         'hopf': hopf,
         'fold': fold(0.0),
         'caution': fold(alarm.caution_margin),
         'caution_clear': fold(alarm.caution_margin + alarm.hysteresis),
     }
     if math.isfinite(alarm.amplitude_limit):
-        found['amplitude'] = amplitude(alarm.amplitude_limit)
-        found['amplitude_clear'] = amplitude(alarm.amplitude_limit * (1.0 - alarm.hysteresis))
-    return {name: turning(inside) for name, inside in found.items()}
+        boundary['amplitude'] = amplitude(alarm.amplitude_limit)
+        boundary['amplitude_clear'] = amplitude(alarm.amplitude_limit * (1.0 - alarm.hysteresis))
+    return {name: turning(inside) for name, inside in boundary.items()}
 
 
 @lru_cache(4096)
@@ -174,15 +174,15 @@ class Track:
 
     def at(self, time: float) -> tuple[float, float]:
         """Speed [m/s] and load [N] at a time [s]."""
-        speed, load = (np.interp(time, self.time, own) for own in (self.speed, self.load))
+        speed, load = (np.interp(time, self.time, quantity) for quantity in (self.speed, self.load))
         return float(speed), float(load)
 
 
 def read_track(bag: Recording, bearing: str, start_ns: int) -> Track:
     """Return the true operating point of a bearing in a recording."""
-    asked = [Request(f'/truth/{bearing}/{name}', 'data') for name in ('speed', 'load')]
-    series = bag.read(asked)
-    speed, load = (series[request] for request in asked)
+    requests = [Request(f'/truth/{bearing}/{name}', 'data') for name in ('speed', 'load')]
+    series = bag.read(requests)
+    speed, load = (series[request] for request in requests)
     time: FloatArray = (speed.log_time_ns - start_ns) / 1e9
     return Track(time, np.abs(speed.value), load.value)
 
@@ -192,10 +192,10 @@ def noise(scene: Scene, config: BearingConfig) -> tuple[float, float]:
     deviation = {'speed': 0.0, 'load': 0.0}
     factors = {'kN': 1000.0, 'N': 1.0}
     for settings in scene.effects:
-        own = settings.name == 'sensor_noise' and (
+        is_noise = settings.name == 'sensor_noise' and (
             'bearing' not in settings or settings.value('bearing', '') == config.name
         )
-        for quantity in deviation if own else ():
+        for quantity in deviation if is_noise else ():
             if quantity in settings:
                 section = settings.value(quantity, '')
                 unit, size = section['unit'], section['standard_deviation']
@@ -229,10 +229,10 @@ def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[E
         _follow(config, track, rates, up * spread[0], more * spread[1])
         for up, more in product((-SIGMAS, SIGMAS), repeat=2)
     ]
-    if any([row[1:] for row in other] != [row[1:] for row in nominal] for other in shifted):
+    if any([row[1:] for row in variant] != [row[1:] for row in nominal] for variant in shifted):
         raise ValueError(f'{config.name}: noise decides which alarms are due')
     for k, (time, before, after) in enumerate(nominal):
-        times = [time, *(other[k][0] for other in shifted)]
+        times = [time, *(variant[k][0] for variant in shifted)]
         boundary, crossing = _crossing(config, track, time, before, after)
         yield ExpectedEvent(
             bearing=config.name,
@@ -264,12 +264,12 @@ def _follow(
     """Yield the changes of rung of a track sampled at two rates [Hz]: time [s], before, after."""
     rate = max(rates)
     rule = _Rule(config, 1.0 / rate, 1.0 / min(rates), speed_error, load_error)
-    found, rung = [], 0
+    changes, rung = [], 0
     for k in range(math.floor(float(track.time[-1]) * rate + 1e-9) + 1):
         before, rung = rung, rule.take(*track.at(k / rate))
         if rung != before:
-            found.append((k / rate, before, rung))
-    return found
+            changes.append((k / rate, before, rung))
+    return changes
 
 
 class _Counter:
@@ -313,7 +313,7 @@ class _Rule:
         self.alarm, self.period, self.rhythm = alarm, period, rhythm
         self.half = bearing.damping / (2.0 * bearing.mass)
         self.inside = {
-            name: _shifted(own, speed_error, load_error) for name, own in boundaries(config).items()
+            name: _shifted(boundary, speed_error, load_error) for name, boundary in boundaries(config).items()
         }
         self.speed_error = speed_error
         on, off = alarm.on_delay_ns * 1e-9, alarm.off_delay_ns * 1e-9
@@ -334,42 +334,41 @@ class _Rule:
         self.now += self.period
         self.speeds = [*self.speeds[-2:], speed + self.speed_error]
         self.loads = [*self.loads[-2:], load]
-        own_speed, own_load = (
-            sorted(own)[1] if len(own) > 2 else own[-1] for own in (self.speeds, self.loads)
+        median_speed, median_load = (
+            sorted(values)[1] if len(values) > 2 else values[-1] for values in (self.speeds, self.loads)
         )
-        self._follow_speed(own_speed)
+        self._follow_speed(median_speed)
         if self.now < self.rhythm - 0.5 * self.period:
             return 0  # the slower input has not come yet
         self._pass()
         # Errors are in the boundaries already.
         self.depths = {
-            name: inside(own_speed - self.speed_error, own_load)
+            name: inside(median_speed - self.speed_error, median_load)
             for name, inside in self.inside.items()
             if not name.startswith('amplitude')
         }
         running = self.sticking and self.depths['fold'] > 0.0
         if running and self.now - self.sized >= 1.0 - 1e-9:
             self.sized = self.now
-            own = ('amplitude', 'amplitude_clear')
             self.sizes = {
-                name: self.inside[name](own_speed - self.speed_error, own_load)
-                for name in own
+                name: self.inside[name](median_speed - self.speed_error, median_load)
+                for name in ('amplitude', 'amplitude_clear')
                 if name in self.inside
             }
         self.depths |= self.sizes
         self.rate = self.half * self.inside['hopf'](speed, load)
         self._latch()
-        asked = self._asks(own_load)
-        self.asks = [own[counter.on] for counter, own in zip(self.counters, asked, strict=True)]
-        for counter, own in zip(self.counters, self.asks, strict=True):
-            counter.look(own, self.now)
+        wanted = self._asks(median_load)
+        self.asks = [by_state[counter.on] for counter, by_state in zip(self.counters, wanted, strict=True)]
+        for counter, asks in zip(self.counters, self.asks, strict=True):
+            counter.look(asks, self.now)
         self.asks = [
-            own[counter.on] and asks
-            for counter, own, asks in zip(self.counters, asked, self.asks, strict=True)
+            by_state[counter.on] and asks
+            for counter, by_state, asks in zip(self.counters, wanted, self.asks, strict=True)
         ]
         on = [counter.on for counter in self.counters]
         on[3] = on[3] and on[2]
-        return max((k for k, own in enumerate(on, 1) if own), default=0)
+        return max((k for k, is_on in enumerate(on, 1) if is_on), default=0)
 
     def _follow_speed(self, speed: float) -> None:
         if len(self.speeds) == 1:
@@ -385,8 +384,8 @@ class _Rule:
         self.grown = 0.0 if self.sticking else max(0.0, grown)
         inside = self.depths['fold'] > 0.0
         self.gone = max(0.0, self.gone + (-self.period if inside else self.period))
-        for counter, own in zip(self.counters, self.asks, strict=True):
-            counter.count(own, self.period)
+        for counter, asks in zip(self.counters, self.asks, strict=True):
+            counter.count(asks, self.period)
 
     def _latch(self) -> None:
         if self.sticking:

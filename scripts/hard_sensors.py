@@ -31,43 +31,43 @@ def in_bursts(case: Sent, _: np.random.Generator) -> Sent:
     """Speed and load are handed over once a second, stamped within milliseconds of each other."""
     stamp = case.stream.time_ns.copy()
     for place in range(LEVEL):
-        own = np.flatnonzero(case.stream.inputs == place)
-        second = stamp[own] // SECOND + 1
-        nth = np.arange(own.size) - np.searchsorted(second, second)
-        stamp[own] = second * SECOND + (nth * 3 + place) * 10**6
+        rows = np.flatnonzero(case.stream.inputs == place)
+        second = stamp[rows] // SECOND + 1
+        nth = np.arange(rows.size) - np.searchsorted(second, second)
+        stamp[rows] = second * SECOND + (nth * 3 + place) * 10**6
     return _sorted(case, stamp)
 
 
 def oddly_stamped(case: Sent, random: np.random.Generator, off: float, share: float) -> Sent:
     """Move a share of the stamps of speed and load by some seconds, either way."""
     stream = case.stream
-    odd = (stream.inputs != LEVEL) & (random.random(stream.time_ns.size) < share)
+    replaced = (stream.inputs != LEVEL) & (random.random(stream.time_ns.size) < share)
     way = random.choice([-1, 1], stream.time_ns.size)
-    stamp = stream.time_ns + odd * way * int(off * SECOND)
+    stamp = stream.time_ns + replaced * way * int(off * SECOND)
     return replace(case, stream=replace(stream, time_ns=stamp))
 
 
 def unevenly(case: Sent, gaps: Callable[[int], FloatArray]) -> Sent:
     """Speed and load are sent at uneven times, some of their values only."""
-    own = case.stream
-    kept = own.inputs == LEVEL
+    stream = case.stream
+    is_level = stream.inputs == LEVEL
     for place in range(LEVEL):
-        rows = np.flatnonzero(own.inputs == place)
-        time = (own.arrival_ns[rows] - own.arrival_ns[0]) / SECOND
+        rows = np.flatnonzero(stream.inputs == place)
+        time = (stream.arrival_ns[rows] - stream.arrival_ns[0]) / SECOND
         sent = np.cumsum(gaps(rows.size))
-        kept[np.unique(rows[np.searchsorted(time, sent[sent < time[-1]])])] = True
-    return _kept(case, kept)
+        is_level[np.unique(rows[np.searchsorted(time, sent[sent < time[-1]])])] = True
+    return _kept(case, is_level)
 
 
 def without_values(case: Sent, random: np.random.Generator) -> Sent:
     """For two to ten seconds at a time both inputs say that they have no value."""
-    own = case.stream
+    stream = case.stream
     begin, end = _times(case, random, (20.0, 100.0), (2.0, 10.0))
-    time = (own.arrival_ns - own.arrival_ns[0]) / SECOND
+    time = (stream.arrival_ns - stream.arrival_ns[0]) / SECOND
     which = np.searchsorted(begin, time, 'right') - 1
-    none = (which >= 0) & (time < end[which]) & (own.inputs != LEVEL)
+    none = (which >= 0) & (time < end[which]) & (stream.inputs != LEVEL)
     means = random.choice([-999.25, -9999.0, 3276.7, 65535.0], begin.size)
-    return replace(case, stream=replace(own, value=np.where(none, means[which], own.value)))
+    return replace(case, stream=replace(stream, value=np.where(none, means[which], stream.value)))
 
 
 def stopping(case: Sent, random: np.random.Generator) -> Sent:
@@ -154,8 +154,8 @@ def with_other_bearing(case: Sent, _: np.random.Generator) -> Sent:
 
 def half_lost(case: Sent, _: np.random.Generator) -> Sent:
     """Drop the level in half of each minute."""
-    own = case.stream
-    return _kept(case, (own.inputs != LEVEL) | (own.arrival_ns // (30 * SECOND) % 2 == 0))
+    stream = case.stream
+    return _kept(case, (stream.inputs != LEVEL) | (stream.arrival_ns // (30 * SECOND) % 2 == 0))
 
 
 LEVELS: Mapping[str, Spoil] = {
@@ -190,25 +190,25 @@ STAMPS: Mapping[str, Spoil] = {
 
 
 def _kept(case: Sent, rows: BoolArray) -> Sent:
-    own = case.stream
+    stream = case.stream
     names = ('time_ns', 'inputs', 'value', 'arrival_ns')
-    kept = {name: getattr(own, name)[rows] for name in names}
-    return replace(case, stream=replace(own, **kept))
+    columns = {name: getattr(stream, name)[rows] for name in names}
+    return replace(case, stream=replace(stream, **columns))
 
 
 def _sorted(case: Sent, stamp: IntArray) -> Sent:
     """Return the samples with other stamps, which are also when they arrive."""
     order = np.argsort(stamp, kind='stable')
-    own = case.stream
-    return replace(case, stream=Stream(stamp[order], own.inputs[order], own.value[order]))
+    stream = case.stream
+    return replace(case, stream=Stream(stamp[order], stream.inputs[order], stream.value[order]))
 
 
 def _levelled(case: Sent, change: Callable[[FloatArray, FloatArray], FloatArray]) -> Sent:
     """Return the voyage with another level, made of its times [s] and values."""
-    own = case.stream
-    rows = own.inputs == LEVEL
-    value = own.value.copy()
+    stream = case.stream
+    rows = stream.inputs == LEVEL
+    value = stream.value.copy()
     if rows.any():
-        time = (own.arrival_ns[rows] - own.arrival_ns[0]) / SECOND
-        value[rows] = change(time, own.value[rows])
-    return replace(case, stream=replace(own, value=value))
+        time = (stream.arrival_ns[rows] - stream.arrival_ns[0]) / SECOND
+        value[rows] = change(time, stream.value[rows])
+    return replace(case, stream=replace(stream, value=value))

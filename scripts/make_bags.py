@@ -100,10 +100,10 @@ def _remove(bag: Path) -> None:
     Raises:
         BagError: Something else is in its folder.
     """
-    own = {f'{bag.name}_0.mcap', 'metadata.yaml'}
-    others = sorted({path.name for path in bag.iterdir()} - own) if bag.exists() else []
-    if others:
-        raise BagError(f"'{bag}' is not replaced: it holds {others[0]}, which was not made here")
+    expected = {f'{bag.name}_0.mcap', 'metadata.yaml'}
+    unexpected = sorted({path.name for path in bag.iterdir()} - expected) if bag.exists() else []
+    if unexpected:
+        raise BagError(f"'{bag}' is not replaced: it holds {unexpected[0]}, which was not made here")
     if bag.exists():
         shutil.rmtree(bag)
 

@@ -176,11 +176,11 @@ def _range(row: Parameter) -> str:
     if row.choices:
         return ', '.join(f'`{choice}`' for choice in row.choices)
     bounds = [] if row.kind == 'float' else [KINDS[row.kind]]
-    least, most = _number(row.minimum), _number(row.maximum)
+    low, high = _number(row.minimum), _number(row.maximum)
     if row.maximum < math.inf:
-        bounds.append(f'{"above " * row.above_minimum}{least} to {most}')
+        bounds.append(f'{"above " * row.above_minimum}{low} to {high}')
     elif row.minimum > -math.inf:
-        bounds.append(f'{">" if row.above_minimum else "≥"} {least}')
+        bounds.append(f'{">" if row.above_minimum else "≥"} {low}')
     if row.not_zero:
         bounds.append('≠ 0')
     return f'{", ".join(bounds)} {row.unit}'.strip()
@@ -207,7 +207,7 @@ def _inputs() -> Iterator[tuple[str, ...]]:
             tuple(dict.fromkeys(filter(None, column))) for column in zip(*map(_cells, rows), strict=True)
         ]
         text = rows[0].text.replace('the speed', 'the quantity')
-        joined = (' / '.join(each) for each in cells[1:-1])
+        joined = (' / '.join(cell) for cell in cells[1:-1])
         yield (f'`{INPUT}.{name}`', *joined, text)
 
 
@@ -232,8 +232,8 @@ def render() -> str:
         parts.append(f'\n### {title}\n')
         if text:
             parts.append(f'{text}\n')
-        own = ('speed', 'load') if group == INPUT else (group,)
-        rows = [row for row in BEARING_PARAMETERS if _group(row) in own and row not in shared]
+        inputs = ('speed', 'load') if group == INPUT else (group,)
+        rows = [row for row in BEARING_PARAMETERS if _group(row) in inputs and row not in shared]
         parts.append(_table([*_inputs(), *rows] if group == INPUT else rows))
     return '\n'.join(parts) + '\n'
 
@@ -277,13 +277,13 @@ def with_diagnostics(page: str) -> str:
 
 def rooms() -> dict[str, tuple[int, int]]:
     """Return modules and lines of each room; what stands beside the rooms of a package bears its name."""
-    found: dict[str, tuple[int, int]] = {}
+    sizes: dict[str, tuple[int, int]] = {}
     for path in sorted(path for package in PACKAGES for path in (ROOT / package).rglob('*.py')):
         inside = path.relative_to(ROOT).parts
         room = '/'.join(inside[:2]) if len(inside) > 2 else inside[0]
-        modules, lines = found.get(room, (0, 0))
-        found[room] = modules + 1, lines + len(path.read_text('utf-8').splitlines())
-    return found
+        modules, lines = sizes.get(room, (0, 0))
+        sizes[room] = modules + 1, lines + len(path.read_text('utf-8').splitlines())
+    return sizes
 
 
 def undecided(row: tuple[int, int], now: tuple[int, int]) -> bool:
@@ -300,10 +300,10 @@ def with_rooms(page: str) -> str:
     """Return the page on design with the rows of rooms brought up to date."""
     now, rows = rooms(), decided(page)
 
-    def row(found: re.Match[str]) -> str:
-        room = found[1]
+    def row(match: re.Match[str]) -> str:
+        room = match[1]
         if room not in now or not undecided(rows[room], now[room]):
-            return found[0]
+            return match[0]
         return f'| `{room}` | {now[room][0]} | {now[room][1]:,} |'
 
     return SIZE.sub(row, page)
@@ -340,14 +340,14 @@ SCHEMAS: dict[str, tuple[tuple[RecordField, ...], tuple[str, ...]]] = {
 """Of each schema that is made of the fields these, and where their properties stand in it."""
 
 
-def with_schema(text: str, own: tuple[RecordField, ...], place: tuple[str, ...]) -> str:
+def with_schema(text: str, fields: tuple[RecordField, ...], place: tuple[str, ...]) -> str:
     """Return the text of a schema with some fields; what it has beside them stays."""
     at = place[:-1]
     document = json.loads(text)
     node = document
     for name in at:
         node = node[name]
-    made = schema_of(own, () if at else ('measured',))
+    made = schema_of(fields, () if at else ('measured',))
     old = node['properties']
     more = {name: value for name, value in old.items() if name not in made['properties']}
     head = {name: more.pop(name) for name in ('schema',) if name in more}
@@ -370,9 +370,9 @@ def _indented(value: Any, depth: int = 0) -> str:
 
 def main() -> int:
     """Write the page, the tables of the others, and the schemas."""
-    for name, (own, place) in SCHEMAS.items():
+    for name, (fields, place) in SCHEMAS.items():
         path = ROOT / 'stickslip_monitor' / 'schemas' / f'{name}.json'
-        path.write_text(with_schema(path.read_text('utf-8'), own, place), 'utf-8')
+        path.write_text(with_schema(path.read_text('utf-8'), fields, place), 'utf-8')
     DESIGN.write_text(with_rooms(DESIGN.read_text(encoding='utf-8')), encoding='utf-8')
     with tempfile.TemporaryDirectory() as folder:
         TUTORIAL.write_text(run_tutorial(TUTORIAL.read_text('utf-8'), Path(folder)), 'utf-8')

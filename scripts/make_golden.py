@@ -51,24 +51,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--only', default='', help='cases whose names contain this')
     parser.add_argument('--examples', type=int, default=3, help='of each kind of difference')
     args = parser.parse_args(argv)
-    found = dict(all_cases(args.only))
-    lines = list(differences(read_golden(), found, args.examples)) if GOLDEN.exists() else []
+    cases = dict(all_cases(args.only))
+    lines = list(differences(read_golden(), cases, args.examples)) if GOLDEN.exists() else []
     print('\n'.join(lines) or 'no difference')
     if args.compare:
         return int(bool(lines))
     GOLDEN.parent.mkdir(exist_ok=True)
     if args.only:
-        found = read_golden() | found
-    text = json.dumps(found, separators=(',', ':'))
+        cases = read_golden() | cases
+    text = json.dumps(cases, separators=(',', ':'))
     GOLDEN.write_bytes(gzip.compress(text.encode('utf-8'), mtime=0))
-    print(f'{len(found)} cases, {sum(len(c["changes"]) for c in found.values())} changes')
+    print(f'{len(cases)} cases, {sum(len(c["changes"]) for c in cases.values())} changes')
     return 0
 
 
 def read_golden() -> dict[str, Case]:
     """Return the cases of the file by name."""
-    found: dict[str, Case] = json.loads(gzip.decompress(GOLDEN.read_bytes()))
-    return found
+    cases: dict[str, Case] = json.loads(gzip.decompress(GOLDEN.read_bytes()))
+    return cases
 
 
 def all_cases(only: str = '') -> Iterator[tuple[str, Case]]:
@@ -87,30 +87,30 @@ def of_bag(name: str) -> Iterator[tuple[str, Case]]:
     scene = ROOT / 'launch_configs' / 'scenes' / f'{name}.yaml'
     config = load_config(scene.parent / load_yaml(scene)['config'])
     report = check_recording(ROOT / 'bags' / name, config)
-    for bearing, own in report.bearings.items():
-        counts = {item.quantity: [item.messages, item.used] for item in own.inputs}
-        changes = [_change(event) for event in own.events]
+    for bearing, bearing_report in report.bearings.items():
+        counts = {item.quantity: [item.messages, item.used] for item in bearing_report.inputs}
+        changes = [_change(event) for event in bearing_report.events]
         yield f'bag {name} {bearing}', _case(changes, counts, report.end_ns or 0, b'')
 
 
 def of_sequence(number: int) -> Case:
     """Run a sequence through the live monitor, sample by sample."""
-    own = sequence(number)
-    monitor = Monitor(own.config)
-    events = [] if own.start_ns is None else monitor.advance(own.start_ns)
-    statuses = np.empty(own.messages.value.size, np.int8)
-    for k, sample in enumerate(own.samples()):
+    voyage = sequence(number)
+    monitor = Monitor(voyage.config)
+    events = [] if voyage.start_ns is None else monitor.advance(voyage.start_ns)
+    statuses = np.empty(voyage.messages.value.size, np.int8)
+    for k, sample in enumerate(voyage.samples()):
         update = monitor.update(sample)
         events += update.events
         statuses[k] = update.status
-    events += monitor.advance(own.end_ns)
+    events += monitor.advance(voyage.end_ns)
     assert all(event.bearing == NAME for event in events)
     counts = {
-        quantity: np.bincount(statuses[own.messages.quantity == k], minlength=_STATUSES).tolist()
+        quantity: np.bincount(statuses[voyage.messages.quantity == k], minlength=_STATUSES).tolist()
         for k, quantity in enumerate(QUANTITIES)
     }
     changes = [_change(event) for event in events]
-    return _case(changes, counts, int(own.messages.arrival_ns.max()), statuses.tobytes())
+    return _case(changes, counts, int(voyage.messages.arrival_ns.max()), statuses.tobytes())
 
 
 def _change(event: Any) -> Change:
@@ -123,10 +123,10 @@ def _case(changes: list[Change], counts: Any, end_ns: int, statuses: bytes) -> C
     return {**made, 'digest': digest}
 
 
-def differences(golden: dict[str, Case], found: dict[str, Case], examples: int) -> Iterator[str]:
+def differences(golden: dict[str, Case], current: dict[str, Case], examples: int) -> Iterator[str]:
     """List every kind of difference with how often it occurs and where, most frequent first."""
     kinds: dict[str, list[str]] = defaultdict(list)
-    for name, new in found.items():
+    for name, new in current.items():
         old = golden.get(name)
         if old is None:
             kinds['a case that the file does not have'].append(name)
@@ -137,7 +137,7 @@ def differences(golden: dict[str, Case], found: dict[str, Case], examples: int) 
         cases = len({place.split(' at ')[0] for place in places})
         yield f'{len(places):5d} in {cases:3d} cases  {kind}'
         yield from (f'{"":8}{place}' for place in places[:examples])
-    yield from _times_apart(golden, found)
+    yield from _times_apart(golden, current)
 
 
 def _of_case(old: Case, new: Case) -> Iterator[tuple[str, str]]:
@@ -148,58 +148,58 @@ def _of_case(old: Case, new: Case) -> Iterator[tuple[str, str]]:
     if old['changes'] == new['changes'] and old['counts'] == new['counts']:
         yield 'another sample has the status', ''
     start_ns = min((change[0] for change in old['changes'] + new['changes']), default=0)
-    for kind, time_ns, what in _of_changes(old['changes'], new['changes']):
-        yield kind, f'at +{(time_ns - start_ns) / 1e9:.3f} s {what}'
+    for kind, time_ns, text in _of_changes(old['changes'], new['changes']):
+        yield kind, f'at +{(time_ns - start_ns) / 1e9:.3f} s {text}'
 
 
 def _of_changes(old: list[Any], new: list[Any]) -> Iterator[tuple[str, int, str]]:
     common = Counter(map(tuple, old)) & Counter(map(tuple, new))
     gone, came = (_without(changes, common.copy()) for changes in (old, new))
-    for one, other in _pairs(gone, came, SAME_NS, same_kind=True):
-        off = (other[0] - one[0]) / 1e9
-        if one[0] == other[0]:
-            yield f'{_kind(one)}: growth {one[3]} is now {other[3]}', one[0], ''
+    for before, after in _pairs(gone, came, SAME_NS, same_kind=True):
+        off = (after[0] - before[0]) / 1e9
+        if before[0] == after[0]:
+            yield f'{_kind(before)}: growth {before[3]} is now {after[3]}', before[0], ''
         else:
-            size = 'by more than 1 s' if abs(other[0] - one[0]) > MOVED_NS else 'by up to 1 s'
+            size = 'by more than 1 s' if abs(after[0] - before[0]) > MOVED_NS else 'by up to 1 s'
             way = 'later' if off > 0 else 'earlier'
-            yield f'{_kind(one)}: {way} {size}', one[0], f'{off:+.3f} s'
-    for one, other in _pairs(gone, came, MOVED_NS, same_kind=False):
-        yield f'{_kind(one)}: renamed {_kind(other)}', one[0], ''
+            yield f'{_kind(before)}: {way} {size}', before[0], f'{off:+.3f} s'
+    for before, after in _pairs(gone, came, MOVED_NS, same_kind=False):
+        yield f'{_kind(before)}: renamed {_kind(after)}', before[0], ''
     yield from ((f'{_kind(change)}: gone', change[0], '') for change in gone)
     yield from ((f'{_kind(change)}: new', change[0], '') for change in came)
 
 
 def _without(changes: list[Any], common: Counter[Any]) -> list[Any]:
     """Return the changes that are not common to both."""
-    found = []
+    remaining = []
     for change in map(tuple, changes):
         if common[change]:
             common[change] -= 1
         else:
-            found.append(change)
-    return found
+            remaining.append(change)
+    return remaining
 
 
 def _pairs(gone: list[Any], came: list[Any], within_ns: int, *, same_kind: bool) -> Iterator[tuple[Any, Any]]:
     """Take out of both lists what belongs together, nearest in time; yield the pairs."""
     for one in list(gone):
         near = [c for c in came if not same_kind or c[1:3] == one[1:3]]
-        other = min(near, key=lambda c: abs(c[0] - one[0]), default=None)
-        if other is not None and abs(other[0] - one[0]) <= within_ns:
+        nearest = min(near, key=lambda c: abs(c[0] - one[0]), default=None)
+        if nearest is not None and abs(nearest[0] - one[0]) <= within_ns:
             gone.remove(one)
-            came.remove(other)
-            yield one, other
+            came.remove(nearest)
+            yield one, nearest
 
 
 def _kind(change: Any) -> str:
     return f'{change[1]} > {change[2]}'
 
 
-def _times_apart(golden: dict[str, Case], found: dict[str, Case]) -> Iterator[str]:
+def _times_apart(golden: dict[str, Case], current: dict[str, Case]) -> Iterator[str]:
     """List for how long which condition stands where another stood."""
     apart: Counter[tuple[str, str]] = Counter()
-    for name in found.keys() & golden.keys():
-        apart.update(_apart(golden[name], found[name]))
+    for name in current.keys() & golden.keys():
+        apart.update(_apart(golden[name], current[name]))
     for (before, now), lasting in apart.most_common():
         yield f'{lasting / 3.6e12:8.3f} h  {before} is now {now}'
 

@@ -56,25 +56,25 @@ async def take(port: int, page_url: str, report_url: str) -> None:
         await asyncio.sleep(AFTERWARDS)
         await page.js("document.getElementById('hold').click()")
         # What a test compares with what the program says now.
-        said = json.dumps(await page.js(SAID))
+        texts = json.dumps(await page.js(SAID))
         await page.choose('.charts select', '180')
         await page.choose('#theme', 'day')
         desk = await picture(page, DESK)
         await page.choose('#theme', 'night')
-        save(desk, await picture(page, PHONE, desk.height), 'dashboard.png', said)
+        save(desk, await picture(page, PHONE, desk.height), 'dashboard.png', texts)
         await page.call('Page.navigate', url=report_url)
         desk = await picture(page, REPORT_DESK, REPORT_HEIGHT)
         save(desk, await picture(page, REPORT_PHONE, REPORT_HEIGHT, dark=True), 'report.png')
 
 
-def save(desk: Image.Image, phone: Image.Image, name: str, said: str = '') -> None:
+def save(desk: Image.Image, phone: Image.Image, name: str, texts: str = '') -> None:
     """Save two views side by side, with what is said on them."""
-    both = Image.new('RGB', (desk.width + GAP + phone.width, desk.height), 'white')
-    both.paste(desk, (0, 0))
-    both.paste(phone, (desk.width + GAP, 0))
-    told = PngInfo()
-    told.add_text('Description', said)
-    both.save(IMAGES / name, optimize=True, pnginfo=told)
+    combined = Image.new('RGB', (desk.width + GAP + phone.width, desk.height), 'white')
+    combined.paste(desk, (0, 0))
+    combined.paste(phone, (desk.width + GAP, 0))
+    metadata = PngInfo()
+    metadata.add_text('Description', texts)
+    combined.save(IMAGES / name, optimize=True, pnginfo=metadata)
     print(f'docs/images/{name} is new')
 
 

@@ -57,10 +57,10 @@ def copy_without(tree: Path, absent: Sequence[str]) -> None:
 def run_alone(tree: Path, absent: Sequence[str], pytest_args: Sequence[str]) -> int:
     """Run tests in a tree; return the exit code, after a proof that packages are absent."""
     environment = os.environ | {'PYTHONPATH': str(tree)}
-    found = f'import importlib.util as u; print([n for n in {absent!r} if u.find_spec(n)])'
-    there = subprocess.check_output([sys.executable, '-c', found], cwd=tree, env=environment, text=True)
-    if there.strip() != '[]':
-        print(f'{there.strip()} can be imported, and should be absent', file=sys.stderr)
+    probe = f'import importlib.util as u; print([n for n in {absent!r} if u.find_spec(n)])'
+    importable = subprocess.check_output([sys.executable, '-c', probe], cwd=tree, env=environment, text=True)
+    if importable.strip() != '[]':
+        print(f'{importable.strip()} can be imported, and should be absent', file=sys.stderr)
         return 1
     line = [sys.executable, '-m', 'pytest', '-q', '-m', 'not slow', *pytest_args]
     return subprocess.run(line, cwd=tree, env=environment, check=False).returncode

@@ -84,11 +84,11 @@ def refuse_outputs_that_are_inputs(command: str, way: str, folder: Path) -> None
 def write_files_of_a_user(path: Path) -> None:
     """Write what the refused command lines name."""
     text = (ROOT / 'launch_configs' / 'reference_bearing.yaml').read_text('utf-8')
-    own = text[text.index('    aft_stern:') :].replace('aft_stern:', 'forward:', 1)
+    section = text[text.index('    aft_stern:') :].replace('aft_stern:', 'forward:', 1)
     assert LAW in text
     for name, content in {
         'own.yaml': text,
-        'two.yaml': text.replace('[aft_stern]', '[aft_stern, forward]') + own,
+        'two.yaml': text.replace('[aft_stern]', '[aft_stern, forward]') + section,
         'late.csv': f'bearing,start,end,state\n{REPORT}',
         'short': 'hunter2\n',
         'open': 'hunter2\n',
@@ -107,25 +107,25 @@ def refuse_line(line: str, text: str, folder: Path, stickslip: Stickslip) -> Non
     """Check that a line is refused in one sentence that has a text, and that nothing is written."""
     before = sorted(folder.iterdir())
     done = stickslip(*shlex.split(line))
-    told = done.err
+    message = done.err
     assert done.code == 2
-    assert text in told
-    assert told.startswith('ERROR: ')
-    assert told.count('\n') == 1
-    assert 'hunter2' not in told
+    assert text in message
+    assert message.startswith('ERROR: ')
+    assert message.count('\n') == 1
+    assert 'hunter2' not in message
     assert sorted(folder.iterdir()) == before
 
 
 def list_number_options(commands: Iterable[str]) -> dict[str, tuple[str, Any]]:
     """Each option that takes a number between bounds, by its command."""
-    found = {}
+    cases = {}
     for command in commands:
         parser = argparse.ArgumentParser()
         import_module(cli.module_of(command)).add_arguments(parser)
         for action in parser._actions:
             if hasattr(action, 'rule'):
-                found[f'{command} {action.option_strings[0]}'] = (command, action)
-    return found
+                cases[f'{command} {action.option_strings[0]}'] = (command, action)
+    return cases
 
 
 def refuse_numbers_out_of_bounds(name: str, command: str, action: Any, stickslip: Stickslip) -> None:

@@ -94,16 +94,16 @@ def points(rpm: Any, load: Any, at: Any = 1.0, start_ns: int = 0) -> Stream:
     rpm = np.asarray(rpm, float)
     seconds = np.arange(rpm.size) * at if np.ndim(at) == 0 else np.asarray(at)
     time = start_ns + np.rint(seconds * SECOND).astype(np.int64)
-    both = np.stack([rpm, np.broadcast_to(np.asarray(load, float), rpm.shape)], axis=1)
-    return Stream(np.repeat(time, 2), np.tile([Input.SPEED, Input.LOAD], rpm.size), both.ravel())
+    samples = np.stack([rpm, np.broadcast_to(np.asarray(load, float), rpm.shape)], axis=1)
+    return Stream(np.repeat(time, 2), np.tile([Input.SPEED, Input.LOAD], rpm.size), samples.ravel())
 
 
 def configured(
     name: str = 'aft', base: Any = None, *, is_live: bool = False, **changes: Any
 ) -> MonitorConfig:
     """Build the reference bearing, or another, with some parameters (a double underscore is a dot)."""
-    own = {key.replace('__', '.'): value for key, value in changes.items()}
-    values = REFERENCE | (base or {}) | own
+    settings = {key.replace('__', '.'): value for key, value in changes.items()}
+    values = REFERENCE | (base or {}) | settings
     named = {f'{name}.{k}': v for k, v in values.items()}
     return build_config({'bearings': [name]} | named, is_live=is_live)
 
@@ -147,8 +147,8 @@ class Ship(Sink):
 
     path = 'state.json'
 
-    def __init__(self, config: MonitorConfig, kept: str = 'null', display: Sink | None = None) -> None:
-        self.config, self.kept, self.full, self._display = config, kept, '', display
+    def __init__(self, config: MonitorConfig, stored: str = 'null', display: Sink | None = None) -> None:
+        self.config, self.kept, self.full, self._display = config, stored, '', display
         self.steady_ns, self.ahead_ns = 0, T0
         self.verdicts: list[Verdict] = []
         self.events: list[Event] = []

@@ -77,25 +77,25 @@ Stickslip = Callable[..., Done]
 
 
 def until(
-    condition: Callable[[], Any], what: str | Callable[[], str] = '', deadline: float = DEADLINE
+    condition: Callable[[], Any], description: str | Callable[[], str] = '', deadline: float = DEADLINE
 ) -> Any:
     """Wait until a condition holds; fail at the deadline."""
     end = time.monotonic() + deadline
     while not (value := condition()):
         if time.monotonic() > end:
-            text = what() if callable(what) else what
+            text = description() if callable(description) else description
             pytest.fail(f'{text}: not within {deadline:g} s')
         time.sleep(0.01)
     return value
 
 
 async def wait_until(
-    condition: Callable[[], Any], what: Callable[[], Any] = lambda: '', deadline: float = DEADLINE
+    condition: Callable[[], Any], description: Callable[[], Any] = lambda: '', deadline: float = DEADLINE
 ) -> None:
     """Wait until a condition holds, on a loop that goes on meanwhile."""
     end = time.monotonic() + deadline
     while not condition():
-        assert time.monotonic() < end, what()
+        assert time.monotonic() < end, description()
         await asyncio.sleep(0.01)
 
 
@@ -150,8 +150,8 @@ class Bus:
 
     def __init__(self) -> None:
         self.display, probe = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
-        for each in (self.display, probe):
-            each.bind(('127.0.0.1', 0))
+        for sink in (self.display, probe):
+            sink.bind(('127.0.0.1', 0))
         self.display.setblocking(False)
         self.port = probe.getsockname()[1]
         probe.close()
@@ -204,9 +204,9 @@ def png_size(path: Path) -> tuple[int, int]:
     return width, height
 
 
-def contrast_ratio(one: str, other: str) -> float:
+def contrast_ratio(foreground: str, background: str) -> float:
     """Return the ratio of WCAG 2 between two colours: 4.5 for text, 3 for graphics."""
-    high, low = sorted((relative_luminance(one), relative_luminance(other)), reverse=True)
+    high, low = sorted((relative_luminance(foreground), relative_luminance(background)), reverse=True)
     return (high + 0.05) / (low + 0.05)
 
 
@@ -231,12 +231,12 @@ def schema_errors(schema: dict[str, Any], value: Any, path: str = '') -> Iterato
         for item in value:
             yield from schema_errors(schema.get('items', {}), item, f'{path}[]')
     if isinstance(value, dict):
-        own, more = schema.get('properties'), schema.get('additionalProperties', {})
+        properties, more = schema.get('properties'), schema.get('additionalProperties', {})
         yield from (f'{path} lacks {name}' for name in schema.get('required', ()) if name not in value)
         for name, item in value.items():
-            if own is not None and name not in own:
+            if properties is not None and name not in properties:
                 yield f'{path} has {name}'
-            yield from schema_errors((own or {}).get(name, more), item, f'{path}.{name}')
+            yield from schema_errors((properties or {}).get(name, more), item, f'{path}.{name}')
 
 
 def schema_complaints(name: str, document: Any) -> list[str]:

@@ -27,7 +27,7 @@ def test_the_rule_is_timed_beside_itself() -> None:
     names = ['update', 'bulk, interpreted']
     times = rule_speed.compare([rule_speed.ROOT, rule_speed.ROOT], 0.0, names)
     assert list(times) == names
-    assert all(np.isfinite(both).all() and min(both) > 0.0 for both in times.values())
+    assert all(np.isfinite(pair).all() and min(pair) > 0.0 for pair in times.values())
 
 
 def test_another_package_is_not_timed_as_a_checkout(tmp_path: Path) -> None:

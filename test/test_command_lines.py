@@ -36,13 +36,13 @@ APPENDED = {
 
 def lines_of(page: Path) -> list[str]:
     """Return the command lines of a page's code blocks, continued lines joined, without comments."""
-    found, fenced = [], False
+    commands, fenced = [], False
     for line in page.read_text('utf-8').replace('\\\n', ' ').splitlines():
         if line.startswith('```'):
             fenced = not fenced
         elif fenced or line.startswith('    '):
-            found.append(re.sub(r'\s+#\s.*| &$', '', line).strip())
-    return [line for line in found if line.split(' ')[0] in PROGRAMS]
+            commands.append(re.sub(r'\s+#\s.*| &$', '', line).strip())
+    return [line for line in commands if line.split(' ')[0] in PROGRAMS]
 
 
 LINES = {(page.relative_to(ROOT).as_posix(), line) for page in PAGES for line in lines_of(page)}
@@ -71,17 +71,17 @@ def find_fault(line: str) -> str:
         for extra in re.findall(r'\[([a-z,]+)\]$', second if first == 'install' else ''):
             if missing := [e for e in extra.split(',') if f"'{e}':" not in setup]:
                 return f'no extra {missing}'
-    own = re.match(r'ros2 run stickslip_monitor (\w+)', line)
-    return f'no executable {own[1]}' if own and f"f'{own[1]} = " not in setup else ''
+    executable = re.match(r'ros2 run stickslip_monitor (\w+)', line)
+    return f'no executable {executable[1]}' if executable and f"f'{executable[1]} = " not in setup else ''
 
 
 def test_a_negative_value_needs_no_equals_sign(capsys: pytest.CaptureFixture[str]) -> None:
     config = str(ROOT / 'launch_configs' / 'reference_bearing.yaml')
-    told = []
+    problems = []
     for speed in (['--speed', '-20rpm'], ['--speed=-20rpm']):
         assert cli.main(['assess', '--config', config, *speed, '--load', '1000N', '--json']) == 1
-        told.append(capsys.readouterr().out)
-    assert told[0] == told[1]
+        problems.append(capsys.readouterr().out)
+    assert problems[0] == problems[1]
     # What follows -- is never the value of an option.
     assert cli.main(['check', '--config', config, '--', '-1.mcap']) == 2
     assert "'-1.mcap' does not exist" in capsys.readouterr().err

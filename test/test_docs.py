@@ -60,12 +60,12 @@ def test_the_life_of_an_alarm_is_fresh() -> None:
 
 def test_every_parameter_has_one_row() -> None:
     rows = re.findall(r'^\| `([a-z_.<>]+)` \|', make_docs.render(), flags=re.MULTILINE)
-    found = [
+    sections = [
         row.replace('<input>', name)
         for row in rows
         for name in (INPUT_PARAMETERS if row.startswith('<') else ('',))
     ]
-    assert sorted(found) == sorted(p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS))
+    assert sorted(sections) == sorted(p.name for p in (*NODE_PARAMETERS, *BEARING_PARAMETERS))
 
 
 def test_the_example_is_a_configuration(tmp_path: Path) -> None:
@@ -203,19 +203,19 @@ def texts_of_program() -> list[str]:
 def test_every_sentence_on_troubles_is_one_of_the_program() -> None:
     texts = [*texts_of_program(), *input_fault_sentences()]
     # A sentence may be put together from several; its longer parts are somewhere.
-    known = [
+    known_names = [
         any(part in text for part in parts if len(part) >= 15 for text in texts)
         or any(all(part in text for part in parts) for text in texts)
         for parts in read_troubles()
     ]
-    assert [parts for parts, is_known in zip(read_troubles(), known, strict=True) if not is_known] == []
+    assert [parts for parts, is_known in zip(read_troubles(), known_names, strict=True) if not is_known] == []
 
 
 def input_fault_sentences() -> list[str]:
     """Return every sentence on an input that brings nothing, or whose values are doubtful."""
     one, two = Publisher('/a', 'T'), Publisher('/b', 'T')
     facts = InputFacts('/x', 'T', True, (one,))
-    found = [
+    constants = [
         replace(facts, without_clock=True),
         replace(facts, publishers=()),
         replace(facts, publishers=(), gone='/n'),
@@ -229,7 +229,7 @@ def input_fault_sentences() -> list[str]:
         replace(facts, lost=False, publishers=(one, two)),
         *(replace(facts, lost=False, source=kind.sentence) for kind in SourceFaultKind),
     ]
-    return [input_fault(each) for each in found]
+    return [input_fault(value) for value in constants]
 
 
 @pytest.mark.parametrize('sentence', input_fault_sentences())
@@ -240,17 +240,17 @@ def test_every_fault_of_an_input_is_on_the_page(sentence: str) -> None:
 
 def _defined_names(path: Path) -> set[str]:
     """Return the functions and classes of a module, and what a class has, with a dot."""
-    found = set()
+    names = set()
     for node in ast.parse(path.read_text('utf-8')).body:
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
-            found.add(node.name)
+            names.add(node.name)
         if isinstance(node, ast.ClassDef):
             for item in node.body:
                 if isinstance(item, ast.FunctionDef):
-                    found.add(f'{node.name}.{item.name}')
+                    names.add(f'{node.name}.{item.name}')
                 elif isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name):
-                    found.add(f'{node.name}.{item.target.id}')
-    return found
+                    names.add(f'{node.name}.{item.target.id}')
+    return names
 
 
 def test_the_walks_lead_through_the_house() -> None:

@@ -21,13 +21,13 @@ MODULES = sorted(
 @pytest.mark.parametrize('name', MODULES)
 def test_examples_are_true(name: str, doctest_namespace: dict[str, Any]) -> None:
     module = pytest.importorskip(name)
-    found = doctest.testmod(module, extraglobs=doctest_namespace, optionflags=doctest.ELLIPSIS)
-    assert found.failed == 0
+    result = doctest.testmod(module, extraglobs=doctest_namespace, optionflags=doctest.ELLIPSIS)
+    assert result.failed == 0
 
 
 def test_every_public_name_has_an_example() -> None:
     # Shown with the function that gives it.
     results = {'Assessment', 'Assessments', 'Cycle', 'CycleKind', 'Outcome', 'Regime', 'StationaryAmplitudes'}
     public = {name: getattr(stickslip_monitor, name) for name in stickslip_monitor.__all__}
-    missing = {name for name, what in public.items() if '>>> ' not in (what.__doc__ or '')}
+    missing = {name for name, value in public.items() if '>>> ' not in (value.__doc__ or '')}
     assert missing - results == {'StickslipError', 'MonitorConfig'}

@@ -135,13 +135,13 @@ def test_the_house_has_two_floors_and_the_formatter_is_right() -> None:
     [('logs', (NAME, 'stickslip_lab', 'shared', 'sending')), ('monitor', ('stickslip_lab',))],
 )
 def test_the_tests_of_a_package_need_none_above_it(folder: str, strangers: tuple[str, ...]) -> None:
-    found = {
+    imports = {
         f'{path.relative_to(ROOT)}: {name}'
         for path in (ROOT / 'test' / folder).rglob('*.py')
         for name in list_imports(path)
         if name.partition('.')[0] in strangers
     }
-    assert found == set()
+    assert imports == set()
 
 
 @pytest.mark.parametrize(('module', 'name'), [('reader', 'open_bag'), ('writer', 'BagWriter')])

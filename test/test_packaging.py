@@ -35,9 +35,9 @@ MADE = ('build', 'dist', 'install', 'log', '*.egg-info', '__pycache__', '.*_cach
 
 def clean_environment(extra: dict[str, str] | None = None) -> dict[str, str]:
     """Return the environment without what an outer pytest or another colcon has put there."""
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(('PYTEST_', 'COLCON_'))}
-    tools = os.pathsep.join([sysconfig.get_path('scripts'), kept.get('PATH', os.defpath)])
-    return kept | {'PATH': tools} | (extra or {})
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(('PYTEST_', 'COLCON_'))}
+    tools = os.pathsep.join([sysconfig.get_path('scripts'), environment.get('PATH', os.defpath)])
+    return environment | {'PATH': tools} | (extra or {})
 
 
 def run_command(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
@@ -55,8 +55,8 @@ def run_command(*command: object, cwd: Path, env: dict[str, str] | None = None) 
 
 def list_files(folder: str) -> set[Path]:
     """All of a folder of the repository, but what Python compiled."""
-    own = {path.relative_to(ROOT) for path in (ROOT / folder).rglob('*') if path.is_file()}
-    return {path for path in own if '__pycache__' not in path.parts}
+    files = {path.relative_to(ROOT) for path in (ROOT / folder).rglob('*') if path.is_file()}
+    return {path for path in files if '__pycache__' not in path.parts}
 
 
 @pytest.fixture(scope='module')
@@ -103,17 +103,19 @@ def distribution_names(name: str) -> tuple[str, str | None]:
 
 
 def test_every_import_is_a_declared_dependency() -> None:
-    trees = [ast.parse(path.read_text('utf-8')) for own in PACKAGES for path in (ROOT / own).rglob('*.py')]
+    trees = [
+        ast.parse(path.read_text('utf-8')) for package in PACKAGES for path in (ROOT / package).rglob('*.py')
+    ]
     nodes = [node for tree in trees for node in ast.walk(tree)]
     names = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     names |= {str(n.module) for n in nodes if isinstance(n, ast.ImportFrom) and not n.level}
     tops = {name.split('.')[0] for name in names} - sys.stdlib_module_names - set(PACKAGES)
-    manifest = {each.text for each in ElementTree.parse(ROOT / 'package.xml').iter('exec_depend')}
+    manifest = {dependency.text for dependency in ElementTree.parse(ROOT / 'package.xml').iter('exec_depend')}
     listed = (ROOT / 'setup.py').read_text('utf-8')
-    found = {name: distribution_names(name) for name in tops}
-    assert {'numpy', 'mcap', 'rclpy', 'std_msgs'} <= found.keys()
-    assert {name: pip for name, (pip, _) in found.items() if f"'{pip}" not in listed} == {}
-    assert {name: key for name, (_, key) in found.items() if key not in {None, *manifest}} == {}
+    providers = {name: distribution_names(name) for name in tops}
+    assert {'numpy', 'mcap', 'rclpy', 'std_msgs'} <= providers.keys()
+    assert {name: pip for name, (pip, _) in providers.items() if f"'{pip}" not in listed} == {}
+    assert {name: key for name, (_, key) in providers.items() if key not in {None, *manifest}} == {}
 
 
 def test_versions_agree() -> None:
@@ -167,10 +169,12 @@ def test_pip_puts_both_commands_on_the_path_and_launch_files_where_ros_looks(
     scripts = {path.name for path in tmp_path.rglob('*bin/*')}
     assert {'monitor', 'stickslip'} <= scripts
     pytest.importorskip('ament_index_python')
-    asked = 'from ament_index_python.packages import get_package_share_directory as share'
+    import_line = 'from ament_index_python.packages import get_package_share_directory as share'
     prefix = {'AMENT_PREFIX_PATH': str(tmp_path)}
-    found = run_command(sys.executable, '-c', f"{asked}; print(share('{NAME}'))", cwd=ROOT, env=prefix)
-    assert (Path(found.strip()) / 'launch_configs' / 'monitor.launch.py').is_file()
+    printed = run_command(
+        sys.executable, '-c', f"{import_line}; print(share('{NAME}'))", cwd=ROOT, env=prefix
+    )
+    assert (Path(printed.strip()) / 'launch_configs' / 'monitor.launch.py').is_file()
 
 
 @pytest.mark.slow

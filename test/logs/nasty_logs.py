@@ -604,9 +604,9 @@ LOGS = {
             '\n'.join(
                 [heading]
                 + [
-                    row.format(time=f'@{k}', n=f'{own}{unit}', value=value)
+                    row.format(time=f'@{k}', n=f'{quantity}{unit}', value=value)
                     for k in (0, 1)
-                    for own, unit, value in (('speed', ' rpm', 30 + k), ('load', ' N', 900 + k))
+                    for quantity, unit, value in (('speed', ' rpm', 30 + k), ('load', ' N', 900 + k))
                 ]
                 + ['']
             )

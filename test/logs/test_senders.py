@@ -7,8 +7,8 @@ from stickslip_logs.senders import SourceAdmission
 
 
 def test_one_source_is_used_and_the_others_are_named() -> None:
-    said: list[str] = []
-    admission = SourceAdmission(label := 'NMEA RPM S 1', 5.0, '', said.append)
+    notes: list[str] = []
+    admission = SourceAdmission(label := 'NMEA RPM S 1', 5.0, '', notes.append)
     steps = [
         ('c', 0.9, False, True),  # nothing else sends
         ('a', 1.0, True, True),
@@ -22,13 +22,13 @@ def test_one_source_is_used_and_the_others_are_named() -> None:
         ('a', 9.7, False, False),  # b is silent, and a has no number either
     ]
     taken = [admission.admits(source, now, valid=valid) for source, now, valid, _ in steps]
-    assert taken == [each for *_, each in steps]
-    assert said == [
+    assert taken == [expected for *_, expected in steps]
+    assert notes == [
         f"{label}: source 'a' is used; 'c' has sent no number",
         f"{label}: source 'b' is left out: 'a' sends",
         f"{label}: source 'b' is used; 'a' has sent no number for 2.6 s",
         f"{label}: source 'a' is left out: 'b' sends",
     ]
-    chosen = SourceAdmission(label, 5.0, 'b', said.append)
+    chosen = SourceAdmission(label, 5.0, 'b', notes.append)
     assert [chosen.admits(source, 9.0) for source in 'aba'] == [False, True, False]
-    assert said[4:] == [f"{label}: source 'a' is left out: 'b' is chosen"]
+    assert notes[4:] == [f"{label}: source 'a' is left out: 'b' is chosen"]

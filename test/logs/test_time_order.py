@@ -56,14 +56,14 @@ def judge_rows(rows: Rows) -> tuple[TimeCourse, IntArray, IntArray]:
     source, place = np.array([row[2] for row in rows]), np.arange(len(rows)) * 7
     order = TimeOrder()
     for begin in range(0, len(rows), 500):
-        own = slice(begin, begin + 500)
-        order.add(time_ns[own], source[own], place[own])
+        batch = slice(begin, begin + 500)
+        order.add(time_ns[batch], source[batch], place[batch])
     course = order.course()
     sorter, parts = Sorter(course.wait_ns), []
     for begin in range(0, len(rows), 300):
-        own = slice(begin, begin + 300)
-        follow = course.follow(time_ns[own], source[own], place[own])
-        parts += sorter.add((follow, true_ns[own]))
+        batch = slice(begin, begin + 300)
+        follow = course.follow(time_ns[batch], source[batch], place[batch])
+        parts += sorter.add((follow, true_ns[batch]))
     parts += sorter.rest()
     return course, np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
@@ -115,10 +115,10 @@ def test_each_row_has_the_time_at_which_it_happened(name: str) -> None:
     assert time_ns.size == 2 * COUNT
     assert np.abs(time_ns - true_ns).max() <= error * SECOND + 2 * 10**6
     assert (course.start_ns, course.end_ns) == (time_ns[0], time_ns[-1])
-    told = ' | '.join(course.notes('they are', 'of it'))
-    assert says in told
+    notes = ' | '.join(course.notes('they are', 'of it'))
+    assert says in notes
     if name != 'unordered within 2 s':
-        assert bool(told) == bool(says)
+        assert bool(notes) == bool(says)
 
 
 @pytest.mark.parametrize('rate', [1, 2, 10])
@@ -176,8 +176,8 @@ def test_long_recordings_take_no_memory_for_their_rows() -> None:
     time_ns[count // 2 :] -= 200 * SECOND
     source, place = np.zeros(count, np.int64), np.arange(count)
     for begin in range(0, count, 10_000):
-        own = slice(begin, begin + 10_000)
-        order.add(time_ns[own], source[own], place[own])
+        batch = slice(begin, begin + 10_000)
+        order.add(time_ns[batch], source[batch], place[batch])
     course = order.course()
     assert course.steps_ns == [200 * SECOND]
     np.testing.assert_array_equal(course.follow(time_ns, source, place), START + np.arange(count) * SECOND)

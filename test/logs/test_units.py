@@ -90,9 +90,9 @@ def test_units_are_converted_within_a_quantity_only() -> None:
 @pytest.mark.parametrize(('celsius', 'fahrenheit', 'kelvin'), [(0.0, 32.0, 273.15), (100.0, 212.0, 373.15)])
 def test_water_freezes_and_boils_on_every_scale(celsius: float, fahrenheit: float, kelvin: float) -> None:
     """A factor alone converts none of them to another."""
-    known = {'C': celsius, 'F': fahrenheit, 'K': kelvin}
-    for name, value in known.items():
-        for target, expected in known.items():
+    scales = {'C': celsius, 'F': fahrenheit, 'K': kelvin}
+    for name, value in scales.items():
+        for target, expected in scales.items():
             ratio, shift = affine_conversion(name, target) or (math.nan, math.nan)
             assert value * ratio + shift == pytest.approx(expected, abs=1e-10)
             assert (conversion(name, target) is None) == (name != target)

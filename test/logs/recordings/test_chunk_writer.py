@@ -21,8 +21,8 @@ def test_the_bytes_are_those_of_the_writer_of_messages_one_by_one(seed: int) -> 
     files = io.BytesIO(), io.BytesIO()
     one_by_one = Writer(files[0], size, CompressionType[compression.upper()])
     writer = ChunkWriter(files[1], size, compression)
-    for each in (one_by_one, writer):
-        each.start('ros2', 'library')
+    for chunk_writer in (one_by_one, writer):
+        chunk_writer.start('ros2', 'library')
     if seed % 2:
         one_by_one.add_metadata('label', {})
         writer.add_metadata('label')

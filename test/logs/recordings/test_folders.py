@@ -95,10 +95,10 @@ def test_what_holds_no_numbers_is_excluded(name: str, tmp_path: Path) -> None:
 def test_data_that_are_not_read_are_named(name: str, tmp_path: Path) -> None:
     (tmp_path / 'quiet.csv').write_text(CSV)
     (tmp_path / name).write_bytes(DATA[name])
-    found = find_bags([tmp_path])
-    assert found == [tmp_path / 'quiet.csv']
+    recordings = find_bags([tmp_path])
+    assert recordings == [tmp_path / 'quiet.csv']
     text = f"1 file not checked (name one to check it, or to see why not): '{tmp_path / name}'"
-    assert left_out([tmp_path], found) == text
+    assert left_out([tmp_path], recordings) == text
 
 
 def test_every_log_of_a_folder_is_checked_and_all_are_named_beside_a_recording(tmp_path: Path) -> None:
@@ -106,9 +106,9 @@ def test_every_log_of_a_folder_is_checked_and_all_are_named_beside_a_recording(t
         (tmp_path / name).write_bytes(data)
     assert {path.name for path in find_bags([tmp_path])} == {*LOGS}
     write_recording(tmp_path / 'bag', {'/a': ([0, 10**9], [1.0, 2.0])})
-    found = find_bags([tmp_path])
-    assert found == [tmp_path / 'bag']
-    assert left_out([tmp_path], found).startswith(f'{len(LOGS)} files not checked')
+    recordings = find_bags([tmp_path])
+    assert recordings == [tmp_path / 'bag']
+    assert left_out([tmp_path], recordings).startswith(f'{len(LOGS)} files not checked')
 
 
 def test_a_recording_is_known_by_its_content(tmp_path: Path) -> None:

@@ -161,7 +161,7 @@ RUN = [message(1 + k % 2, START + k, float(k)) for k in range(4000)]
 
 
 @pytest.mark.parametrize(
-    'odd',
+    'exception',
     [
         channel(7, '/other'),
         raw(5, bytes(31)),
@@ -173,16 +173,16 @@ RUN = [message(1 + k % 2, START + k, float(k)) for k in range(4000)]
     ],
     ids=['a channel', 'longer', 'too short', 'another kind', 'cut', 'of 2^56 bytes', 'none'],
 )
-def test_many_messages_of_one_length_end_at_what_is_odd(odd: bytes) -> None:
+def test_many_messages_of_one_length_end_at_what_is_odd(exception: bytes) -> None:
     """Judged record by record, as the records say where they end."""
-    data = b''.join([*RUN[:3000], odd, *RUN[3000:], odd])
+    data = b''.join([*RUN[:3000], exception, *RUN[3000:], exception])
     *whole, _ = records_of(data)
     expected = [
         (int.from_bytes(each[9:11], 'little'), int.from_bytes(each[15:23], 'little'), each[31:])
         for each in whole
         if each[0] == 5 and len(each) >= 31
     ]
-    found = [
+    decoded = [
         (channel, time, data[begin : begin + size])
         for piece in walk_records(data)
         for channel, time, begin, size in zip(
@@ -193,8 +193,8 @@ def test_many_messages_of_one_length_end_at_what_is_odd(odd: bytes) -> None:
             strict=True,
         )
     ]
-    assert found == expected
-    assert len(found) >= 3000
+    assert decoded == expected
+    assert len(decoded) >= 3000
 
 
 def test_cut_of_a_file_without_chunks(tmp_path: Path) -> None:

@@ -207,8 +207,8 @@ def expect_by_reference(
     """What the reference decoder gives, with the counts of undecoded and short messages."""
     rows, undecoded, short = [], 0, 0
     field = NumberField(parse_field(request.field))
-    asked = [message for message in ordered if message.topic in topics]
-    for sequence, message in enumerate(asked):
+    requested = [message for message in ordered if message.topic in topics]
+    for sequence, message in enumerate(requested):
         if message.topic != request.topic:
             continue
         decoded, value, stamp = decode_by_reference(message), math.nan, 0
@@ -254,9 +254,9 @@ def test_reads_what_the_reference_decodes(
         topics = {request.topic for request in requests}
         series = bag.read(requests)
         for request in requests:
-            known, undecoded, short = expect_by_reference(ordered, topics, request)
+            expected, undecoded, short = expect_by_reference(ordered, topics, request)
             got = series[request]
-            log_time, stamp, sequence, value = map(list, zip(*known, strict=True))
+            log_time, stamp, sequence, value = map(list, zip(*expected, strict=True))
             assert got.log_time_ns.tolist() == log_time
             assert got.stamp_ns.tolist() == stamp
             assert got.sequence.tolist() == sequence
@@ -264,8 +264,8 @@ def test_reads_what_the_reference_decodes(
             counts = {fault.text.split("' ")[1][:6]: fault.count for fault in got.faults}
             assert counts.get('cannot', 0) == undecoded
             assert counts.get('lack t', 0) == short
-        found = [(m.topic, m.type, m.log_time_ns, m.data) for m in bag.messages()]
-        assert found == [(m.topic, m.type, m.log_time_ns, m.data) for m in ordered]
+        read = [(m.topic, m.type, m.log_time_ns, m.data) for m in bag.messages()]
+        assert read == [(m.topic, m.type, m.log_time_ns, m.data) for m in ordered]
 
 
 @pytest.mark.parametrize(('length', 'is_taken'), [(2**32 - 1, True), (2**32, False), (10**10, False)])
@@ -283,9 +283,9 @@ def test_one_number_behind_texts_and_parts_is_that_of_the_reference(field: str, 
     messages = build_messages(rows, np.random.default_rng(3), 1000)
     write_file(tmp_path / 'bag.mcap', {}, messages)
     request = Request(messages[0].topic, field)
-    known, _, _ = expect_by_reference(messages, {request.topic}, request)
+    expected, _, _ = expect_by_reference(messages, {request.topic}, request)
     assert open_bag(tmp_path / 'bag.mcap').read([request])[request].value.tolist() == [
-        row[3] for row in known
+        row[3] for row in expected
     ]
 
 
@@ -319,7 +319,7 @@ def test_messages_of_other_elements_are_for_others_and_no_fault(tmp_path: Path) 
     ]
     write_file(tmp_path / 'a.mcap', {}, messages)
     requests = [Request('/joints', f'velocity[{name}]') for name in ('shaft', 'rudder', 'shfat')]
-    shaft, rudder, nobody = (open_bag(tmp_path / 'a.mcap').read(requests)[each] for each in requests)
+    shaft, rudder, nobody = (open_bag(tmp_path / 'a.mcap').read(requests)[request] for request in requests)
     assert shaft.log_time_ns.tolist() == [1000, 3000, 4000]
     np.testing.assert_array_equal(shaft.value, [6.0, math.nan, 8.0])
     assert rudder.sequence.tolist() == [1, 2, 3]

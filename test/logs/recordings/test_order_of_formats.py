@@ -172,11 +172,11 @@ class Fault(NamedTuple):
 
 def change_times(change: Callable[[int], float], which: tuple[int, ...] = BOTH) -> Moments:
     """Return moments whose times are changed, of one input or of both."""
-    others = tuple(k for k in BOTH if k not in which)
+    rest = tuple(k for k in BOTH if k not in which)
     return [
         moment
         for k in range(COUNT)
-        for moment in ([(change(k), k, which)] if which == BOTH else [(k, k, others), (change(k), k, which)])
+        for moment in ([(change(k), k, which)] if which == BOTH else [(k, k, rest), (change(k), k, which)])
     ]
 
 
@@ -234,18 +234,18 @@ def test_values_are_at_the_times_at_which_they_happened(fault: str, name: str, t
     write(tmp_path / name, moments)
     recording = open_bag(tmp_path / name)
     requests = [Request(topic, 'data') for topic in topics]
-    found = recording.read(requests)
+    series = recording.read(requests)
     for request in requests:
-        np.testing.assert_array_equal(np.sort(found[request].value), np.arange(COUNT * rate))
-        assert (np.diff(found[request].log_time_ns) >= 0).all()
-        true_ns = START + found[request].value * (SECOND // rate)
-        assert np.abs(found[request].log_time_ns - true_ns).max() <= error * SECOND + 1000
+        np.testing.assert_array_equal(np.sort(series[request].value), np.arange(COUNT * rate))
+        assert (np.diff(series[request].log_time_ns) >= 0).all()
+        true_ns = START + series[request].value * (SECOND // rate)
+        assert np.abs(series[request].log_time_ns - true_ns).max() <= error * SECOND + 1000
         if name == 'stamped.mcap':
-            assert (found[request].stamp_ns == true_ns).all()
-    told = ' '.join(recording.warnings)
+            assert (series[request].stamp_ns == true_ns).all()
+    notes = ' '.join(recording.warnings)
     # A chunk is sorted as a whole: in which order its two topics were written shows only between chunks.
-    assert says in told or (fault, name) == ('speeds, then loads', 'a.mcap')
-    assert bool(says) or not any(word in told for word in ('set back', 'leapt', 'sorted'))
+    assert says in notes or (fault, name) == ('speeds, then loads', 'a.mcap')
+    assert bool(says) or not any(word in notes for word in ('set back', 'leapt', 'sorted'))
     assert recording.start_ns == START
     end_ns = START + (COUNT * rate - 1) * (SECOND // rate)
     assert recording.end_ns == pytest.approx(end_ns, abs=error * SECOND)

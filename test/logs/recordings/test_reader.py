@@ -48,12 +48,12 @@ string unit
 
 
 @pytest.mark.parametrize(
-    ('others', 'is_told'), [([], False), (['voyage_1.mcap'], True), (['trial_1.mcap'], False)]
+    ('neighbours', 'is_told'), [([], False), (['voyage_1.mcap'], True), (['trial_1.mcap'], False)]
 )
 def test_of_a_numbered_file_its_other_parts_are_told(
-    others: list[str], is_told: bool, tmp_path: Path
+    neighbours: list[str], is_told: bool, tmp_path: Path
 ) -> None:
-    for name in ('voyage_0.mcap', *others):
+    for name in ('voyage_0.mcap', *neighbours):
         write_recording(tmp_path / name, {'/x': ([1, 2], [1, 2])})
     warnings = ' '.join(open_bag(tmp_path / 'voyage_0.mcap').warnings)
     assert ("'voyage_0.mcap' is numbered as a part of 'voyage'" in warnings) == is_told
@@ -91,15 +91,22 @@ def test_files_are_read_in_the_order_of_the_metadata(tmp_path: Path) -> None:
     assert bag.topics == {'/x': TopicInfo('/x', FLOAT64, 6, 'cdr', '')}
 
 
-@pytest.mark.parametrize(('said', 'kept'), [('NFC', 'NFD'), ('NFD', 'NFC')])
-def test_composed_and_decomposed_names_are_one_name(tmp_path: Path, said: Any, kept: Any) -> None:
+@pytest.mark.parametrize(('requested_form', 'stored_form'), [('NFC', 'NFD'), ('NFD', 'NFC')])
+def test_composed_and_decomposed_names_are_one_name(
+    tmp_path: Path, requested_form: Any, stored_form: Any
+) -> None:
     """As macOS keeps names, and as a recorder or a person writes them."""
-    name, other = unicodedata.normalize(kept, 'Jörmungandr'), unicodedata.normalize(said, 'Jörmungandr')
+    name, requested_name = (
+        unicodedata.normalize(stored_form, 'Jörmungandr'),
+        unicodedata.normalize(requested_form, 'Jörmungandr'),
+    )
     files = {f'{name}_0.mcap': [1, 2], f'{name}_1.mcap': [3]}
-    write_folder(tmp_path / name, files, relative_file_paths=[f'{other}_0.mcap', f'{other}_1.mcap'])
-    assert read_values(tmp_path / other) == [1, 2, 3]
-    assert open_bag(tmp_path / other).warnings == ()
-    assert find_bags([tmp_path / other]) == [tmp_path / name]
+    write_folder(
+        tmp_path / name, files, relative_file_paths=[f'{requested_name}_0.mcap', f'{requested_name}_1.mcap']
+    )
+    assert read_values(tmp_path / requested_name) == [1, 2, 3]
+    assert open_bag(tmp_path / requested_name).warnings == ()
+    assert find_bags([tmp_path / requested_name]) == [tmp_path / name]
 
 
 def test_without_metadata_the_names_are_counted(tmp_path: Path) -> None:
@@ -184,13 +191,13 @@ def test_what_was_unpacked_goes_with_its_recording(tmp_path: Path, monkeypatch: 
     packed.write_bytes(zstandard.compress((tmp_path / 'a.mcap').read_bytes()))
     scratch.mkdir()
     monkeypatch.setattr('tempfile.tempdir', str(scratch))
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
         bag = open_bag(packed)
         assert len(list(scratch.iterdir())) == bag.message_count // 2
         del bag
         gc.collect()
-    assert said == []
+    assert caught == []
     assert list(scratch.iterdir()) == []
 
 
@@ -453,8 +460,8 @@ def ship(tmp_path: Path) -> Path:
 
 
 def test_a_folder_stands_for_the_recordings_in_it_by_number_not_by_letter(ship: Path) -> None:
-    found = [str(bag.relative_to(ship)) for bag in find_bags([ship])]
-    assert found == [
+    names = [str(bag.relative_to(ship)) for bag in find_bags([ship])]
+    assert names == [
         '2025/may',
         '2025/may/deeper/hidden_by_nothing.mcap',
         'clip.mcap',
@@ -467,20 +474,20 @@ def test_a_folder_stands_for_the_recordings_in_it_by_number_not_by_letter(ship: 
 
 def test_recordings_come_in_the_order_in_which_they_are_named_and_once(ship: Path) -> None:
     file = ship / 'voyage_10' / 'voyage_10_0.mcap'
-    asked = [ship / 'voyage_10', file, ship / '2025' / '..' / 'voyage_10', ship / 'db3']
-    assert find_bags(asked) == [ship / 'voyage_10', file, ship / 'db3']
+    paths = [ship / 'voyage_10', file, ship / '2025' / '..' / 'voyage_10', ship / 'db3']
+    assert find_bags(paths) == [ship / 'voyage_10', file, ship / 'db3']
 
 
 def test_a_recording_through_a_link_is_the_same_recording(ship: Path) -> None:
     (ship / 'link').symlink_to(ship / 'voyage_2')
-    found = find_bags([ship / 'voyage_2', ship / 'link'])
-    assert found == [ship / 'voyage_2']
+    recordings = find_bags([ship / 'voyage_2', ship / 'link'])
+    assert recordings == [ship / 'voyage_2']
 
 
 def test_numbered_files_are_one_recording_only_if_they_bear_one_name(tmp_path: Path) -> None:
     make_files(tmp_path, 'one/a_0.mcap', 'one/a_1.mcap', 'two/a_0.mcap', 'two/b_0.mcap')
-    found = [str(bag.relative_to(tmp_path)) for bag in find_bags([tmp_path])]
-    assert found == ['one', 'two/a_0.mcap', 'two/b_0.mcap']
+    names = [str(bag.relative_to(tmp_path)) for bag in find_bags([tmp_path])]
+    assert names == ['one', 'two/a_0.mcap', 'two/b_0.mcap']
     with pytest.raises(BagError, match=r"two' holds 2 recordings: name one of them"):
         open_bag(tmp_path / 'two')
 
@@ -502,8 +509,8 @@ def test_a_link_that_leads_nowhere_is_named_and_the_rest_read(tmp_path: Path) ->
 
 def test_what_is_none_stays_as_it_is(tmp_path: Path) -> None:
     (tmp_path / 'empty').mkdir()
-    asked = [tmp_path / 'nowhere', tmp_path / 'empty']
-    assert find_bags(asked) == asked
+    paths = [tmp_path / 'nowhere', tmp_path / 'empty']
+    assert find_bags(paths) == paths
 
 
 @pytest.mark.parametrize('pack', [gzip.compress, zstandard.compress, lzma.compress])

@@ -40,9 +40,11 @@ def make_database(path: Path, version: int = 8, mode: CompressionMode = Compress
             number = types['std_msgs/msg/Float64'](float(n))
             writer.write(speed, time, STORE.serialize_cdr(number, 'std_msgs/msg/Float64'))
             earlier = time - 500_000_000
-            own = header(stamp(earlier // 10**9, earlier % 10**9), 'load')
+            stamped = header(stamp(earlier // 10**9, earlier % 10**9), 'load')
             zero = vector(0.0, 0.0, 0.0)
-            message = types['geometry_msgs/msg/WrenchStamped'](own, wrench(vector(0.0, 0.0, -float(n)), zero))
+            message = types['geometry_msgs/msg/WrenchStamped'](
+                stamped, wrench(vector(0.0, 0.0, -float(n)), zero)
+            )
             data = STORE.serialize_cdr(message, 'geometry_msgs/msg/WrenchStamped')
             writer.write(load, time, data)
     return path

@@ -75,7 +75,7 @@ def test_a_full_disk_is_told_with_what_to_do(
 def test_exports_that_overlap_in_one_file_are_sorted(common: int, tmp_path: Path) -> None:
     """The second begins before the end of the first; with other numbers the clock was set back."""
     rng = np.random.default_rng(3)
-    speeds, others = rng.normal(60.0, 1.0, 100).round(3), rng.normal(60.0, 1.0, 100).round(3)
+    speeds, engine_speeds = rng.normal(60.0, 1.0, 100).round(3), rng.normal(60.0, 1.0, 100).round(3)
 
     def span(behind: np.ndarray, count: int = 60) -> tuple[float, str]:
         """Return how long the log lasts [s], and its warnings."""
@@ -93,9 +93,9 @@ def test_exports_that_overlap_in_one_file_are_sorted(common: int, tmp_path: Path
     seconds, text = span(speeds)
     assert seconds == 99.0
     assert text.endswith('the lines are in no order of time: sorted by time')
-    seconds, text = span(others)
+    seconds, text = span(engine_speeds)
     assert seconds == 99.0 + common
     assert f'set back once, by {common} s' in text
     # A shaft at rest has the same numbers again, whatever its clock.
-    speeds[:], others[:] = 0.0, 0.0
-    assert span(others)[0] == 99.0 + common
+    speeds[:], engine_speeds[:] = 0.0, 0.0
+    assert span(engine_speeds)[0] == 99.0 + common

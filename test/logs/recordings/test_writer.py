@@ -159,9 +159,9 @@ def test_metadata_are_those_of_rosbag2(tmp_path: Path) -> None:
 def test_built_in_types_are_those_of_ros(name: str) -> None:
     text = definition_of(name)
     assert text is not None
-    for own, (_, fields) in get_types_from_msg(text, name).items():
+    for type_name, (_, fields) in get_types_from_msg(text, name).items():
         # Built in for recordings of Humble, whose files carry none.
-        assert fields == HUMBLE.fielddefs[own][1], own
+        assert fields == HUMBLE.fielddefs[type_name][1], type_name
     if name in TYPE_HASHES:
         assert f'RIHS01_{TYPE_HASHES[name]}' == STORE.hash_rihs01(name)
         assert text == STORE.generate_msgdef(name, ros_version=2)[0]

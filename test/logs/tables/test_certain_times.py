@@ -121,14 +121,14 @@ def test_seconds_that_begin_before_any_day_of_a_spreadsheet_are_none(first: int,
 
 
 @pytest.mark.parametrize(
-    ('head', 'gap', 'asked'),
+    ('head', 'gap', 'is_asked'),
     [('time', 100, True), ('time [s]', 100, False), ('time', 5, True), ('time', 1, True)],
 )
-def test_milliseconds_or_seconds_are_asked(head: str, gap: int, asked: bool, tmp_path: Path) -> None:
+def test_milliseconds_or_seconds_are_asked(head: str, gap: int, is_asked: bool, tmp_path: Path) -> None:
     """0, 1, 2, ... are 1 Hz, 1 kHz, or numbers of lines."""
     times = times_of(tmp_path, log_of(head, lambda t: f'{(t - T0).seconds * gap}'))
-    assert times == ([k * gap * 10**9 for k in range(90)], times[1] if asked else '')
-    assert ("head them 'time [s]', 'time [ms]'" in times[1]) == asked
+    assert times == ([k * gap * 10**9 for k in range(90)], times[1] if is_asked else '')
+    assert ("head them 'time [s]', 'time [ms]'" in times[1]) == is_asked
 
 
 @pytest.mark.parametrize('form', ['{:%H%M%S}', '{0.hour}{0:%M%S}'])
@@ -213,17 +213,17 @@ def test_numbers_of_lines_are_asked(tmp_path: Path) -> None:
         assert 'without a unit, 1 apart' in times_of(tmp_path, text)[1]
 
 
-@pytest.mark.parametrize(('step', 'asked'), [(10 / 86_400, True), (60 / 86_400, True), (0.01, False)])
+@pytest.mark.parametrize(('step', 'is_asked'), [(10 / 86_400, True), (60 / 86_400, True), (0.01, False)])
 def test_more_lines_a_second_than_a_log_has_are_another_unit(
-    step: float, asked: bool, tmp_path: Path
+    step: float, is_asked: bool, tmp_path: Path
 ) -> None:
     """124.25 and so on are days of the year; they were a voyage of a tenth of a second."""
     text = 'time,rpm\n' + ''.join(f'{124.25 + k * step:.6f},{30 + k % 3}\n' for k in range(90))
-    assert ("or 'time [d]'" in times_of(tmp_path, text)[1]) == asked
+    assert ("or 'time [d]'" in times_of(tmp_path, text)[1]) == is_asked
 
 
 @pytest.mark.parametrize(
-    ('form', 'step', 'asked'),
+    ('form', 'step', 'is_asked'),
     [
         ('{:.2f}', 5.0, True),  # minutes, or seconds
         ('{:.5f}', 5 / 1440, True),  # days of the year, or 288 Hz
@@ -240,13 +240,13 @@ def test_more_lines_a_second_than_a_log_has_are_another_unit(
 )
 @pytest.mark.parametrize('first', [0, 124.25])
 def test_decimals_are_seconds_only_as_fractions_of_one(
-    form: str, step: float, asked: bool, first: float, tmp_path: Path
+    form: str, step: float, is_asked: bool, first: float, tmp_path: Path
 ) -> None:
     """A minute, an hour and a day have factors of three, which no decimal fraction has."""
     text = 'time,rpm\n' + ''.join(f'{form.format(first + k * step)},{30 + k % 3}\n' for k in range(90))
     times, question = times_of(tmp_path, text)
-    assert bool(question) == asked
-    assert asked or times[-1] - times[0] == pytest.approx(89 * step * 10**9, abs=2 * 10**8)
+    assert bool(question) == is_asked
+    assert is_asked or times[-1] - times[0] == pytest.approx(89 * step * 10**9, abs=2 * 10**8)
 
 
 def test_twelve_digits_are_no_milliseconds_of_1978(tmp_path: Path) -> None:
@@ -286,11 +286,11 @@ def test_julian_days(tmp_path: Path) -> None:
     assert question == ''
 
 
-@pytest.mark.parametrize(('head', 'asked'), [('time', True), ('date,time', False)])
-def test_times_of_two_parts_are_asked(head: str, asked: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(('head', 'is_asked'), [('time', True), ('date,time', False)])
+def test_times_of_two_parts_are_asked(head: str, is_asked: bool, tmp_path: Path) -> None:
     """06:30 may be minutes and seconds, as a spreadsheet shows them."""
-    text = log_of(head, lambda t: f'{t:%Y-%m-%d,%H:%M}'[11 * asked :], 60 * EVERY)
-    assert ('write 06:00:00, or 00:06:00' in times_of(tmp_path, text)[1]) == asked
+    text = log_of(head, lambda t: f'{t:%Y-%m-%d,%H:%M}'[11 * is_asked :], 60 * EVERY)
+    assert ('write 06:00:00, or 00:06:00' in times_of(tmp_path, text)[1]) == is_asked
 
 
 @pytest.mark.parametrize('cell', ['', 'NaN', '-'])

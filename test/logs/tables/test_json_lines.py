@@ -33,8 +33,8 @@ def canboat_line(time: str, pgn: int, fields: dict[str, Any], src: int = 17) -> 
 
 
 def engine_line(k: int, form: str = '%Y-%m-%dT%H:%M:%S.%fZ', src: int = 17, **fields: Any) -> str:
-    own = {'Instance': 'Single Engine or Dual Engine Port', 'Speed': 1000.25 + k, **fields}
-    return canboat_line(TIMES[k].strftime(form), 127488, own, src)
+    engine = {'Instance': 'Single Engine or Dual Engine Port', 'Speed': 1000.25 + k, **fields}
+    return canboat_line(TIMES[k].strftime(form), 127488, engine, src)
 
 
 @pytest.mark.parametrize('form', ['%Y-%m-%dT%H:%M:%S.%fZ', '%Y-%m-%d-%H:%M:%S.%f'])

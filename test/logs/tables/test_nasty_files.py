@@ -24,9 +24,9 @@ from stickslip_logs.tables.dialect import unit_of
 def test_the_cells_of_a_line_count_from_left_to_right(order: tuple[str, str], tmp_path: Path) -> None:
     """Whatever is asked for first: a set of requests has no order, and verdicts must not go by it."""
     recording = open_log(tmp_path, 'time,speed,load\n0,30,900\n1,31,901\n')
-    found = recording.read([Request(name, 'data') for name in order])
-    assert found[Request('speed', 'data')].sequence.tolist() == [0, 2]
-    assert found[Request('load', 'data')].sequence.tolist() == [1, 3]
+    series = recording.read([Request(name, 'data') for name in order])
+    assert series[Request('speed', 'data')].sequence.tolist() == [0, 2]
+    assert series[Request('load', 'data')].sequence.tolist() == [1, 3]
 
 
 def test_of_two_dates_in_parquet_that_of_the_lines_counts(tmp_path: Path) -> None:
@@ -64,18 +64,18 @@ OTHERS_FIRST = (
 
 
 @pytest.mark.parametrize(
-    ('first', 'others'),
+    ('first', 'later_names'),
     [('{"name": "s", "self": "vessels.urn:mrn:imo:mmsi:1"}\n', ['urn:mrn:imo:mmsi:2']), (OTHERS_FIRST, [])],
     ids=['hello', 'cut'],
 )
 def test_of_signal_k_one_source_of_the_own_vessel_counts(
-    first: str, others: list[str], tmp_path: Path
+    first: str, later_names: list[str], tmp_path: Path
 ) -> None:
     """As live: another vessel's speed, or a simulator's, mixed with the own one hides stick-slip."""
     lines = []
     for second in range(3):
         for context, source, value in (
-            *((other, 'ais', 9.0) for other in others),
+            *((later, 'ais', 9.0) for later in later_names),
             ('urn:mrn:imo:mmsi:1', 'n2k', 0.5),
             ('urn:mrn:imo:mmsi:1', 'sim', 2.0),
         ):
@@ -132,13 +132,13 @@ def test_numbers_without_a_heading_make_no_heading_certain(tmp_path: Path) -> No
     assert [column.heading for column in recording.all_columns] == ['#2', '#3', '#4']
 
 
-@pytest.mark.parametrize('other', ['2.5', '1776074400.500'])
+@pytest.mark.parametrize('second_unit', ['2.5', '1776074400.500'])
 def test_commas_are_not_guessed_to_part_thousands_by_the_points_of_a_column(
-    other: str, tmp_path: Path
+    second_unit: str, tmp_path: Path
 ) -> None:
     """30,125 and 28,013 are as many thousands as some loggers write decimals."""
     path = tmp_path / 'voyage.csv'
-    path.write_text(f'time;speed;load;other\n0;30,125;28,013;{other}\n1;30,126;28,014;{other}\n')
+    path.write_text(f'time;speed;load;other\n0;30,125;28,013;{second_unit}\n1;30,126;28,014;{second_unit}\n')
     with pytest.raises(
         BagError, match=r"'30,125' may be 30.125 or 30125: write it with a decimal point alone"
     ):

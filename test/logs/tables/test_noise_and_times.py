@@ -99,10 +99,10 @@ PACES = [0.1, 1, 2, 5, 10, 30, 60, 90, 180, 300, 600, 900, 1800, 3600, 7200, 17 
 def test_days_of_a_spreadsheet_are_known_at_any_pace(pace: float, digits: int, tmp_path: Path) -> None:
     times = equal_steps(timedelta(seconds=pace))
     days = [f'{(time - SPREADSHEET) / timedelta(days=1):.{digits}f}' for time in times]
-    found = read_column(open_log(tmp_path, csv_text(days)))[0]
+    read_times = read_column(open_log(tmp_path, csv_text(days)))[0]
     # Half of the last digit of a day.
     assert (
-        np.abs(np.array(found) - [epoch_ns(time) for time in times]).max()
+        np.abs(np.array(read_times) - [epoch_ns(time) for time in times]).max()
         <= 86_400e9 * 0.51 * 10.0**-digits + 8e3
     )
 
@@ -113,16 +113,16 @@ def test_seconds_since_a_start_of_hours_ago_are_seconds(rate: float, digits: int
     if 1 / rate < 10.0**-digits:
         digits = 6
     times = [f'{46146.25 + k / rate:.{digits}f}' for k in range(60)]
-    found = read_column(open_log(tmp_path, csv_text(times)))[0]
-    assert found == [round(float(time) * 1e9) for time in times]
+    read_times = read_column(open_log(tmp_path, csv_text(times)))[0]
+    assert read_times == [round(float(time) * 1e9) for time in times]
 
 
 @pytest.mark.parametrize(
-    ('gap', 'asked'), [(1.0, True), (0.25, True), (0.125, True), (0.1, False), (0.001, False)]
+    ('gap', 'is_asked'), [(1.0, True), (0.25, True), (0.125, True), (0.1, False), (0.001, False)]
 )
-def test_what_may_be_days_or_seconds_is_asked(gap: float, asked: bool, tmp_path: Path) -> None:
+def test_what_may_be_days_or_seconds_is_asked(gap: float, is_asked: bool, tmp_path: Path) -> None:
     recording = open_log(tmp_path, csv_text([round(46146.25 + k * gap, 6) for k in range(30)]))
-    assert ('or are they days of a spreadsheet?' in ' '.join(recording.warnings)) == asked
+    assert ('or are they days of a spreadsheet?' in ' '.join(recording.warnings)) == is_asked
 
 
 @pytest.mark.parametrize(
@@ -140,8 +140,8 @@ def test_what_may_be_days_or_seconds_is_asked(gap: float, asked: bool, tmp_path:
     ],
 )
 def test_the_unit_of_times_is_that_of_the_heading(heading: str, unit_ns: int, tmp_path: Path) -> None:
-    found = read_column(open_log(tmp_path, csv_text(range(0, 3000, 100), f'{heading},rpm')))[0]
-    assert found == [k * 100 * unit_ns for k in range(30)]
+    read_times = read_column(open_log(tmp_path, csv_text(range(0, 3000, 100), f'{heading},rpm')))[0]
+    assert read_times == [k * 100 * unit_ns for k in range(30)]
 
 
 def test_milliseconds_are_the_time_behind_a_counter(tmp_path: Path) -> None:
@@ -176,8 +176,8 @@ def test_a_year_of_two_digits_in_front_is_asked(
     times = equal_steps(every)
     recording = open_log(tmp_path, csv_text([time.strftime(form) for time in times]))
     assert (read_column(recording)[0] == [epoch_ns(time) for time in times]) == right
-    asked = [text for text in recording.warnings if 'day first' in text]
-    assert asked == ([question] if question else [])
+    questions = [text for text in recording.warnings if 'day first' in text]
+    assert questions == ([question] if question else [])
 
 
 @pytest.mark.parametrize(

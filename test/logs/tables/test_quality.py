@@ -56,9 +56,9 @@ def test_a_quality_beside_a_longer_name_is_of_it(tmp_path: Path) -> None:
     assert [recording.by_topic[topic].status for topic in ('/n', '/f')] == [2, 4]
 
 
-@pytest.mark.parametrize('known', ['Good', '192', 'Bad'])
-def test_a_word_that_is_not_known_does_not_count_beside_known_ones(known: str) -> None:
-    is_bad = find_quality('quality', [known])
+@pytest.mark.parametrize('good_word', ['Good', '192', 'Bad'])
+def test_a_word_that_is_not_known_does_not_count_beside_known_ones(good_word: str) -> None:
+    is_bad = find_quality('quality', [good_word])
     assert is_bad is not None
     assert [is_bad(mark) for mark in ('Good', 'Schlecht', '')] == [False, True, False]
 
@@ -90,13 +90,13 @@ def test_a_bad_code_after_the_head_of_a_file_of_zeros_counts() -> None:
 
 
 @pytest.mark.parametrize(
-    ('marks', 'asked'),
+    ('marks', 'question'),
     [('100 0', ['100', '0']), ('1 1', None), ('192 0', None), (' '.join(map(str, range(120))), None)],
 )
 def test_numbers_of_a_quality_without_a_meaning_are_asked(
-    marks: str, asked: list[str] | None, tmp_path: Path
+    marks: str, question: list[str] | None, tmp_path: Path
 ) -> None:
     """A historian writes the share that is good; many numbers are a measurement."""
     rows = ''.join(f'{k}.5,30,{mark},900\n' for k, mark in enumerate(marks.split() * 3))
     recording = open_log(tmp_path, f'time,rpm,rpm quality,load\n{rows}')
-    assert recording.unknown_marks(recording.all_columns[0]) == (asked and ('rpm quality', asked))
+    assert recording.unknown_marks(recording.all_columns[0]) == (question and ('rpm quality', question))

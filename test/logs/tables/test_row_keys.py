@@ -49,7 +49,7 @@ ONE = {
 @pytest.mark.parametrize('name', SEVERAL)
 def test_the_column_that_tells_lines_apart_is_found(name: str, tmp_path: Path) -> None:
     recording = open_log(tmp_path, SEVERAL[name])
-    column = next(own for own in recording.all_columns if own.heading == 'rpm')
+    column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
     found = recording.key_of(column)
     assert found is not None
     key, texts = found
@@ -61,12 +61,12 @@ def test_the_column_that_tells_lines_apart_is_found(name: str, tmp_path: Path) -
 @pytest.mark.parametrize('name', ONE)
 def test_lines_of_one_thing_are_not_told_apart(name: str, tmp_path: Path) -> None:
     recording = open_log(tmp_path, ONE[name])
-    column = next(own for own in recording.all_columns if own.heading == 'rpm')
+    column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
     assert recording.key_of(column) is None
 
 
 def values_of(recording: TableRecording, where: dict[str, str]) -> list[float]:
-    column = next(own for own in recording.all_columns if own.heading == 'rpm')
+    column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
     recording.deliver({'/n': SourceColumn(recording.chosen(column, where))})
     request = Request('/n', 'data')
     return recording.read([request])[request].value.tolist()
@@ -81,7 +81,7 @@ def test_numbers_of_things_may_be_written_in_several_ways(tmp_path: Path) -> Non
 def test_all_lines_may_be_of_one_thing(tmp_path: Path) -> None:
     recording = open_log(tmp_path, SEVERAL['shafts'])
     column = recording.chosen(
-        next(own for own in recording.all_columns if own.heading == 'rpm'), {'shaft': '*'}
+        next(listed for listed in recording.all_columns if listed.heading == 'rpm'), {'shaft': '*'}
     )
     assert recording.key_of(column) is None
     assert len(values_of(recording, {'shaft': '*'})) == SEVERAL['shafts'].count('\n') - 1

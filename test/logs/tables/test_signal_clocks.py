@@ -85,8 +85,8 @@ def test_of_a_time_that_is_no_signals_nothing_is_taken(text: str, tmp_path: Path
 
 def test_a_clock_is_of_the_signals_that_have_all_its_words(tmp_path: Path) -> None:
     text = 'shaft time,bearing time,shaft rpm,bearing load\n@0,@4,30,900\n@1,@6,31,901\n'
-    found = times_and_values(open_log(tmp_path, text), 'shaft rpm', 'bearing load')
-    assert found == [(times_after_start(0, 1), [30, 31]), (times_after_start(4, 6), [900, 901])]
+    series = times_and_values(open_log(tmp_path, text), 'shaft rpm', 'bearing load')
+    assert series == [(times_after_start(0, 1), [30, 31]), (times_after_start(4, 6), [900, 901])]
 
 
 def test_a_value_without_its_own_time_is_lost(tmp_path: Path) -> None:
@@ -105,5 +105,5 @@ def test_times_of_each_signal_in_parquet(tmp_path: Path) -> None:
     times = [pa.array(times_after_start(*seconds), pa.timestamp('ns', 'UTC')) for seconds in ((0, 1), (4, 6))]
     columns = {'rpm time': times[0], 'rpm': [30.0, 31.0], 'load time': times[1], 'load': [900.0, 901.0]}
     pq.write_table(pa.table(columns), tmp_path / 'voyage.parquet')
-    found = times_and_values(open_bag(tmp_path / 'voyage.parquet'), 'rpm', 'load')
-    assert found == [(times_after_start(0, 1), [30, 31]), (times_after_start(4, 6), [900, 901])]
+    series = times_and_values(open_bag(tmp_path / 'voyage.parquet'), 'rpm', 'load')
+    assert series == [(times_after_start(0, 1), [30, 31]), (times_after_start(4, 6), [900, 901])]

@@ -34,10 +34,10 @@ def test_the_headings_are_those_of_the_numbers(name: str, delimiter: str, tmp_pa
     text = HEADS[name].replace(',', delimiter) + BODY.replace(',', delimiter)
     path = tmp_path / 'a.csv'
     path.write_text(text)
-    (head, *rows), found = read_table(path, 10_000, BagError)
+    (head, *rows), dialect = read_table(path, 10_000, BagError)
     assert [row.cells for row in rows] == CELLS
     assert [row.line for row in rows] == [k for k, line in enumerate(text.split('\n'), 1) if line[:2] == '0.']
-    assert found == delimiter
+    assert dialect == delimiter
     assert head.cells[0].partition(' ')[0] in ('speed', 'v')
     assert ('m/s' in head.cells[0] or 's^-1' in head.cells[0]) == (name != 'words')
     assert head.line == 1 + text[: text.index(head.cells[0].partition(' ')[0])].count('\n')
