@@ -37,6 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the assessment of each chosen bearing; return 1 if the monitor would warn of one, else 0.
 
+    Questions about the configuration follow each. A speed below the dead band counts as 0. As JSON it is
+    one object, or a list of several.
+
     Raises:
         ConfigurationError: The configuration, the speed or the load is refused.
     """

@@ -78,8 +78,9 @@ class CheckResult:
     def code(self) -> int:
         """Exit code of this recording alone.
 
-        0 if all was read and nothing warned, 1 if something did or a part could not be read, 2 if it
-        could not be checked or has a bearing without an operating point, 3 for a fault of the program.
+        0 if all was read and nothing warned; 1 for a warning, a question, an input without messages or with
+        two sources, or a part or a clip that failed; 2 if it could not be checked or has a bearing without an
+        operating point; 3 for a fault of the program.
         """
         if 'error' in self.document:
             return 3 if self.faulty else 2
@@ -96,7 +97,7 @@ class CheckResult:
 
     @property
     def unjudged(self) -> list[str]:
-        """Bearings without an operating point in the recording: silence is not health."""
+        """Names of the bearings without an operating point (silence is not health); none after an error."""
         bearings = self.document.get('bearings', {})
         return [name for name, item in bearings.items() if not item['evaluations']]
 
@@ -170,7 +171,8 @@ def _check_bags(
 ) -> int:
     """Check recordings, print their results in the order of the arguments, and write the outputs.
 
-    No report is written of a single recording that cannot be checked.
+    Advice on tolerances, or with ``--json`` the list of several recordings, comes last. No report is written
+    of a single recording that cannot be checked.
 
     Args:
         args: The arguments.
@@ -331,7 +333,8 @@ def check_one(
 def _failed_result(task: Task, bag: Path, text: str, *, faulty: bool = False) -> CheckResult:
     """Return the result of a recording that could not be checked, for the reason in ``text``.
 
-    ``faulty`` marks an error of this program: the exit code is 3 and not 2.
+    What the task left out is appended to the reason. ``faulty`` marks an error of this program: the exit code
+    is 3 and not 2.
     """
     from stickslip_monitor.offline.check import SCHEMA
 
@@ -455,7 +458,7 @@ def _colour_text(text: str, document: Mapping[str, Any]) -> str:
 def _wrap_line(line: str, width: int | None, indent: int = 2) -> str:
     """Break a line at blanks, so that each is shorter than a width; ``None`` leaves it whole.
 
-    Lines after the first are indented. A word longer than the width is not broken.
+    Lines after the first are indented. A width below 21 counts as 21; a longer word is not broken.
     """
     if width is None:
         return line
@@ -505,7 +508,7 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | 
 
 
 def _event_lines(event: Mapping[str, Any], text: str, start: int, width: int | None) -> Iterator[str]:
-    """Yield the lines of an event: a table row, or two lines if the width is narrow.
+    """Yield the lines of an event: a table row, or two lines if the width is narrow; each may be wrapped.
 
     ``text`` says what happened; ``start`` is that of the recording [ns], which times are counted from.
     """
@@ -519,7 +522,7 @@ def _event_lines(event: Mapping[str, Any], text: str, start: int, width: int | N
 
 
 def _input_text(item: Mapping[str, Any]) -> str:
-    """Return the range of an input's numbers, its rate, and the share used, as words."""
+    """Return words on an input: that it is assumed, that nothing was used, or range, rate and share used."""
     if 'assumed' in item:
         return f'{item["values"]}, assumed: nothing measures it'
     if not item['used']:

@@ -41,10 +41,6 @@ if TYPE_CHECKING:
     from stickslip_monitor.ros.other_nodes import Watcher
 
 DEFAULT_PORT = 8370
-# Speeds at which the boundaries of a map are computed.
-_SPEEDS_DRAWN = 120
-# A map for an unloaded bearing has this share of the loads that suit the bearing.
-_LOWEST_MAP = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,12 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_port(parser: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
-    """Declare the port of the page."""
+    """Declare ``--port``, from 0 to 65535, with its text for ``--help``."""
     options.add_number(parser, '--port', 0, 65535, default=default, help=text)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:
-    """Declare what a page needs beside its port, and where a node's diagnostics are."""
+    """Declare ``--host``, ``--token-file``, ``--name``, ``--log`` and ``--diagnostics``."""
     text = 'address of this machine to listen at (default 127.0.0.1)'
     parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS', help=text)
     text = 'file with the token that opens the page, needed if --host lets others in'
@@ -200,6 +196,8 @@ def require_extra() -> None:
 def read_page_access(args: argparse.Namespace) -> Access:
     """Read the token of the page from its file; return it with the host names that the page answers to.
 
+    Without ``--token-file`` it is '', which opens the page to this machine. Names are in lower case.
+
     Raises:
         DashboardError: The page would be open to others without a token.
         ConfigurationError: The token's file cannot be read, is open to others, or the token is too short.
@@ -288,9 +286,9 @@ def make_bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0
 
     bearing, alarm = config.bearing, config.alarm
     highest = map_ranges(bearing)[1][1]
-    loads = (0.0, max(load, _LOWEST_MAP * highest) if load else highest)
+    loads = (0.0, max(load, 0.1 * highest) if load else highest)
     speeds = (0.0, max(speed, map_ranges(bearing, loads=loads)[0][1]))
-    curves = boundaries(bearing, speeds, alarm.caution_margin, _SPEEDS_DRAWN)
+    curves = boundaries(bearing, speeds, alarm.caution_margin, points=120)
     limit = alarm.amplitude_limit
     return BearingView(
         name=config.name,
@@ -298,10 +296,10 @@ def make_bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0
         speeds=speeds,
         loads=loads,
         curves={
-            'speed': _sample_column(curves.speed),
-            'caution': _sample_column(curves.caution_load),
-            'fold': _sample_column(curves.fold_load),
-            'hopf': _sample_column(curves.hopf_load),
+            'speed': _round_column(curves.speed),
+            'caution': _round_column(curves.caution_load),
+            'fold': _round_column(curves.fold_load),
+            'hopf': _round_column(curves.hopf_load),
         },
         caution_margin=alarm.caution_margin,
         amplitude_limit=limit if math.isfinite(limit) else None,
@@ -310,6 +308,6 @@ def make_bearing_view(config: BearingConfig, speed: float = 0.0, load: float = 0
     )
 
 
-def _sample_column(values: Any) -> list[float | None]:
-    """Return the numbers rounded to six digits; ``None`` for one that is not finite."""
+def _round_column(values: Any) -> list[float | None]:
+    """Return the numbers rounded to six significant digits; ``None`` for one that is not finite."""
     return [float(f'{value:.6g}') if np.isfinite(value) else None for value in values]

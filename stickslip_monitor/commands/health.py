@@ -20,12 +20,8 @@ from stickslip_monitor.files import printable, read_token
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Severity
 from stickslip_monitor.monitor.value_check import refused
 
-# Longest time to wait for an answer [s].
-_LONGEST = 600
 ALONE = 1.5
 """Every monitor publishes once a second: after so long [s] there is no other."""
-# Time between two looks for a message [s].
-_POLL = 0.02
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'metavar': 'S',
         'help': 'wait up to S seconds for an answer (default 5)',
     }
-    options.add_number(parser, '--timeout', 0, _LONGEST, above=True, kind=float, **settings)
+    options.add_number(parser, '--timeout', 0, 600, above=True, kind=float, **settings)
     options.add_shared(parser, '--diagnostics')
     text = 'ask this page, such as http://127.0.0.1:8370; ROS is not needed'
     parser.add_argument('--page', metavar='URL', help=text)
@@ -119,6 +115,6 @@ def _wait_for_message(results: dict[str, tuple[int, str]], node: str | None, sec
     """
     end = time.monotonic() + seconds
     while time.monotonic() < end and not (node in results if node else results):
-        time.sleep(_POLL)
+        time.sleep(0.02)
     if node is None and results:
         time.sleep(ALONE)

@@ -114,7 +114,7 @@ NEEDS = (
     (Quantity('decay', {'s/m': 1.0}, 0.01, 1e4, _DECAY),),
     (Quantity('load', factors_of('kN') | LOAD_UNITS, 1.0, 1e8, 'mean load, as of the shaft alignment'),),
 )
-"""What has to be known: of each line one."""
+"""What has to be known: of each line one, within bounds [SI] beyond which it is a slip of the unit."""
 _DENSITY = Quantity('density', {'kg/m3': 1.0}, 500.0, 3000.0, 'density of the rubber')
 _QUANTITIES = {item.name: item for need in (*NEEDS, (_DENSITY,)) for item in need}
 _CURVE = 'a friction curve of the material in water, then stickslip fit'
@@ -314,7 +314,7 @@ def _require_fall(given: Mapping[str, Given]) -> None:
 
 
 def _format_number(value: float, places: int = 6) -> str:
-    """Return a number as text that ROS 2 reads as a float: with a point or an exponent."""
+    """Return a number to ``places`` significant digits, with the point or exponent of a float of ROS 2."""
     text = f'{value:.{places}g}'
     return text if set(text) & set('.e') else f'{text}.0'
 
@@ -364,7 +364,10 @@ def parameter_file_text(values: Sequence[Estimate], args: argparse.Namespace) ->
 
 
 def summary_text(values: Sequence[Estimate]) -> str:
-    """Return a text of several lines: the boundaries at the mean load, and what to measure next."""
+    """Return lines of text: boundaries and lining frequency at the mean load, and what to measure next.
+
+    A load that the number of blades makes doubtful has a line, too.
+    """
     bearing, load = bearing_of(values), values[-1].value
     per_rpm = bearing.speed.factor('rpm')
     fold, hopf = (float(at(bearing, load)) / per_rpm for at in (end_of_vibration, hopf_speed))
@@ -385,7 +388,7 @@ def summary_text(values: Sequence[Estimate]) -> str:
 
 
 def _next_lines(ranked: Sequence[FoldShift]) -> Iterator[str]:
-    """Yield for each parameter a line on its effect on the fold speed and how to measure it."""
+    """Yield for each parameter, as ranked, a line on its effect on the fold speed and how to measure it."""
     for effect in ranked:
         low, high = sorted((effect.below, effect.above))
         spread_text = f'known to {effect.spread:.0%}'

@@ -117,7 +117,7 @@ def add_picture(options: OptionGroup, text: str) -> None:
 
 
 def add_config(options: OptionGroup, *, required: bool = True, node: bool = True) -> None:
-    """Add ``--config``, and ``--node`` to choose a node in a file for several."""
+    """Add ``--config``, and if ``node`` also ``--node``, to choose one in a file for several."""
     add_file(options, '--config', '-c', required=required, metavar='FILE', help='ROS 2 parameter file')
     if node:
         add_shared(options, '--node')
@@ -144,7 +144,8 @@ def add_number(
 ) -> None:
     """Add an option that takes a number from ``low`` (``above``: greater than it) to ``high``.
 
-    The parser raises ConfigurationError for any other. The keywords ``more`` are argparse's.
+    It is a whole number unless ``kind`` is float. The parser raises ConfigurationError for any other. The
+    keywords ``more`` are argparse's.
     """
     keywords: dict[str, Any] = {'rule': (low, high, above), 'kind': kind, 'type': partial(_read_number, kind)}
     options.add_argument(name, action=_Number, **keywords, **more)
@@ -159,7 +160,7 @@ def _read_number(kind: type[float], text: str) -> float | str:
 
 
 class _Number(argparse.Action):
-    """Refuses a number out of bounds."""
+    """Stores a number; raises ConfigurationError for one out of bounds, or a text that is not a number."""
 
     def __init__(self, *, rule: tuple[float, float, bool], kind: type[float], **more: Any) -> None:
         super().__init__(**more)

@@ -86,7 +86,10 @@ def _check_recording(path: str, option: FileOption, inputs: Sequence[str]) -> No
 
 
 def _check_output(path: str, option: FileOption, inputs: Sequence[str], *, force: bool) -> None:
-    """Raise OutputError if an output is an input, has a wrong ending, or would replace a foreign file."""
+    """Raise OutputError if an output is an input, has a wrong ending, or would replace a foreign file.
+
+    An option that renews may replace an input of the same kind; ``force`` allows to replace a foreign file.
+    """
     marks = option.marks or {}
     mark = marks[output_ending(path, marks)]
     if Path(path).exists() and not (option.renews and mark and holds_mark(path, mark)):
@@ -173,7 +176,7 @@ def report_written(path: str | Path) -> None:
 
 
 class ProgressBar:
-    """Progress bar on standard error, where that is a terminal; a context manager."""
+    """Progress bar on standard error, if that is a terminal; a context manager that hides it at the end."""
 
     def __init__(self) -> None:
         self._begin = time.monotonic()
@@ -181,11 +184,11 @@ class ProgressBar:
         self._wanted = sys.stderr.isatty()
 
     def __enter__(self) -> ProgressBar:
-        """Begin."""
+        """Return the bar itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self.hide()
 
     def show(self, text: str, done: float, total: float | None) -> None:
@@ -226,7 +229,7 @@ def json_text(document: Any) -> str:
 
 
 def print_json(document: Any) -> None:
-    """Print one JSON document."""
+    """Print one JSON document; raise ValueError as :func:`json_text`."""
     sys.stdout.write(json_text(document))
 
 

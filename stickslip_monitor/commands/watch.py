@@ -63,7 +63,7 @@ LOGGED_AGAIN = 300.0
 # Time between two ticks of the clients, and of the watchdog [s].
 _TICK = 0.5
 # Time that clients have to finish, and tasks to end [s].
-_GOING = 2.0
+_MAX_END = 2.0
 _log = logging.getLogger(NODE_NAME)
 
 
@@ -185,17 +185,18 @@ class Feed(Sink):
     def __init__(self, monitors: Sequence[WatchedMonitor]) -> None:
         self.monitors = monitors
         self.sinks: list[Sink] = [*monitors]
-        self._heard = -SILENT
-        self._watches = False
+        self._received_at = -SILENT
+        self._is_monitoring = False
 
     @property
     def is_receiving(self) -> bool:
-        """Whether an active monitor sends data."""
-        return self._watches and time.monotonic() - self._heard < SILENT
+        """Whether an active monitor sent a record less than :data:`SILENT` ago."""
+        return self._is_monitoring and time.monotonic() - self._received_at < SILENT
 
     def take_record(self, record: dict[str, Any]) -> None:
         """Pass the record of a bearing to every sink; store the time, and whether its monitor is active."""
-        self._heard, self._watches = time.monotonic(), record.get('monitoring') is not False
+        self._received_at = time.monotonic()
+        self._is_monitoring = record.get('monitoring') is not False
         for sink in self.sinks:
             sink.take_record(record)
 
@@ -210,14 +211,14 @@ class Feed(Sink):
             monitor.take_other(node)
 
     def take_alarms(self, record: Any) -> None:
-        """Pass the list of alarms to every sink; ignore anything else."""
+        """Pass the list of alarms to every sink; ignore a record of another schema."""
         if isinstance(record, dict) and record.get('schema') == ALARM_SCHEMA:
             for sink in self.sinks:
                 sink.take_alarms(record)
 
 
 class LinkStates:
-    """States of the links; a change is logged, but no state of a link twice in five minutes.
+    """States of the links; a change is logged, but no state of a link twice within :data:`LOGGED_AGAIN`.
 
     Args:
         links: Takes whether each link works; one of which nobody can know has no entry.
@@ -281,11 +282,11 @@ async def _watch_ship(
             for task in done:
                 task.result()
             # A server that is frozen must not keep us here.
-            await asyncio.wait([asyncio.create_task(c.finish()) for c in clients], timeout=_GOING)
+            await asyncio.wait([asyncio.create_task(c.finish()) for c in clients], timeout=_MAX_END)
         finally:
             for task in tasks:
                 task.cancel()
-            await asyncio.wait(tasks, timeout=_GOING)
+            await asyncio.wait(tasks, timeout=_MAX_END)
 
 
 @contextmanager
@@ -381,7 +382,10 @@ def _make_monitor(
 async def _report_files(
     config: MonitorConfig, store: StateWriter | None, live: LiveMonitor, feed: Feed
 ) -> None:
-    """Check for ever which files cannot be used; report each change to the page, new faults to the log."""
+    """Poll the faults of state file, restored state and configuration forever; report changes to the page.
+
+    A new fault of the state file is logged, too.
+    """
     reported = ''
     while True:
         fault = '' if store is None else store.fault
@@ -405,8 +409,8 @@ def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
     latest: dict[tuple[str, Input], tuple[int | None, float]] = {}
     reported: set[tuple[str, Input]] = set()
 
-    def passed(bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
-        """Pass a sample on, unless it is a copy; remember it for the next."""
+    def pass_sample(bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
+        """Pass a sample on, unless it is a copy; store it for the next."""
         key, sample = (bearing, place), (stamp_ns, value)
         copied = stamp_ns is not None and latest.get(key) == sample
         latest[key] = sample
@@ -419,7 +423,7 @@ def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
                 ' are not published'
             )
 
-    return passed
+    return pass_sample
 
 
 def _make_clients(links: LinksConfig, side: MonitorSide) -> list[Client]:
