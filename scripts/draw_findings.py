@@ -294,7 +294,7 @@ def _bands(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, scale: float) ->
             label=names.get(regime),
         )
     for panel in (axes, below):
-        canvas.regime_bands(panel, spans)
+        canvas.draw_regime_bands(panel, spans)
 
 
 def _branches(axes: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:

@@ -38,7 +38,7 @@ def main() -> None:
     # It begins as a root: steps from the Hopf speed on are squares.
     between = hopf + (fold - hopf) * np.linspace(0.0, 1.0, 200)[1:-1] ** 2
     with canvas.style():
-        figure, axes = canvas.labelled('belt speed [-]', 'amplitude [-]', box=(0.085, 0.125, 0.89, 0.79))
+        figure, axes = canvas.new_panel('belt speed [-]', 'amplitude [-]', box=(0.085, 0.125, 0.89, 0.79))
         stable = exact_cycle(BLOCK, below, 1.0).amplitude
         unstable = exact_unstable_cycle(BLOCK, between, 1.0).amplitude
         axes.plot(below, stable, color=canvas.INK, lw=1.8, label='our stick-slip')
@@ -56,7 +56,7 @@ def main() -> None:
         axes.set_xlim(0.45, 2.0)
         axes.set_ylim(0.0, 2.2)
         spans = (0.45, hopf, Regime.UNSTABLE), (hopf, fold, Regime.BISTABLE)
-        canvas.regime_bands(axes, (*spans, (fold, 2.0, Regime.STABLE)))
+        canvas.draw_regime_bands(axes, (*spans, (fold, 2.0, Regime.STABLE)))
         canvas.legend_above(axes, 3)
         canvas.save_figure(figure, PICTURE, force=True)
 

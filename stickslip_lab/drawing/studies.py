@@ -49,7 +49,7 @@ def draw_friction_fit(
     title += f' + {law.viscous:.3g} v' if law.viscous else ''
     with canvas.style():
         labels = 'sliding speed [m/s]', 'coefficient of friction [-]'
-        figure, axes = canvas.labelled(*labels, title=title, footnote=footnote)
+        figure, axes = canvas.new_panel(*labels, title=title, footnote=footnote)
         _draw_law(axes, fit)
         _draw_points(axes, fit)
         for name, speeds in (boundaries or {}).items():
@@ -135,7 +135,7 @@ def draw_calibration(config: BearingConfig, calibration: Calibration) -> canvas.
     has_level = any(one.level is not None for one in calibration.evidence)
     with canvas.style():
         count = plural(len(calibration.edges.tracks), 'passage'), plural(calibration.episodes, 'episode')
-        figure, axes = canvas.labelled(
+        figure, axes = canvas.new_panel(
             'shaft speed / configured fold speed',
             'level / surface speed [dB]' if has_level else 'passage',
             title=f'{config.name}: {", ".join(count)}',
@@ -270,7 +270,7 @@ def draw_levels(config: BearingConfig, levels: Sequence[LevelBins]) -> canvas.Fi
     """
     with canvas.style():
         labels = 'level / surface speed [dB]', 'values'
-        figure, axes = canvas.labelled(*labels, title=f'{config.name}: no two modes')
+        figure, axes = canvas.new_panel(*labels, title=f'{config.name}: no two modes')
         value = np.concatenate([np.empty(0), *(level.value for level in levels)])
         axes.hist(value, bins=80, color=_QUIET, label='all recordings, each value of 0.25 s')
         axes.legend(loc='best', frameon=True)

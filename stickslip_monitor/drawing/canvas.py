@@ -125,10 +125,6 @@ WIDTH, HEIGHT = 9.0, 5.6
 """Size of a picture [inch], if no other is asked for."""
 POINTS_PER_INCH = 70
 """Points of a recording that are drawn on an inch, nearly; the others are within their outline."""
-# Resolution of a PNG [1/inch].
-_DPI = 200
-# Stretches in which a word has room upright, and across [pixels].
-_NARROWEST, _WIDE = 15.0, 75.0
 _STYLE = {
     'font.family': 'sans-serif',
     'font.sans-serif': ['DejaVu Sans'],
@@ -179,7 +175,7 @@ def new_figure(width: float = WIDTH, height: float = HEIGHT) -> Figure:
     return figure
 
 
-def labelled(
+def new_panel(
     x_label: str,
     y_label: str,
     *,
@@ -230,7 +226,7 @@ def legend_above(axes: Axes, columns: int, **more: Any) -> None:
     axes.legend(ncols=columns, **look | more)
 
 
-def regime_bands(axes: Axes, spans: Iterable[tuple[float, float, Regime]]) -> None:
+def draw_regime_bands(axes: Axes, spans: Iterable[tuple[float, float, Regime]]) -> None:
     """Fill stretches of the x axis, each from, to and regime, and name them at the top of the panel.
 
     Narrow ones have their name upright, the narrowest none. The limits of the axes must be final.
@@ -239,10 +235,11 @@ def regime_bands(axes: Axes, spans: Iterable[tuple[float, float, Regime]]) -> No
     for low, high, regime in spans:
         axes.axvspan(low, high, color=REGIME_FILL[regime], lw=0.0, zorder=0)
         left, right = axes.transData.transform([(low, 0.0), (high, 0.0)])[:, 0]
-        if right - left > _NARROWEST:
+        # A word takes 15 pixels upright and 75 across.
+        if right - left > 15.0:
             middle = 0.5 * (low + high), top
             look: Look = {'ha': 'center', 'va': 'top', 'style': 'italic', 'zorder': 12}
-            look['rotation'] = 0.0 if right - left > _WIDE else 90.0
+            look['rotation'] = 0.0 if right - left > 75.0 else 90.0
             axes.annotate(regime.value, middle, (0.0, -6.0), textcoords='offset points', **look)
 
 
@@ -250,14 +247,14 @@ def envelope(max_points: int, *columns: Any) -> IndexArray:
     """Choose the points of a recording to draw, so that the line keeps its outline.
 
     The points are taken in blocks of one length; of each block stay the least and the greatest
-    value of every column, at its own instant, and an interruption.
+    value of every column, at its own instant, and an interruption. The first and the last point stay.
 
     Args:
         max_points: Points to draw, nearly; a shorter recording stays as it is.
         columns: Values, each of shape (n,); ``nan`` interrupts the line.
 
     Returns:
-        Indices in rising order, at most about ``max_points`` of them.
+        Indices in rising order, about ``max_points`` of them at most.
     """
     size = columns[0].size
     blocks = max(1, max_points // (3 * len(columns)))
@@ -297,7 +294,7 @@ def save_figure(figure: Figure, path: str | Path, force: bool = False) -> None:
     named = {'Date': None, 'Creator': SOFTWARE} if suffix == '.svg' else {'Software': SOFTWARE}
     file = io.BytesIO()
     with style():
-        figure.savefig(file, format=suffix[1:], dpi=_DPI, metadata=named)
+        figure.savefig(file, format=suffix[1:], dpi=200, metadata=named)
     with _translate_os_errors(path):
         write_whole(path, file.getvalue(), mark, force=force)
 
@@ -340,8 +337,8 @@ _HEAD = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 def inline_svg(figure: Figure, name: str, text: str) -> str:
     """Return a figure as an ``svg`` element to be put into a page.
 
-    The colours of the palette are variables (:func:`variable`) that the page sets, so that a dark
-    page has a dark picture.
+    The colours of the palette are variables (:func:`css_variable`) that the page sets, so that a dark
+    page has a dark picture. Paths are cut to a tenth of a point.
 
     Args:
         figure: The figure.
@@ -360,11 +357,11 @@ def inline_svg(figure: Figure, name: str, text: str) -> str:
     # Tenths of a point are finer than any screen shows.
     body = _PATH.sub(lambda path: _DECIMALS.sub(r'.\1', path[0].replace(' \n', '')), body)
     body = body.replace('xlink:href', 'href')
-    body = _COLOUR.sub(lambda match: f'var({variable(match[0])})', body)
+    body = _COLOUR.sub(lambda match: f'var({css_variable(match[0])})', body)
     body = re.sub(r'\n\s*', '\n', body)
     return f'<svg viewBox="{box}" role="img" aria-label="{escape(text)}">{body}</svg>'
 
 
-def variable(colour: str) -> str:
+def css_variable(colour: str) -> str:
     """Return the CSS variable that holds a colour: ``--c0072b2`` for ``#0072b2``."""
     return f'--c{colour[1:]}'

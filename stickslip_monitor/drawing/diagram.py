@@ -28,18 +28,8 @@ from stickslip_monitor.physics.averaging import fold_speed, growth_rate, hopf_sp
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import end_of_vibration, exact_amplitude, exact_fold_speed
 
-# Share of the second speed that stands for a first one at rest [-].
-_LOW = 1e-3
 # Share of a speed within which two turns, or a turn and a boundary, are one [-].
 _SAME = 1e-9
-# Speeds of the scan for changes in the number of cycles, besides those drawn.
-_COLUMNS = 500
-# Parts into which a bracket of such a change is divided at a time, and its width at the end as a share.
-_PARTS, _ROUNDING = 32, 1e-14
-# Share of an amplitude within which a fold is at the sliding limit [-].
-_CUSP = 1e-6
-# Room above the highest amplitude and below zero, as shares of it [-].
-_HEADROOM, _BELOW_ZERO = 1.2, 0.07
 
 
 class BranchMark(NamedTuple):
@@ -80,26 +70,26 @@ def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: in
         bearing: The bearing.
         load: The load.
         speeds: Lowest and highest surface speed, 0 <= low < high [m/s]. A lowest of 0 is replaced by
-            one just above, because nothing slides at rest.
+            a thousandth of the next one, because nothing slides at rest.
         points: Number of even speeds, to which those where branches end are added.
     """
     grid = np.linspace(*speeds, points)
     if speeds[0] == 0.0:
-        grid[0] = _LOW * grid[1]  # at rest nothing slides
+        grid[0] = 1e-3 * grid[1]
     exact_fold = float(exact_fold_speed(bearing, load))
     # The exact branch is drawn up to its end.
     last = [exact_fold * (1.0 - _SAME)] if grid[0] < exact_fold < grid[-1] else []
     end = [v for v in [float(end_of_vibration(bearing, load))] if grid[0] < v < grid[-1]]
     grid = np.union1d(grid, last)
     # At both sides of the law's break points the balance may jump.
-    between = np.linspace(grid[0], grid[-1], _COLUMNS), corners(bearing, (grid[0], grid[-1]), load)
+    between = np.linspace(grid[0], grid[-1], 500), corners(bearing, (grid[0], grid[-1]), load)
     scan = np.union1d(grid, np.concatenate(between))
     cycles = _find_amplitudes(bearing, scan, load)
     turns = _find_turns(bearing, load, scan, cycles)
     marks = [turn.mark for turn in turns]
     ends = [mark.speed for mark in marks]
     speed = np.union1d(grid, ends)
-    # At a mark, which was not looked at, the turn knows the amplitudes.
+    # A mark is not among the scanned speeds: the turn has its amplitudes.
     rows = np.minimum(np.searchsorted(scan, speed), scan.size - 1)
     return Diagram(
         load=load,
@@ -131,6 +121,8 @@ def _find_amplitudes(bearing: Bearing, speed: FloatArray, load: float) -> FloatA
 def _find_turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: FloatArray) -> list[_Turn]:
     """Locate each change in the number of cycles to rounding, and return them by speed.
 
+    Changes that are one within :data:`_SAME` are joined; those that cancel are dropped.
+
     Args:
         bearing: The bearing.
         load: The load [N].
@@ -139,9 +131,9 @@ def _find_turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: Fl
     """
     counts = np.isfinite(amplitude).sum(axis=1)
     ends, cycles = (np.stack([c[:-1], c[1:]]) for c in (speeds, counts))
-    while np.any(ends[1] - ends[0] > _ROUNDING * ends[1]):
+    while np.any(ends[1] - ends[0] > 1e-14 * ends[1]):
         low, high = ends[:, cycles[0] != cycles[1]]
-        parts = np.linspace(low, high, _PARTS + 1)
+        parts = np.linspace(low, high, 33)
         cycle_counts = np.isfinite(_find_amplitudes(bearing, parts.ravel(), load)).sum(axis=1)
         ends, cycles = (
             np.stack([c[:-1].ravel(), c[1:].ravel()]) for c in (parts, cycle_counts.reshape(parts.shape))
@@ -161,6 +153,7 @@ def _find_turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: Fl
 def _classify_turn(bearing: Bearing, load: float, boundaries: Range, low: float, high: float) -> _Turn:
     """Return the Hopf or the fold between two neighbouring speeds ``low`` and ``high`` [m/s].
 
+    It is a Hopf if the number of cycles changes by an odd number, else a fold. Its speed is ``high``;
     ``boundaries`` are the fold and the Hopf speed [m/s], which replace a speed that agrees with them.
     """
     rows = _find_amplitudes(bearing, np.array([low, high]), load)
@@ -173,7 +166,7 @@ def _classify_turn(bearing: Bearing, load: float, boundaries: Range, low: float,
     changed = slice(first, first + change)
     amplitude, limit = float(np.mean(more[changed])), speed / bearing.natural_frequency
     # Most folds are at the sliding limit, where the work of friction has a cusp.
-    amplitude = limit if math.isclose(amplitude, limit, rel_tol=_CUSP) else amplitude
+    amplitude = limit if math.isclose(amplitude, limit, rel_tol=1e-6) else amplitude
     return _Turn(BranchMark('fold', speed, amplitude), before, after, changed)
 
 
@@ -267,7 +260,7 @@ def draw_diagram(
         bearing, rpm = config.bearing, config.bearing.speed.factor('rpm')
         speeds = speeds or diagram_speeds(bearing, load)
         diagram = bifurcation_diagram(bearing, load, speeds, points)
-        figure, axes = canvas.labelled(
+        figure, axes = canvas.new_panel(
             'shaft speed [rpm]',
             'displacement amplitude [mm]',
             box=(0.095, 0.245, 0.88, 0.635),
@@ -276,11 +269,13 @@ def draw_diagram(
         curves = [diagram.exact, *(branch.amplitude for branch in diagram.branches)]
         top = max(float(np.nanmax(curve, initial=0.0)) for curve in curves) or diagram.sliding_limit[-1]
         axes.set_xlim(speeds[0] / rpm, speeds[1] / rpm)
-        axes.set_ylim(-_BELOW_ZERO * top * 1e3, _HEADROOM * top * 1e3)
+        axes.set_ylim(-0.07 * top * 1e3, 1.2 * top * 1e3)
         both_ways = (lambda x: np.multiply(x, rpm), lambda x: np.divide(x, rpm))
         axes.secondary_xaxis('top', functions=both_ways).set_xlabel('surface speed [m/s]', labelpad=6.0)
         _draw_curves(axes, diagram, rpm, 1.1 * top)
-        canvas.regime_bands(axes, [(low / rpm, high / rpm, regime) for low, high, regime in diagram.spans])
+        canvas.draw_regime_bands(
+            axes, [(low / rpm, high / rpm, regime) for low, high, regime in diagram.spans]
+        )
         _draw_marks(axes, diagram, rpm)
         if not diagram.branches and not np.isfinite(diagram.exact).any():
             why = textwrap.fill(assess(bearing, 0.5 * sum(speeds), load).outcome.sentence, 46)

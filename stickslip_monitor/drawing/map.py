@@ -35,48 +35,16 @@ Range = tuple[float, float]
 
 # Size of a chosen range over what it has to show [-].
 _ROOM = 1.25
-# Height of the labels of amplitudes, and the least rise of a line that has one, as shares of the axes [-].
-_LABEL_HEIGHT, _LABELLED = 0.91, 0.2
-# Length of the longest label of an amplitude, '0.25 mm' of 9 points, with the gap around it [inch].
-_LABEL_LENGTH = 0.72
 # Highest load of a map over the onset, without a track [-].
 _LOADS_ABOVE_ONSET = 10.0
-# The map goes to twice the load at which friction was measured.
-_LOADS_BELOW_MEASURED = 0.5 * _LOADS_ABOVE_ONSET
-# Even speeds at which the onset is sought, besides those where the law changes.
-_SPEEDS_TRIED = 200
-# Speed [rpm] and highest load [N] of a map for a bearing that has no scale of its own.
-_RPM_WITHOUT_SCALE, _LOAD_WITHOUT_SCALE = 60.0, 1000.0
-# Places at a break point, as shares of its speed: before, at, and behind it.
-_BESIDE = (1.0 - 1e-9, 1.0, 1.0 + 1e-9)
-# Ceiling of the regions over the highest load of the map: loads beyond, and none, are drawn there [-].
-_BEYOND = 2.0
-# Loads at which the bands of a belief are computed.
-_BAND_LOADS = 120
-# Speeds and loads at which exact cycles are computed.
-_EXACT_GRID = 48, 32
-# Distance of two folds from which they are two lines, as a share of the map's width [-].
-_FOLDS_APART = 0.005
-# Width of a map from which it has five lines of amplitude in place of three [inch].
-_NARROW = 5.0
-# The legend below the map [inch].
-_LEGEND_COLUMN, _LEGEND_ROW, _NAMES = 1.45, 0.2, 10
-# Room around the axes [inch], whatever the size of the figure.
-_LEFT, _BESIDE_AXES, _BELOW, _ABOVE = 0.855, 1.08, 0.64, 0.24
-
-# The track.
-# Points of the smoothed track, about.
-_STOPS = 150
-# A step of the course is at least this part of the map's diagonal.
-_STRIDE = 0.015
-# Colour and width of the course from its beginning to its end: a way back lies on the way out.
+# Height of a row of a legend [inch].
+_LEGEND_ROW = 0.2
+# Room left of the axes, and on both sides together [inch], whatever the size of the figure.
+_LEFT, _BOTH_SIDES = 0.855, 1.08
+# Colour and width of the track from its beginning to its end: a way back lies on the way out.
 _AGES = (('#8c8c8c', 4.0), (canvas.MUTED, 2.6), (canvas.INK, 1.3))
-# Size of the ring at the start [points]: an end within it is no mark of its own.
+# Size of the ring at the start [points]: an end within it has no mark of its own.
 _RING = 12.0
-# Where along a part of the course its arrow is.
-_ARROW = 0.35
-# The names of the marks above the map [inch].
-_MARK_COLUMN = 1.6
 _MARKER = {
     Condition.NORMAL: 'o',
     Condition.VIBRATION: 'v',
@@ -99,12 +67,12 @@ def _speed_scale_factor(bearing: Bearing, load: float | None = None) -> float:
 def law_speed(bearing: Bearing, load: float | None = None) -> float:
     """Return a surface speed [m/s] at which most of the fall of friction at a load [N] is over.
 
-    By default at the load of its measurement; a fixed shaft speed for a law whose friction does not change.
+    By default at the load of its measurement; 60 rpm for a law whose friction does not change.
     """
     law, scale = bearing.friction, _speed_scale_factor(bearing, load)
     if isinstance(law, Stribeck):
         return scale * 4.0 / law.decay
-    without = float(bearing.speed.to_surface(_RPM_WITHOUT_SCALE, 'rpm'))
+    without = float(bearing.speed.to_surface(60.0, 'rpm'))
     return scale * (speed_scales(law) or (without,))[-1]
 
 
@@ -127,7 +95,7 @@ def diagram_speeds(bearing: Bearing, load: float) -> Range:
 def onset_load(bearing: Bearing) -> float:
     """Return the least load [N] with stick-slip at some speed, by averaging; ``nan`` where no load has it."""
     edges = _speed_scale_factor(bearing) * np.array(speed_scales(bearing.friction))
-    speeds = np.concatenate([np.linspace(0.0, law_speed(bearing), _SPEEDS_TRIED), edges])
+    speeds = np.concatenate([np.linspace(0.0, law_speed(bearing), 200), edges])
     return float(np.fmin.reduce(fold_load(bearing, speeds)))
 
 
@@ -136,8 +104,8 @@ def map_ranges(
 ) -> tuple[Range, Range]:
     """Return the lowest and highest speed [m/s] and load [N] of a map; a range that is None is chosen.
 
-    Chosen loads go from 0 past the onset of stick-slip, chosen speeds from 0 past the fold at
-    the highest load, which is the way out. They include the whole track.
+    Chosen loads go from 0 past the onset of stick-slip (to 1000 N without one), chosen speeds from 0 past the
+    fold at the highest load, which is the way out. They include the whole track.
     """
     fastest = heaviest = 0.0
     if track is not None:
@@ -148,19 +116,23 @@ def map_ranges(
         onset = onset_load(bearing)
         lubrication = bearing.lubrication
         if lubrication is not None and lubrication.load_exponent > 0.0:
-            # Light loads have boundaries, too, at creeping speeds: that of the measurement is of interest.
-            onset = float(np.fmax(onset_load(as_measured(bearing)), lubrication.load / _LOADS_BELOW_MEASURED))
-        top = _LOADS_ABOVE_ONSET * onset if onset > 0.0 else _LOAD_WITHOUT_SCALE
+            # Light loads have boundaries, too, at creeping speeds. The map goes to twice the load at which
+            # friction was measured.
+            measured = 2.0 * lubrication.load / _LOADS_ABOVE_ONSET
+            onset = float(np.fmax(onset_load(as_measured(bearing)), measured))
+        top = _LOADS_ABOVE_ONSET * onset if onset > 0.0 else 1000.0
         loads = 0.0, _ROOM * np.fmax(heaviest, onset) if heaviest > 0.0 else top
     return speeds or (0.0, max(diagram_speeds(bearing, loads[1])[1], 1.05 * fastest)), loads
 
 
 def corners(bearing: Bearing, speeds: Range, load: float | None = None) -> FloatArray:
-    """Return the law's break points [m/s] at a load [N] between two speeds and both sides, unordered.
+    """Return the law's break points between two speeds [m/s], with a speed close to each side, unordered.
 
-    There the curves have corners and the balance of work may jump.
+    There the curves have corners and the balance of work may jump. The break points are those at a load [N],
+    by default that of the law's measurement.
     """
-    beside = _speed_scale_factor(bearing, load) * np.outer(bearing.friction.breakpoints, _BESIDE).ravel()
+    sides = 1.0 - 1e-9, 1.0, 1.0 + 1e-9
+    beside = _speed_scale_factor(bearing, load) * np.outer(bearing.friction.breakpoints, sides).ravel()
     return beside[(beside > speeds[0]) & (beside < speeds[1])]
 
 
@@ -226,14 +198,15 @@ def draw_map(
     with canvas.style():
         bearing, (width, height) = config.bearing, size
         speeds, loads = map_ranges(bearing, speeds, loads, track)
-        columns = max(2, int(width / _LEGEND_COLUMN))
-        bottom = _BELOW + _LEGEND_ROW * -(-_NAMES // columns)
-        above = max(_ABOVE, 0.0 if track is None else track.legend_height(width))
-        figure, axes = canvas.labelled(
+        # The legend has at most 10 names, the longest of 1.45 inch.
+        columns = max(2, int(width / 1.45))
+        bottom = 0.64 + _LEGEND_ROW * -(-10 // columns)
+        above = max(0.24, 0.0 if track is None else track.legend_height(width))
+        figure, axes = canvas.new_panel(
             'shaft speed [rpm]',
             'bearing load [kN]',
             size=size,
-            box=(_LEFT / width, bottom / height, 1.0 - _BESIDE_AXES / width, 1.0 - (bottom + above) / height),
+            box=(_LEFT / width, bottom / height, 1.0 - _BOTH_SIDES / width, 1.0 - (bottom + above) / height),
         )
         rpm = bearing.speed.factor('rpm')
         axes.set_xlim(speeds[0] / rpm, speeds[1] / rpm)
@@ -242,8 +215,9 @@ def draw_map(
         _draw_regions(axes, curves, loads, rpm)
         _draw_belief_bands(axes, config, loads, rpm)
         _draw_averaged_fold(axes, bearing, curves, loads, rpm)
-        room = height - bottom - above
-        _draw_amplitudes(axes, bearing, speeds, loads, 5 if width > _NARROW else 3, _LABEL_LENGTH / room)
+        # The longest label, '0.25 mm' of 9 points with the gap around it, takes 0.72 inch.
+        label = 0.72 / (height - bottom - above)
+        _draw_amplitudes(axes, bearing, speeds, loads, 5 if width > 5.0 else 3, label)
         canvas.legend_below(figure, columns, _LEFT / width - 0.01)
         if track is not None:
             draw_track(axes, track, rpm, width)
@@ -259,7 +233,8 @@ def _draw_regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: floa
 
     ``loads`` is the range of the map [N], ``rpm`` the surface speed of one rpm [m/s].
     """
-    x, ceiling = curves.speed / rpm, _BEYOND * loads[1]
+    # Loads beyond the map, and none, are drawn at a ceiling above it.
+    x, ceiling = curves.speed / rpm, 2.0 * loads[1]
 
     def clip_load(load: FloatArray) -> FloatArray:
         """Return loads [N] in kN, at most the ceiling, which also stands for none."""
@@ -285,14 +260,15 @@ def _draw_regions(axes: canvas.Axes, curves: Boundaries, loads: Range, rpm: floa
 def _draw_averaged_fold(
     axes: canvas.Axes, bearing: Bearing, curves: Boundaries, loads: Range, rpm: float
 ) -> None:
-    """Draw the fold of averaging up to the highest load of the map, unless it is the line that decides.
+    """Draw the fold of averaging up to the highest load, if it is somewhere beside the one that decides.
 
-    ``loads`` is the range of the map [N], ``rpm`` the surface speed of one rpm [m/s].
+    That is by more than 0.5 % of the map's width. ``loads`` is the range of the map [N], ``rpm`` the surface
+    speed of one rpm [m/s].
     """
     rows = curves.fold_load <= loads[1]
     load = np.where(rows, curves.fold_load, np.nan)
     averaged = np.asarray(fold_speed(bearing, load))
-    if np.any(np.abs(averaged - curves.speed) > _FOLDS_APART * curves.speed[-1]):
+    if np.any(np.abs(averaged - curves.speed) > 0.005 * curves.speed[-1]):
         look: canvas.Look = {'color': canvas.FOLD, 'lw': 1.4, 'ls': '-.', 'zorder': 3}
         axes.plot(averaged / rpm, load / 1e3, label='fold by averaging (KBM)', **look)
 
@@ -321,9 +297,9 @@ def _draw_amplitudes(
     # touches a corner the label would stand over the boundaries.
     low, high = loads[0] / 1e3, loads[1] / 1e3
     paths = [max(parts, key=len) for parts in lines.allsegs if any(map(len, parts))]
-    long = [path for path in paths if np.ptp(path[:, 1]) > max(_LABELLED, label) * (high - low)]
+    long = [path for path in paths if np.ptp(path[:, 1]) > max(0.2, label) * (high - low)]
     # A label along a steep line must end below the frame.
-    height = low + min(_LABEL_HEIGHT, 1.0 - 0.5 * label) * (high - low)
+    height = low + min(0.91, 1.0 - 0.5 * label) * (high - low)
     places = [path[np.argmin(np.abs(path[:, 1] - height))] for path in long]
     axes.clabel(lines, fmt='%g mm', fontsize=9.0, manual=[(x, y) for x, y in places])
 
@@ -338,11 +314,10 @@ def _exact_amplitudes(
     The grid leaves out the lowest speed and load, which may be 0.
 
     Returns:
-        Speeds (n,) [m/s], loads (m,) [N] and amplitudes (m, n) [mm], ``nan`` without a cycle.
+        Speeds (48,) [m/s], loads (32,) [N] and amplitudes (32, 48) [mm], ``nan`` without a cycle.
     """
-    columns, rows = _EXACT_GRID
-    speed = np.linspace(speeds[0], speeds[1], columns + 1)[1:]
-    load = np.linspace(loads[0], loads[1], rows + 1)[1:]
+    speed = np.linspace(*speeds, 49)[1:]
+    load = np.linspace(*loads, 33)[1:]
     return speed, load, exact_amplitude(bearing, speed[None, :], load[:, None]) * 1e3
 
 
@@ -353,7 +328,7 @@ def _draw_belief_bands(axes: canvas.Axes, config: BearingConfig, loads: Range, r
     """
     if config.belief is None:
         return
-    load = np.linspace(max(loads[0], 1e-6 * loads[1]), loads[1], _BAND_LOADS)
+    load = np.linspace(max(loads[0], 1e-6 * loads[1]), loads[1], 120)
     for quantile, regime, name in (
         (config.belief.fold_speed, Regime.BISTABLE, 'fold'),
         (config.belief.hopf_speed, Regime.UNSTABLE, 'Hopf'),
@@ -409,8 +384,8 @@ def track_of_scan(scan: Verdicts) -> Track:
 
 
 def _mark_columns(width: float) -> int:
-    """Return how many names of marks fit side by side above a map of a width [inch]."""
-    return max(1, int((width - _BESIDE_AXES) / _MARK_COLUMN))
+    """Return how many names of marks fit side by side above a map of a width [inch]; at least 1."""
+    return max(1, int((width - _BOTH_SIDES) / 1.6))
 
 
 def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canvas.WIDTH) -> None:
@@ -418,14 +393,17 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
 
     A track without a finite point leaves the map as it is.
 
-    The axes have their final limits in rpm and kN; ``rpm`` is the surface speed of one rpm [m/s],
-    the width that of the figure [inch].
+    Args:
+        axes: The map, with final limits in rpm and kN.
+        track: The track.
+        rpm: Surface speed of one rpm [m/s].
+        width: Width of the figure [inch].
     """
     x, y = np.abs(track.speed) / rpm, track.load / 1e3
     finite = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if not finite.size:
         return
-    # Every place that it has been to, faint.
+    # Every measured point, faint.
     drawn = canvas.envelope(int(width * canvas.POINTS_PER_INCH), x, y)
     faint: canvas.Look = {'color': canvas.MUTED, 'lw': 0.7, 'alpha': 0.45, 'zorder': 6}
     named = axes.plot(x[drawn], y[drawn], label='measured', **faint)
@@ -450,7 +428,7 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
 
 
 def _draw_smoothed_track(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> list[Any]:
-    """Draw a track [rpm, kN] without noise: means over parts of its time, at least a stride apart.
+    """Draw a track [rpm, kN] without noise: means over parts of its time, 1.5 % of the map's diagonal apart.
 
     It goes from wide and light to narrow and dark, so that ways back can be distinguished.
 
@@ -459,7 +437,7 @@ def _draw_smoothed_track(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> lis
     """
     box = axes.get_window_extent()
     shown = axes.transData.transform(np.column_stack([x, y]))
-    paths = list(_smooth_parts(shown, _STRIDE * float(np.hypot(box.width, box.height))))
+    paths = list(_smooth_parts(shown, 0.015 * float(np.hypot(box.width, box.height))))
     steps = [np.hypot(*np.diff(path, axis=0).T) for path in paths]
     total, done = sum(float(step.sum()) for step in steps) or 1.0, 0.0
     lines: list[Any] = []
@@ -488,7 +466,8 @@ def _smooth_parts(shown: FloatArray, stride: float) -> Iterator[FloatArray]:
             last may be nearer.
     """
     is_finite = np.all(np.isfinite(shown), axis=1)
-    length = max(1, int(is_finite.sum()) // _STOPS)
+    # So that the whole track has about 150 points.
+    length = max(1, int(is_finite.sum()) // 150)
     for run in np.split(shown, np.flatnonzero(np.diff(is_finite.astype(np.int8))) + 1):
         if np.isfinite(run[0]).all():
             starts = np.arange(0, run.shape[0], length)
@@ -505,7 +484,7 @@ def _draw_arrow(axes: canvas.Axes, line: FloatArray, colour: str) -> None:
 
     On a way back that lies on the way out the arrows are elsewhere.
     """
-    k = int(_ARROW * (line.shape[1] - 1))
+    k = int(0.35 * (line.shape[1] - 1))
     look: canvas.Look = {'arrowstyle': '-|>,head_width=0.34,head_length=0.6', 'fc': colour}
     look |= {'ec': canvas.PAPER, 'lw': 0.6, 'shrinkA': 0.0, 'shrinkB': 0.0}
     axes.annotate('', tuple(line[:, k + 1]), tuple(line[:, k]), zorder=9, arrowprops=look)

@@ -21,18 +21,8 @@ from stickslip_monitor.monitor.severity import Severity
 from stickslip_monitor.monitor.statements import Event
 from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsen_spells
 
-# Spells of the alarm's band on an inch, beyond which neighbours are joined.
-_SPELLS_PER_INCH = 30
-# Events beyond which only alarms are marked, and beyond which marks have no number.
-_MAX_LINES, _MAX_NUMBERED = 80, 60
-# Rows of numbers above the panels: a number for which none has room is left out.
-_NUMBER_ROWS = 3
-# Highest and lowest upper end of the axis of margins [-].
-_HIGHEST_MARGIN, _LOWEST_TOP = 1.5, 0.3
-# Width of a letter of a condition's name in the band [pixels].
-_PIXELS_PER_LETTER = 6.3
-# A panel so wide has the names of its lines beside each other [pixels].
-_NAMES_BELOW = 450.0
+# Events beyond which only alarms are marked.
+_MAX_LINES = 80
 DATED_FROM = 10 * 365 * 86_400 * 10**9
 """A clock before this counts from a start, a simulation's say: it has no date [ns]."""
 # The panels from above, with their heights [inch].
@@ -95,6 +85,8 @@ class Timeline:
 def draw_timeline(timeline: Timeline, width: float = canvas.WIDTH) -> canvas.Figure:
     """Draw a recording over time, of a width [inch]; long ones are thinned to their envelope.
 
+    The panel of amplitudes is absent if no cycle ever existed and the lining's motion is unknown.
+
     Raises:
         DrawingError: matplotlib is not installed.
     """
@@ -118,7 +110,7 @@ def draw_timeline(timeline: Timeline, width: float = canvas.WIDTH) -> canvas.Fig
         _draw_margins(panels['margin'], lines)
         if 'amplitude' in panels:
             _draw_amplitude(panels['amplitude'], lines)
-        _draw_alarm(panels['alarm'], lines, int(width * _SPELLS_PER_INCH))
+        _draw_alarm(panels['alarm'], lines, max_spells=int(width * 30))
         _format_time_axis(panels, lines, width)
         _draw_event_lines(panels, lines)
         return figure
@@ -143,12 +135,12 @@ class _Lines:
     """The columns of a timeline over time, thinned one by one."""
 
     def __init__(self, timeline: Timeline, max_points: int) -> None:
-        self._most = max_points
+        self._max_points = max_points
         self.timeline, self.config, self.lining = timeline, timeline.config, timeline.lining
         scan, point = timeline.scan, timeline.scan.assessment
         self.start_ns = timeline.spells[0].start_ns
         self.end_ns = max(spell.end_ns for spell in timeline.spells)
-        self.dated = self.start_ns >= DATED_FROM
+        self.is_dated = self.start_ns >= DATED_FROM
         # Interrupted where an input was lost or the clock jumped back.
         lost = scan.until_ns[:-1] < scan.time_ns[1:]
         back = np.diff(scan.time_ns) < 0
@@ -169,7 +161,7 @@ class _Lines:
     def at(self, time_ns: object) -> FloatArray:
         """Return times on the axis: days since 1970 for dates, else seconds from the start."""
         since = np.asarray(time_ns, dtype=np.int64)
-        if self.dated:
+        if self.is_dated:
             return np.asarray(since / 86_400e9, dtype=float)
         return np.asarray((since - self.start_ns) * 1e-9, dtype=float)
 
@@ -183,7 +175,7 @@ class _Lines:
         rows = np.insert(np.arange(scan.time_ns.size), self._breaks, -1)
         averaged = np.insert(scan.assessment.amplitude, self._breaks, np.nan)
         sticking = np.insert(scan.sticking, self._breaks, False)
-        drawn = canvas.envelope(self._most, averaged, np.where(sticking, averaged, 0.0))
+        drawn = canvas.envelope(self._max_points, averaged, np.where(sticking, averaged, 0.0))
         # Only at the points drawn: an exact cycle costs some microseconds.
         exact = scan.assessment.at(rows[drawn]).amplitude_exact * 1e3
         possible = np.where(rows[drawn] < 0, np.nan, exact)
@@ -191,8 +183,12 @@ class _Lines:
 
     def line(self, *names: str) -> tuple[FloatArray, ...]:
         """Return times on the axis and values of :attr:`columns`, thinned to one envelope; nan at breaks."""
-        values = [np.insert(np.asarray(self.columns[n], dtype=float), self._breaks, np.nan) for n in names]
-        rows = canvas.envelope(self._most, *values)
+        return self.thin(*(self.columns[name] for name in names))
+
+    def thin(self, *columns: FloatArray) -> tuple[FloatArray, ...]:
+        """Return times on the axis and columns of shape (n,), thinned to one envelope; nan at breaks."""
+        values = [np.insert(np.asarray(column, dtype=float), self._breaks, np.nan) for column in columns]
+        rows = canvas.envelope(self._max_points, *values)
         return (self._time[rows], *(value[rows] for value in values))
 
 
@@ -204,7 +200,7 @@ def _finite_values(values: FloatArray) -> FloatArray:
 def _draw_speed(axes: canvas.Axes, lines: _Lines) -> None:
     """Draw the speed over the regions between its boundaries, at the load of each instant.
 
-    It adds the columns 'measured' and, for a shaft that turned astern, 'astern' to :attr:`_Lines.columns`.
+    Speeds astern are a dotted line of their own.
     """
     margin = 1.0 + lines.config.alarm.caution_margin
     for name, factor, colour in (
@@ -221,15 +217,15 @@ def _draw_speed(axes: canvas.Axes, lines: _Lines) -> None:
     backwards = np.asarray(lines.timeline.scan.assessment.speed) < 0.0
     for name, astern, dashes in (('measured', False, '-'), ('astern', True, (0, (2, 1)))):
         if not astern or backwards.any():
-            lines.columns[name] = np.where(backwards == astern, lines.columns['speed'], np.nan)
-            axes.plot(*lines.line(name), color=canvas.INK, lw=1.4, ls=dashes, zorder=4, label=name)
+            speed = np.where(backwards == astern, lines.columns['speed'], np.nan)
+            axes.plot(*lines.thin(speed), color=canvas.INK, lw=1.4, ls=dashes, zorder=4, label=name)
     axes.set_facecolor(canvas.REGIME_FILL[Regime.STABLE])
     top = float(np.nanmax(lines.columns['speed'], initial=0.0))
     edge = float(np.nanmax(_finite_values(lines.columns['fold_speed']), initial=0.0))
     axes.set_ylim(0.0, 1.08 * max(top, 1.15 * edge) or 1.0)
     axes.set_ylabel('speed [rpm]')
     # Numbers of events stand above, and on a narrow picture the names have no room below.
-    if axes.get_window_extent().width > _NAMES_BELOW:
+    if axes.get_window_extent().width > 450.0:
         _draw_legend(axes, 'upper right', -0.03)
     else:
         axes.legend(loc='best', ncols=2, fontsize=8.5, framealpha=0.7, edgecolor='none')
@@ -244,8 +240,11 @@ def _draw_load(axes: canvas.Axes, lines: _Lines) -> None:
 
 
 def _draw_margins(axes: canvas.Axes, lines: _Lines) -> None:
-    """Draw the margins to both boundaries, and those of the true lining where they are known."""
-    highest, lowest, ceiling = 0.0, -10.0, 100.0 * _HIGHEST_MARGIN
+    """Draw the margins to both boundaries, and those of the true lining where they are known.
+
+    The axis ends between 30 and 150 %.
+    """
+    highest, lowest, ceiling = 30.0, -10.0, 150.0
     for word, (regime, colour, dashes) in canvas.BOUNDARY_LINES.items():
         name = f'{word.lower()}_margin'
         if lines.lining is not None and lines.lining.fold_margin.time_ns.size:
@@ -269,7 +268,7 @@ def _draw_margins(axes: canvas.Axes, lines: _Lines) -> None:
     axes.axhspan(0.0, caution, color=canvas.CAUTION_FILL, lw=0.0, zorder=1)
     axes.axhspan(-1e4, 0.0, color=canvas.REGIME_FILL[Regime.BISTABLE], lw=0.0, zorder=1)
     axes.axhline(0.0, color=canvas.MUTED, lw=0.8, zorder=2)
-    top = min(max(highest, 100.0 * _LOWEST_TOP), ceiling)
+    top = min(highest, ceiling)
     room = 0.06 * (top - lowest)
     axes.set_ylim(lowest - room, min(top + room, ceiling))
     axes.set_ylabel('margin [%]')
@@ -319,19 +318,20 @@ def _draw_legend(axes: canvas.Axes, loc: str = 'lower right', edge: float = 1.0)
     canvas.legend_above(axes, 5, fontsize=8.5, borderpad=0.1, handlelength=1.8, columnspacing=1.0, **corner)
 
 
-def _draw_alarm(axes: canvas.Axes, lines: _Lines, max_labels: int) -> None:
+def _draw_alarm(axes: canvas.Axes, lines: _Lines, max_spells: int) -> None:
     """Draw the alarm's condition as a band of colours; its names stand where they fit.
 
-    Of more than ``max_labels`` spells neighbours are joined (:func:`.coarsen_spells`).
+    Of more than ``max_spells`` spells neighbours are joined (:func:`.coarsen_spells`).
     """
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     pixels = axes.get_window_extent().width / max(high - low, 1e-12)
-    for spell in coarsen_spells(lines.timeline.spells, max_labels):
+    for spell in coarsen_spells(lines.timeline.spells, max_spells):
         left = float(lines.at(spell.start_ns))
         right = float(lines.at(max(spell.end_ns, spell.start_ns)))
         axes.axvspan(left, right, color=canvas.CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)
         name = canvas.CONDITION_NAMES[spell.condition]
-        if (right - left) * pixels > _PIXELS_PER_LETTER * (len(name) + 1):
+        # A letter takes 6.3 pixels.
+        if (right - left) * pixels > 6.3 * (len(name) + 1):
             white: canvas.Look = {'size': 8.5, 'color': canvas.PAPER, 'zorder': 3}
             axes.text(0.5 * (left + right), 0.46, name, ha='center', va='center', **white)
     axes.set_ylim(0.0, 1.0)
@@ -360,13 +360,13 @@ def _format_time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: floa
         if name != 'alarm':
             axes.tick_params(labelbottom=False)
             axes.grid(color=canvas.MUTED, alpha=0.18, lw=0.6)
-        if lines.dated:
+        if lines.is_dated:
             _set_clock_ticks(axes, max_ticks=6 if width < 6.0 else 10)
         axes.spines[['top', 'right']].set_visible(False)
         axes.yaxis.set_label_coords(-0.6 / (width - _LEFT - _RIGHT), 0.5)
     last = panels['alarm']
     last.yaxis.set_label_coords(-0.08 / (width - _LEFT - _RIGHT), 0.5)
-    last.set_xlabel('time [UTC]' if lines.dated else 'time from the start [s]', size=9.5)
+    last.set_xlabel('time [UTC]' if lines.is_dated else 'time from the start [s]', size=9.5)
 
 
 def _set_clock_ticks(axes: canvas.Axes, max_ticks: int) -> None:
@@ -387,7 +387,7 @@ def _set_clock_ticks(axes: canvas.Axes, max_ticks: int) -> None:
 def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
     """Return the events to mark, each with its number from 1.
 
-    Of too many events only the alarms are marked, and of too many alarms none.
+    Of more than :data:`_MAX_LINES` events only the alarms are marked, and of more alarms none.
     """
     numbered = list(enumerate(events, 1))
     if len(numbered) > _MAX_LINES:
@@ -398,11 +398,11 @@ def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
 def _draw_event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
     """Draw a line at each event of :func:`marked_events` through all panels but that of the alarm.
 
-    Their numbers stand above, as far as they do not collide.
+    Up to 60 of them have their numbers above, in three rows, as far as these do not collide.
     """
     events = marked_events(lines.timeline.scan.events)
     first = panels['speed']
-    free = [-np.inf] * _NUMBER_ROWS
+    free = [-np.inf] * 3
     for number, event in events:
         when = float(lines.at(event.time_ns))
         colour = canvas.CONDITION_COLOUR[event.after]
@@ -411,7 +411,7 @@ def _draw_event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
                 axes.axvline(when, color=colour, lw=0.9, alpha=0.8, zorder=3)
         spot = float(first.transData.transform((when, 0.0))[0])
         row = next((row for row, taken in enumerate(free) if spot >= taken), None)
-        if row is not None and len(events) <= _MAX_NUMBERED:
+        if row is not None and len(events) <= 60:
             look: canvas.Look = {'ha': 'center', 'va': 'bottom', 'size': 8.5, 'color': canvas.INK}
             place: canvas.Look = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}
             first.annotate(str(number), (when, 1.0), (0.0, 2.0 + 10.0 * row), **place, **look)

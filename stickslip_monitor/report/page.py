@@ -48,8 +48,6 @@ _FILTERS = ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'share', 'ti
 # A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
 _WIDE, _NARROW = canvas.WIDTH, 3.6
 _MAP_WIDE, _MAP_NARROW = (_WIDE, canvas.HEIGHT), (_NARROW, 5.4)
-# Events of a bearing that are marked on its map: the first.
-_MARKS = 60
 # A page with more bearings takes minutes to make and nobody looks at them all.
 MAX_DRAWN = 12
 _NOT_DRAWN = (
@@ -141,8 +139,8 @@ class Archive:
         entries = [(-finding.rank, number, k) for k, finding in enumerate(part.findings)]
         ranked = sorted([*self._urgent, *entries[: len(part.courses)]])
         self._urgent = ranked[:MAX_DRAWN]
-        urgent_before = {n for _, n, _ in self._urgent}
-        for n in {n for _, n, _ in ranked[MAX_DRAWN:]} - urgent_before:
+        still_urgent = {n for _, n, _ in self._urgent}
+        for n in {n for _, n, _ in ranked[MAX_DRAWN:]} - still_urgent:
             self.parts[n] = replace(self.parts[n], courses=())
 
     def shown(self) -> Iterator[RecordingPart]:
@@ -190,10 +188,10 @@ def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool)
 def _map_picture(part: BearingPart, course: Course) -> Picture:
     """Return the picture of the stability map of a bearing, drawn wide and narrow.
 
-    It has the track of the recording, and marks of its first events.
+    It has the track of the recording, and marks of its first 60 events.
     """
     track = track_of_scan(course.scan)
-    track = replace(track, events=track.events[:_MARKS])
+    track = replace(track, events=track.events[:60])
     text = (
         f'Stability map of {course.name} over shaft speed and bearing load, with the recorded'
         f' operating points on it. {part.finding.sentences[0]}'
@@ -292,18 +290,18 @@ def html_page(
         made=f'{made.astimezone(timezone.utc):%Y-%m-%d %H:%M} UTC',
         version=__version__,
         shown_events=shown_events,
-        most_topics=_MAX_TOPICS,
+        max_topics=_MAX_TOPICS,
         is_dated=summary.is_dated,
         config_path=config_path,
         config_digest=hashlib.sha256(Path(config_path).read_bytes()).hexdigest(),
         parameters=parameter_groups(load_parameters(config_path, node), [b.name for b in config.bearings]),
-        colours={canvas.variable(light): (light, dark) for light, dark in canvas.ON_DARK.items()},
+        colours={canvas.css_variable(light): (light, dark) for light, dark in canvas.ON_DARK.items()},
     )
     return f'{page}\n'.encode(errors='replace')
 
 
 def shown_events(events: Sequence[Mapping[str, Any]]) -> list[tuple[int, Mapping[str, Any]]]:
-    """Return the events that a table has room for, with their numbers from 1: the most severe, in order."""
+    """Return up to ``MAX_EVENTS`` events with their numbers from 1: the most severe, in their own order."""
     order = sorted(enumerate(events, 1), key=lambda numbered: -_ORDER.index(numbered[1]['severity']))
     return sorted(order[:MAX_EVENTS], key=lambda numbered: numbered[0])
 

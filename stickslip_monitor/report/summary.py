@@ -21,8 +21,6 @@ from stickslip_monitor.offline.check import BearingReport
 from stickslip_monitor.offline.extremes import ConditionInterval, Extreme, Verdicts, join_spells
 
 STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)
-# Bearings that the verdict over all names: the first that are not clear.
-_MAX_NAMED = 10
 _WORDS = {'clear': 'Clear', 'unknown': 'No verdict', 'warning': 'Warning', 'alarm': 'Alarm'}
 GRADES = tuple(_WORDS)
 """The grades of a finding, the worst last."""
@@ -251,7 +249,7 @@ def _lost_input_sentence(course: Course) -> str:
 
 
 def judge_all(parts: Sequence[tuple[str, Finding]]) -> Finding:
-    """Return the verdict over all bearings, naming the first few that are not clear.
+    """Return the verdict over all bearings, naming the first ten that are not clear.
 
     ``parts`` has the recording's name and the finding of each bearing, of one at least; the finding of
     a single one is returned as it is.
@@ -270,7 +268,7 @@ def judge_all(parts: Sequence[tuple[str, Finding]]) -> Finding:
     else:
         text = f'No stick-slip was predicted in any {of}.'
     worst = [f'{name}, {finding.sentences[0]}' for name, finding in parts if finding.grade != 'clear']
-    return _make_finding(grade, text, *worst[:_MAX_NAMED])
+    return _make_finding(grade, text, *worst[:10])
 
 
 def _counted_noun(parts: Sequence[tuple[str, Finding]]) -> str:
@@ -319,7 +317,7 @@ def iso(time_ns: int) -> str:
 def duration(seconds: float) -> str:
     """Format a duration [s] in at most two units: ``1 h 5 min``, ``2 min 10 s``, ``4.2 s``.
 
-    One that is not finite is 'for ever'.
+    The smaller unit is cut, not rounded. A duration that is not finite is 'for ever'.
     """
     if not math.isfinite(seconds):
         return 'for ever'
@@ -361,7 +359,7 @@ def millimetres(metres: float) -> str:
 
 
 def rpm(value: float) -> str:
-    """Format a shaft speed [rpm]."""
+    """Format a shaft speed [rpm] to a tenth."""
     return f'{value:.1f}{_SPACE}rpm'.replace('-', '\N{MINUS SIGN}')
 
 

@@ -27,11 +27,11 @@ from stickslip_monitor.drawing.canvas import (
     PAPER,
     REGIME_COLOUR,
     REGIME_FILL,
+    css_variable,
+    draw_regime_bands,
     inline_svg,
     new_figure,
-    regime_bands,
     save_figure,
-    variable,
 )
 from stickslip_monitor.drawing.diagram import draw_diagram
 from stickslip_monitor.drawing.map import draw_map
@@ -70,8 +70,8 @@ def test_an_inline_picture_is_well_formed_and_refers_to_nothing_outside(drawings
     assert 'scale(0.015625)' in drawings[0]
     assert not re.search('|'.join(ON_DARK), drawings[0])
     used = set(re.findall(r'var\((--c[0-9a-f]{6})\)', drawings[0]))
-    assert used <= {variable(colour) for colour in ON_DARK}
-    assert {variable(INK), variable(PAPER), variable(CAUTION_FILL)} <= used
+    assert used <= {css_variable(colour) for colour in ON_DARK}
+    assert {css_variable(INK), css_variable(PAPER), css_variable(CAUTION_FILL)} <= used
 
 
 def test_a_band_too_narrow_for_its_name_has_it_upright() -> None:
@@ -79,7 +79,7 @@ def test_a_band_too_narrow_for_its_name_has_it_upright() -> None:
     axes = new_figure().add_axes((0.0, 0.0, 1.0, 1.0))  # 900 pixels wide
     axes.set_xlim(0.0, 900.0)
     spans = [(0.0, 400.0, Regime.STABLE), (400.0, 430.0, Regime.BISTABLE), (430.0, 435.0, Regime.UNSTABLE)]
-    regime_bands(axes, spans)
+    draw_regime_bands(axes, spans)
     assert [(text.get_text(), text.get_rotation()) for text in axes.texts] == [
         ('stable', 0.0),
         ('bistable', 90.0),
