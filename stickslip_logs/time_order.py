@@ -9,7 +9,8 @@ together, and what steps back too often, are sorted as a whole.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -40,9 +41,18 @@ _MIN_GAP_NS, _MIN_GAP_SHARE = 86_400 * 10**9, 10
 # What is kept of a source, so that memory is bounded: the first intervals, whose median is the usual one, and
 # segments (56 bytes each), whose resolution is halved where there are twice as many.
 _MAX_KEPT = 1 << 12
+# Rows that are compared with earlier ones, and how many have to be different: a shaft at rest repeats its
+# numbers.
+_MAX_COPIES, _MIN_DIFFERENT = 100, 3
 
 Columns = tuple[NDArray[Any], ...]
 """Rows: times [ns], and what else there is of each: shape (n,) or (k, n)."""
+
+
+Row = tuple[int, int, bytes]
+"""A row as written: its source, its time [ns], and its content."""
+ReadRows = Callable[[int, int, tuple[int, int]], Iterator[Row]]
+"""Yields the rows from one place up to another whose times are in a span, first and last included [ns]."""
 
 
 def select_rows(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns:
@@ -324,24 +334,97 @@ class TimeOrder:
             self._sources[source] = _Source(is_in_blocks=self._is_in_blocks)
         return self._sources[source].add(time_ns, place, offset)
 
-    def course(self, wanted: Collection[int] | None = None, *, is_sorted: bool = False) -> TimeCourse:
+    def course(
+        self,
+        wanted: Collection[int] | None = None,
+        read_rows: ReadRows | None = None,
+        files: Sequence[int] = (),
+    ) -> TimeCourse:
         """Judge the order of some sources, by their numbers, or of all; return the course.
 
-        Without rows it is an empty course. With ``is_sorted`` no clock was set: all rows are to be sorted by
-        the times as written.
+        Without rows it is an empty course.
+
+        Args:
+            wanted: The numbers of the sources; None for all.
+            read_rows: Reads rows again, as written. With it rows behind a step that are a copy of earlier
+                ones make no clock that was set: all are to be sorted by the times as written.
+            files: The places at which further files of the recording begin, rising.
         """
         sources = {k: segments for k, segments in self._sources.items() if wanted is None or k in wanted}
         if not sources:
             return TimeCourse()
         course = TimeCourse()
-        is_sorted = is_sorted or any(segments.steps_often for segments in sources.values())
-        if is_sorted or not _explain_steps(course, sources):
+        if any(segments.steps_often for segments in sources.values()) or not _explain_steps(course, sources):
             course = TimeCourse(wait_ns=None, is_unordered=True)
             course.start_ns = min(segments.least_ns for segments in sources.values())
             course.end_ns = max(segments.most_ns for segments in sources.values())
             return course
+        steps = [shift.begin for shift in course.shifts if shift.end == _END]
+        are_copies = read_rows is not None and all(
+            _begins_copy(read_rows, place, _span_before(place, sources.values()), files) for place in steps
+        )
+        if steps and are_copies:
+            course = TimeCourse()
         _measure_wait(course, sources)
+        course.is_unordered |= bool(steps) and are_copies
         return course
+
+
+def _span_before(place: int, sources: Iterable[_Source]) -> tuple[int, int]:
+    """Return the first and the last time of the rows before a place, of which there are some [ns]."""
+    segments = np.concatenate([source.segments for source in sources])
+    segments = segments[segments[:, 0] < place]
+    return int(segments[:, 4].min()), int(segments[:, 5].max())
+
+
+def _begins_copy(read_rows: ReadRows, begin: int, span_ns: tuple[int, int], files: Sequence[int]) -> bool:
+    """Return whether rows from a place on are a copy of earlier ones, as of files that overlap.
+
+    They are where the first 100 in the span of the earlier ones have the content of one of their source and
+    time, at least three of them different: a clock that was set back does not see the same again. Times count
+    as equal within a quarter of the interval, as two recorders write them. A copy of the first row on is a
+    loop, which goes on behind, unless it begins a file.
+
+    Args:
+        read_rows: Reads rows as written.
+        begin: The place.
+        span_ns: The first and the last time of the rows before it [ns].
+        files: The places at which further files begin, rising.
+    """
+    copies = _times_by_source(itertools.islice(read_rows(begin, _END, span_ns), _MAX_COPIES))
+    times_ns = [time_ns for rows in copies.values() for time_ns, _ in rows]
+    if not times_ns:
+        return False
+    margin_ns = max(map(_quarter_interval, copies.values()))
+    earlier = _times_by_source(read_rows(0, begin, (min(times_ns) - margin_ns, max(times_ns) + margin_ns)))
+    contents = set[bytes]()
+    for source, rows in copies.items():
+        candidates, near_ns = sorted(earlier.get(source, ())), _quarter_interval(rows)
+        for time_ns, content in rows:
+            first = bisect_left(candidates, (time_ns - near_ns,))
+            end = bisect_left(candidates, (time_ns + near_ns + 1,))
+            if first < end and all(row[1] != content for row in candidates[first:end]):
+                return False
+            contents |= {content} if first < end else set()
+    whole = 0, _END
+    is_loop = next(read_rows(0, begin, whole), None) == next(read_rows(begin, _END, whole), None)
+    file_place = files[max(bisect_right(files, begin) - 1, 0)] if files else 0
+    begins_file = 0 < file_place <= begin and next(read_rows(file_place, begin, whole), None) is None
+    return len(contents) >= _MIN_DIFFERENT and (begins_file or not is_loop)
+
+
+def _times_by_source(rows: Iterable[Row]) -> dict[int, list[tuple[int, bytes]]]:
+    """Return times [ns] and contents of rows by their source, each in the order of the rows."""
+    result: dict[int, list[tuple[int, bytes]]] = {}
+    for source, time_ns, content in rows:
+        result.setdefault(source, []).append((time_ns, content))
+    return result
+
+
+def _quarter_interval(rows: Sequence[tuple[int, bytes]]) -> int:
+    """Return a quarter of the median step between the times of rows that differ [ns]; 0 for one time."""
+    steps = np.diff(np.unique([time_ns for time_ns, _ in rows]))
+    return int(np.median(steps)) // 4 if steps.size else 0
 
 
 def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:

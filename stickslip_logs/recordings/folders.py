@@ -34,6 +34,7 @@ from stickslip_logs.recordings.file_kind import (
 )
 from stickslip_logs.recordings.mcap_file import McapFile, scan_file
 from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, Findings
+from stickslip_logs.recordings.sqlite_recording import SqliteRecording, open_database
 from stickslip_logs.tables.table_file import is_number_table
 from stickslip_logs.tables.text_file import ZSTD
 
@@ -229,18 +230,20 @@ def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> l
 def _are_parts(folder: Path, names: Sequence[str]) -> bool:
     """Return whether files that are numbered alike are consecutive in time, by reading them.
 
-    True also for SQLite, for packed files, and where one cannot be read.
+    True also for packed files, and where one cannot be read.
     """
     try:
         files = [folder / name for name in sorted(names, key=natural_sort_key)]
-        if any(has_sqlite_name(file.name) or read_begin(file).startswith(ZSTD) for file in files):
+        if any(read_begin(file).startswith(ZSTD) for file in files):
             return True
+        if any(has_sqlite_name(file.name) for file in files):
+            return are_consecutive(list(map(open_database, files)))
         return are_consecutive([scan_file(file, Findings()) for file in files])
     except BagError:
         return True
 
 
-def are_consecutive(files: Sequence[McapFile]) -> bool:
+def are_consecutive(files: Sequence[McapFile | SqliteRecording]) -> bool:
     """Return whether each file begins from 1 s before to 1 h behind the end of the one before it.
 
     Files without times are left out.

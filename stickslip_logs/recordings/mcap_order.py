@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import itertools
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -22,7 +24,7 @@ from stickslip_logs.recordings.mcap_chunks import (
     walk_records,
 )
 from stickslip_logs.recordings.mcap_file import McapFile
-from stickslip_logs.time_order import MAX_TIME_NS, TimeCourse, TimeOrder
+from stickslip_logs.time_order import MAX_TIME_NS, Row, TimeCourse, TimeOrder
 
 # A place is the number of a block above the byte in it, of which there are at most 2^27.
 _BYTE_BITS = 32
@@ -115,7 +117,12 @@ class BlockTimes:
                 order.add_to(topic, time_ns, byte, number << _BYTE_BITS)
                 for topic, time_ns, byte in rows_of_topics
             )
-        course = order.course()
+        begins = itertools.accumulate(len(file.blocks) for file in self._files)
+        course = order.course(
+            None,
+            functools.partial(self._read_rows, numbers, spans),
+            [number << _BYTE_BITS for number in begins],
+        )
         blocks = [block for file in self._files for block in file.blocks]
         is_corrected = bool(course.shifts) or any(
             start < blocks[number].start_ns or end > blocks[number].end_ns
@@ -132,20 +139,61 @@ class BlockTimes:
 
     def _iterate_blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, list[_TopicRows]]]:
         """Yield the number of each block with timed messages of some topics, and these, topic by topic."""
-        number, self._sparse_bytes = -1, 0
-        for file in self._files:
+        self._sparse_bytes = 0
+        for file, blocks in self._select_blocks(numbers):
             keys = {key: numbers[c.topic] for key, c in file.channels.items() if c.topic in numbers}
-            mask = sum(1 << key for key in keys)
             with open_file(file.path) as opened:
-                for block in file.blocks:
-                    number += 1
-                    if block.channels is not None and not block.channels & mask:
-                        continue
+                for number, block in blocks:
                     rows = _read_indexes(opened.fileno(), block, keys) if file.is_stated else None
                     if rows is None:
                         rows = self._walk_block(file, block, numbers)
                     if rows := list(self._drop_untimed(rows)):
                         yield number, rows
+
+    def _select_blocks(
+        self, numbers: Mapping[str, int]
+    ) -> Iterator[tuple[McapFile, list[tuple[int, Block]]]]:
+        """Yield each file with those of its blocks, and their numbers, that may have some topics."""
+        begin = 0
+        for file in self._files:
+            mask = sum(1 << key for key, channel in file.channels.items() if channel.topic in numbers)
+            blocks = enumerate(file.blocks, begin)
+            yield file, [(k, b) for k, b in blocks if b.channels is None or b.channels & mask]
+            begin += len(file.blocks)
+
+    def _read_rows(
+        self,
+        numbers: Mapping[str, int],
+        spans: Mapping[int, tuple[int, int]],
+        begin: int,
+        end: int,
+        span_ns: tuple[int, int],
+    ) -> Iterator[Row]:
+        """Yield the messages of some topics from one place up to another in a span of time, up to damage.
+
+        Args:
+            numbers: The number of each topic.
+            spans: The first and last time of each block that has any [ns], by its number.
+            begin: The first place.
+            end: The place behind the last one.
+            span_ns: The first and last time [ns].
+        """
+        for file, blocks in self._select_blocks(numbers):
+            for number, block in blocks:
+                is_within = begin >> _BYTE_BITS <= number <= end >> _BYTE_BITS
+                first_ns, last_ns = spans.get(number, (1, 0))
+                if not is_within or not max(first_ns, span_ns[0]) <= min(last_ns, span_ns[1]):
+                    continue
+                with contextlib.suppress(DamagedBlock):
+                    for piece in walk_records(load_block(block)):
+                        time_ns, topic, byte = _rows_of(file, piece, numbers)
+                        place = (number << _BYTE_BITS) + byte
+                        rows = (topic >= 0) & (place >= begin) & (place < end)
+                        rows &= (time_ns >= max(span_ns[0], self._least_ns)) & (time_ns <= span_ns[1])
+                        for k in np.flatnonzero(rows).tolist():
+                            first = int(piece.offset[k])
+                            data = piece.data[first : first + int(piece.size[k])]
+                            yield int(topic[k]), int(time_ns[k]), bytes(data)
 
     def _drop_untimed(self, rows: Iterable[_TopicRows]) -> Iterator[_TopicRows]:
         """Yield the messages of each topic that have a valid log time; skip a topic without any."""

@@ -24,11 +24,11 @@ from stickslip_logs.recordings.file_kind import (
 )
 from stickslip_logs.recordings.folders import are_consecutive, folder_files, has_other_parts
 from stickslip_logs.recordings.mcap_chunks import MAGIC, limit_bytes
-from stickslip_logs.recordings.mcap_file import scan_file
+from stickslip_logs.recordings.mcap_file import McapFile, scan_file
 from stickslip_logs.recordings.mcap_recording import McapRecording
 from stickslip_logs.recordings.recording import METADATA_NAME, Findings, Recording, Scratch
 from stickslip_logs.recordings.sqlite_recording import MAGIC as SQLITE
-from stickslip_logs.recordings.sqlite_recording import SqliteRecording
+from stickslip_logs.recordings.sqlite_recording import SqliteRecording, open_database
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.text_file import ZSTD, opened
 
@@ -81,21 +81,27 @@ def _open_files(
         files: The files in order, all of SQLite or all of MCAP.
         packed: 'message' where each message of a database is compressed; else empty.
         findings: Takes the warnings.
-        is_one: Whether files of MCAP are known to be parts of one recording; else their times decide.
+        is_one: Whether the files are known to be parts of one recording; else their times decide.
 
     Raises:
         BagError: One cannot be read, or they are not parts of one recording.
     """
     scratch = Scratch()
     whole = [_unpack_file(file, scratch, findings) for file in files]
-    if any(has_sqlite_name(file.name) or read_begin(file).startswith(SQLITE) for file in whole):
-        return SqliteRecording(path, whole, packed == 'message', findings, scratch)
-    contents = [scan_file(file, findings) for file in whole]
-    if not is_one and not are_consecutive(contents):
+    contents: list[McapFile] = []
+    databases: list[SqliteRecording] = []
+    is_sqlite = any(has_sqlite_name(file.name) or read_begin(file).startswith(SQLITE) for file in whole)
+    if not is_sqlite:
+        contents = [scan_file(file, findings) for file in whole]
+    elif not is_one:
+        databases = list(map(open_database, whole))
+    if not is_one and not are_consecutive([*contents, *databases]):
         raise BagError(
             f"folder '{path}' holds {len(files)} recordings that overlap in time or lie more than"
             ' an hour apart: name one of them'
         )
+    if is_sqlite:
+        return SqliteRecording(path, whole, packed == 'message', findings, scratch)
     return McapRecording(path, contents, findings, scratch)
 
 

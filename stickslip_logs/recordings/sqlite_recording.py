@@ -8,6 +8,7 @@ Nothing is written to a file: one with a journal is read as a copy.
 from __future__ import annotations
 
 import contextlib
+import functools
 import shutil
 import sqlite3
 import sys
@@ -37,7 +38,7 @@ from stickslip_logs.recordings.recording import (
     TopicInfo,
     encoding_problem,
 )
-from stickslip_logs.time_order import MAX_TIME_NS, Columns, Sorter, TimeOrder
+from stickslip_logs.time_order import MAX_TIME_NS, Columns, Row, Sorter, TimeCourse, TimeOrder
 
 MAGIC = b'SQLite format 3\0'
 # Messages that are read at a time.
@@ -74,7 +75,7 @@ class SqliteRecording(Recording):
         self._order, self._topic_numbers = TimeOrder(), dict[str, int]()
         for number, file in enumerate(files):
             self._scan_database(number, file)
-        whole = self._order.course()
+        whole = self._judge_order([*self._topic_numbers])
         self.start_ns, self.end_ns = whole.start_ns, whole.end_ns
         self._topics = {name: self._describe_topic(name, *self._types[name]) for name in sorted(self._types)}
         self._message_count = self._counts.total()
@@ -288,7 +289,7 @@ class SqliteRecording(Recording):
         """
         # A topic without messages has no number.
         sources = np.array([self._topic_numbers.get(topic, -1) for topic in topics], np.int64)
-        course = self._order.course(sources.tolist())
+        course = self._judge_order(topics)
         sorter = Sorter(course.wait_ns)
         for time_ns, topic, data, place in self._iterate_written(topics):
             yield from sorter.add((course.follow(time_ns, sources[topic], place), topic, data))
@@ -296,8 +297,32 @@ class SqliteRecording(Recording):
         for text in course.notes('the messages are', 'of the recorder'):
             self._findings.note(text)
 
-    def _iterate_written(self, topics: Sequence[str]) -> Iterator[Columns]:
+    def _judge_order(self, topics: Sequence[str]) -> TimeCourse:
+        """Return the course of the messages of some topics."""
+        sources = [self._topic_numbers.get(topic, -1) for topic in topics]
+        files = [number << _ROWID_BITS for number in range(1, len(self.files))]
+        return self._order.course(sources, functools.partial(self._read_rows, topics), files)
+
+    def _read_rows(
+        self, topics: Sequence[str], begin: int, end: int, span_ns: tuple[int, int]
+    ) -> Iterator[Row]:
+        """Yield the messages of some topics from one place up to another in a span of time [ns]."""
+        for time_ns, topic, data, _ in self._iterate_written(topics, (begin, end), span_ns):
+            yield from zip(topic.tolist(), time_ns.tolist(), data, strict=True)
+
+    def _iterate_written(
+        self,
+        topics: Sequence[str],
+        places: tuple[int, int] | None = None,
+        span_ns: tuple[int, int] = (0, MAX_TIME_NS),
+    ) -> Iterator[Columns]:
         """Yield messages as written; report at the end how many have no valid time or data.
+
+        Args:
+            topics: The topics.
+            places: The first place, and the one behind the last, of the messages; then nothing is reported.
+                None for all messages.
+            span_ns: Their first and last time [ns]; used with ``places`` only.
 
         Yields:
             Log times [ns], numbers of topics as in ``topics``, unpacked data, and places in the recording,
@@ -318,6 +343,10 @@ class SqliteRecording(Recording):
                 if not ids:
                     continue
                 where = f'topic_id IN ({",".join(map(str, ids))})'
+                if places is not None:
+                    first, end = (place - (file_number << _ROWID_BITS) for place in places)
+                    where += f' AND rowid >= {first} AND rowid < {end}'
+                    where += f' AND timestamp BETWEEN {span_ns[0]} AND {span_ns[1]}'
                 for rows in self._iterate_rows(file, database, 'timestamp, topic_id, data', where):
                     sound = [
                         (time_ns, ids[key], plain, rowid)
@@ -334,7 +363,7 @@ class SqliteRecording(Recording):
                             np.array([row[k] for row in sound], np.int64) for k in (0, 1, 3)
                         )
                         yield times, keys, data, _join_places(file_number, rowids)
-        if unread:
+        if unread and places is None:
             self._findings.lose(f'{plural(unread, "message")} without time or data were not read')
 
     def _choose_unpacker(self) -> Callable[[bytes], bytes | None]:
@@ -359,6 +388,15 @@ class SqliteRecording(Recording):
         """
         wanted = [TopicNumbers(topic, paths) for topic, paths in self._group_requests(requests).items()]
         return SqliteReading(self, wanted, progress)
+
+
+def open_database(file: Path) -> SqliteRecording:
+    """Open one file as a recording of its own, whose warnings are dropped.
+
+    Raises:
+        BagError: It cannot be read.
+    """
+    return SqliteRecording(file, [file], False, Findings(), Scratch())
 
 
 def _is_time(value: Any) -> bool:

@@ -8,7 +8,7 @@ import itertools
 import pickle
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.dialect import with_unit
 from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, is_same_key
 from stickslip_logs.tables.table_file import Numbers, Rows, some_cells, texts_of
-from stickslip_logs.time_order import Sorter, TimeCourse, TimeOrder
+from stickslip_logs.time_order import Row, Sorter, TimeCourse, TimeOrder
 from stickslip_logs.units import conversion
 
 # Words in place of numbers that are counted apart.
@@ -34,9 +34,6 @@ _MAX_KINDS = 200
 _MAX_ALIKE, _COARSE_NS = 2, 10 * 10**9
 # Blocks of lines without a number that are kept: the last one is whole, and one wrong time is no end.
 _MAX_BLANK_BLOCKS = 2
-# Lines that are compared with earlier ones of their times, and how many have to be different: a shaft at rest
-# repeats its numbers.
-_MAX_COPIES, _MIN_DIFFERENT = 100, 3
 # Rows of a sorted table that are yielded at a time at most.
 _STRETCH = 1 << 16
 # The source of all lines, whichever of the columns they fill; else it is a bit for each column, of which
@@ -198,40 +195,20 @@ class TableReading:
         for block in blank if has_numbers else ():
             add(*block)
         order = whole if has_whole_lines else order
-        course = order.course()
-        set_back = [shift.begin for shift in course.shifts if shift.source is None]
-        if set_back and all(map(self._repeats_lines, set_back)):
-            course = order.course(is_sorted=True)
+        course = order.course(read_rows=self._read_lines)
         # Lines with a time for each signal are in no order but that of each.
         course.is_unordered &= course.wait_ns is None or len(recording.table.clocks) == 1
         return course, has_whole_lines
 
-    def _repeats_lines(self, begin: int) -> bool:
-        """Return whether lines from a row on are a copy of earlier ones, as of exports joined to one file.
-
-        They are where the first 100 have the numbers of all earlier lines of their times, at least three of
-        them different: a clock that was set back does not see the same numbers again. From the first line of
-        the log on they are a loop, which goes on behind.
-
-        Args:
-            begin: The index of the row, among all with a time.
-        """
-
-        def lines(begin: int, end: int, times: Collection[int] | None = None) -> Iterator[tuple[int, bytes]]:
-            """Yield time [ns] and numbers of each row from one to another; of some times where given."""
-            row = 0
-            for time_ns, _, values in self._buffer:
-                rows = np.arange(time_ns.size)[max(begin - row, 0) : max(end - row, 0)]
-                rows = rows if times is None else rows[np.isin(time_ns[rows], list(times))]
-                yield from ((int(time_ns[k]), values[:, k].tobytes()) for k in rows)
-                row += time_ns.size
-
-        copies = set(itertools.islice(lines(begin, 1 << 62), _MAX_COPIES))
-        earlier = set(lines(0, begin, {time for time, _ in copies}))
-        times = {time for time, _ in earlier}
-        common = {line for line in copies if line[0] in times}
-        is_loop = next(lines(0, begin)) in common
-        return len({n for _, n in common}) >= _MIN_DIFFERENT and common <= earlier and not is_loop
+    def _read_lines(self, begin: int, end: int, span_ns: tuple[int, int]) -> Iterator[Row]:
+        """Yield the buffered lines from one row up to another in a span of time, all of one source."""
+        row = 0
+        for time_ns, _, values in self._buffer:
+            places = np.arange(row, row + time_ns.size)
+            row += time_ns.size
+            is_within = (places >= begin) & (places < end) & (time_ns >= span_ns[0]) & (time_ns <= span_ns[1])
+            for k in np.flatnonzero(is_within).tolist():
+                yield _ALL_LINES, int(time_ns[k]), values[:, k].tobytes()
 
     def _search_keys(self, rows: Rows, time_ns: IntArray, at: IntArray) -> None:
         """Add times of rows with numbers, and their texts in candidate columns, to the search for keys.

@@ -20,8 +20,10 @@ from made_logs import HEADER_DEFINITION
 from mcap.writer import Writer
 from pyarrow import parquet as pq
 
+from stickslip_logs.errors import BagError
+from stickslip_logs.recordings.folders import find_bags
 from stickslip_logs.recordings.reader import open_bag
-from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.recording import Recording, Request
 from stickslip_logs.recordings.writer import encode_float64s
 
 SECOND = 10**9
@@ -42,7 +44,7 @@ def write_mcap(path: Path, moments: Moments) -> None:
 
 
 def write_stamped_mcap(path: Path, moments: Moments) -> None:
-    rate = (max(number for _, number, _ in moments) + 1) // COUNT
+    rate = -(-(max(number for _, number, _ in moments) + 1) // COUNT)
     write_messages(
         path, moments, 'test_msgs/msg/Stamped', STAMPED, functools.partial(encode_stamped, rate=rate), 1 << 13
     )
@@ -249,3 +251,88 @@ def test_values_are_at_the_times_at_which_they_happened(fault: str, name: str, t
     assert recording.start_ns == START
     end_ns = START + (COUNT * rate - 1) * (SECOND // rate)
     assert recording.end_ns == pytest.approx(end_ns, abs=error * SECOND)
+
+
+COPIES = {
+    'parts that overlap': [*EVERY[:400], *EVERY[300:]],
+    'the later part first': [*EVERY[300:], *EVERY[:400]],
+    'a part once more': [*EVERY, *EVERY[300:450]],
+}
+
+
+def check_copies(recording: Recording, topics: Sequence[str], error_ns: int = 1000) -> None:
+    """Check that values stand at their times, copies too."""
+    for series in recording.read([Request(topic, 'data') for topic in topics]).values():
+        assert series.value.size > COUNT
+        assert {*series.value.tolist()} == {*EVERY}
+        assert np.abs(series.log_time_ns - START - series.value * SECOND).max() <= error_ns
+        assert (np.diff(series.log_time_ns) >= 0).all()
+    assert SORTED in ' '.join(recording.warnings)
+    assert 'set back' not in ' '.join(recording.warnings)
+    assert recording.start_ns == pytest.approx(START, abs=error_ns)
+    assert recording.end_ns == pytest.approx(START + (COUNT - 1) * SECOND, abs=error_ns)
+
+
+@pytest.mark.parametrize('name', FORMATS)
+@pytest.mark.parametrize('copies', COPIES)
+def test_what_stands_twice_is_sorted(copies: str, name: str, tmp_path: Path) -> None:
+    write, topics = FORMATS[name]
+    write(tmp_path / name, in_file_order(COPIES[copies]))
+    check_copies(open_bag(tmp_path / name), topics)
+
+
+SPLITS = {
+    'overlap': (EVERY[:400], EVERY[300:]),
+    'the later first': (EVERY[300:], EVERY[:400]),
+    'one in the other': (EVERY, EVERY[300:450]),
+    'the same twice': (EVERY, EVERY),
+}
+
+
+@pytest.mark.parametrize('late', [0.0, 1e-3])
+@pytest.mark.parametrize('name', ['a.mcap', 'stamped.mcap', 'a.db3'])
+@pytest.mark.parametrize('splits', SPLITS)
+def test_files_that_overlap_are_sorted(splits: str, name: str, late: float, tmp_path: Path) -> None:
+    """A second recorder has the same messages, each a little later."""
+    first, second = map(in_file_order, SPLITS[splits])
+    delays = late * np.random.default_rng(2).uniform(0, 1, len(second))
+    later = [(time + delay, *rest) for (time, *rest), delay in zip(second, delays.tolist(), strict=True)]
+    write, topics = FORMATS[name]
+    names = [f'{number}_{name}' for number in range(2)]
+    for path, moments in zip(names, (first, later), strict=True):
+        write(tmp_path / path, moments)
+    information = {
+        'storage_identifier': 'mcap' if name.endswith('mcap') else 'sqlite3',
+        'relative_file_paths': names,
+        'message_count': 2 * (len(first) + len(second)),
+    }
+    (tmp_path / 'metadata.yaml').write_text(json.dumps({'rosbag2_bagfile_information': information}))
+    check_copies(open_bag(tmp_path), topics, round(late * SECOND) + 1000)
+
+
+def test_other_values_at_times_that_come_again_are_those_of_a_clock_set_back(tmp_path: Path) -> None:
+    for name, (write, topics) in FORMATS.items():
+        write(tmp_path / name, change_times(lambda k: k - 100 * (k >= 400)))
+        recording = open_bag(tmp_path / name)
+        recording.read([Request(topic, 'data') for topic in topics])
+        assert 'set back once, by 100 s' in ' '.join(recording.warnings)
+
+
+@pytest.mark.parametrize(('begin', 'is_one'), [(300, False), (400, True)])
+@pytest.mark.parametrize('name', ['a.mcap', 'a.db3'])
+def test_numbered_files_without_metadata_are_one_recording_if_they_follow_on(
+    name: str, begin: int, is_one: bool, tmp_path: Path
+) -> None:
+    write, topics = FORMATS[name]
+    parts = [tmp_path / f'{name[0]}_{number}{name[1:]}' for number in range(2)]
+    write(parts[0], in_file_order(EVERY[:400]))
+    write(parts[1], in_file_order(EVERY[begin:]))
+    assert find_bags([tmp_path]) == ([tmp_path] if is_one else parts)
+    if is_one:
+        assert (
+            open_bag(tmp_path).read([Request(topics[0], 'data')])[Request(topics[0], 'data')].value.size
+            == COUNT
+        )
+    else:
+        with pytest.raises(BagError, match='2 recordings that overlap in time'):
+            open_bag(tmp_path)
