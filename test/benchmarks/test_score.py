@@ -195,13 +195,13 @@ def test_the_monitor_never_reads_the_truth(
                 if not is_truth or name == 'spoilt':
                     data = message.data[:4] + b'\xff' * 12 if is_truth else message.data
                     writer.write(message.topic, message.log_time_ns, data)
-    found = {}
+    scores = {}
     for name, path in bags.items():
         capsys.readouterr()
         assert main(['check', path, '--config', str(CONFIG), '--json']) == 1
-        found[name] = json.loads(capsys.readouterr().out)['bearings']
-    assert found['stripped'] == found['whole']
-    assert found['spoilt'] == found['whole']
+        scores[name] = json.loads(capsys.readouterr().out)['bearings']
+    assert scores['stripped'] == scores['whole']
+    assert scores['spoilt'] == scores['whole']
 
 
 REFUSED = {
@@ -220,10 +220,10 @@ REFUSED = {
 @pytest.mark.parametrize('line', REFUSED)
 def test_what_is_refused_is_told_in_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -> None:
     scene_file = ROOT / 'launch_configs' / 'scenes' / 'coast_down.yaml'
-    known = {'BAG': str(ROOT / 'bags' / 'coast_down'), 'CONFIG': str(CONFIG)}
-    words = [(known | {'SCENE': str(scene_file)}).get(word, word) for word in line.split()]
+    places = {'BAG': str(ROOT / 'bags' / 'coast_down'), 'CONFIG': str(CONFIG)}
+    words = [(places | {'SCENE': str(scene_file)}).get(word, word) for word in line.split()]
     assert score_main(words) == 2
-    told = capsys.readouterr().err
-    assert told.startswith('ERROR: ')
-    assert REFUSED[line] in told
-    assert told.count('\n') == 1
+    error = capsys.readouterr().err
+    assert error.startswith('ERROR: ')
+    assert REFUSED[line] in error
+    assert error.count('\n') == 1

@@ -101,8 +101,8 @@ def test_a_table_is_printed(scene: str, capsys: pytest.CaptureFixture[str]) -> N
 def test_two_publishers_are_told(tmp_path: Path) -> None:
     path = write(tmp_path / 'two.yaml')
     document = yaml.safe_load(Path(path).read_text('utf-8'))
-    other = {'second_publisher': {'speed': {'value': 3.0, 'unit': 'fold', 'rate': 5.0}}}
-    document['effects'].append(other)
+    publisher = {'second_publisher': {'speed': {'value': 3.0, 'unit': 'fold', 'rate': 5.0}}}
+    document['effects'].append(publisher)
     Path(path).write_text(yaml.safe_dump(document), 'utf-8')
     (voyage,) = judge(Call(path, None))
     assert voyage.rules[OURS].wrong_source == 1

@@ -39,8 +39,8 @@ def ns(spans: Spans) -> tuple[tuple[int, int], ...]:
 def record(span: tuple[int, int], episodes: Spans, margin: Array) -> TruthRecord:
     """The truth over some seconds, with a fold margin once a second from their begin."""
     time = (span[0] + np.arange(margin.size)) * 10**9
-    none, known = TruthNumbers(time[:0], margin[:0]), TruthNumbers(time, margin)
-    return TruthRecord(span[0] * 10**9, span[1] * 10**9, ns(episodes), none, known, none)
+    none, truth = TruthNumbers(time[:0], margin[:0]), TruthNumbers(time, margin)
+    return TruthRecord(span[0] * 10**9, span[1] * 10**9, ns(episodes), none, truth, none)
 
 
 def truth(episodes: Spans, margin: Sequence[float] = ()) -> TruthRecord:
@@ -152,9 +152,9 @@ def test_sounds_are_those_of_the_alarms() -> None:
 
 def test_voyages_add_up() -> None:
     one = quality_of(output(warned=[(0, 10)], changes=2), truth([(5, 8)]), True)
-    both = pooled([one, one])
-    assert (both.seconds, both.episodes, both.changes) == (7200.0, 2, 4)
-    assert both.figures()['warned'] == one.figures()['warned'] == 1.0
+    pooled_pair = pooled([one, one])
+    assert (pooled_pair.seconds, pooled_pair.episodes, pooled_pair.changes) == (7200.0, 2, 4)
+    assert pooled_pair.figures()['warned'] == one.figures()['warned'] == 1.0
     assert pooled([]) == Quality()
     assert Quality().figures()['false_per_100h'] is None
 
@@ -210,7 +210,7 @@ def test_an_episode_from_50_to_60_s(
 def test_only_the_time_of_the_truth_is_judged() -> None:
     """From 30 to 70 s: an episode that goes on ends there; what stood before counts from 30."""
     output = RuleOutput(ns([(10, 90)]), ns([(10, 20), (80, 90)]), [], 0)
-    known = record((30, 70), [(5, 8), (60, 99)], np.full(2, 0.2))
-    assert announced(output, known) == [Episode(60 * 10**9, 70 * 10**9, 30.0, None)]
-    quality = quality_of(output, known, True)
+    voyage = record((30, 70), [(5, 8), (60, 99)], np.full(2, 0.2))
+    assert announced(output, voyage) == [Episode(60 * 10**9, 70 * 10**9, 30.0, None)]
+    quality = quality_of(output, voyage, True)
     assert (quality.seconds, quality.false, quality.unalarmed) == (40.0, 0, 10.0)

@@ -97,15 +97,15 @@ def messages_of() -> Callable[..., dict[str, Messages]]:
 
     def collect(scene: Scene, *block_length: float) -> dict[str, Messages]:
         blocks = list(simulate(scene, *block_length))
-        found = {}
+        messages = {}
         for topic in blocks[0].signals:
             parts = [block.signals[topic].messages() for block in blocks]
             stamps = [p.stamp_ns for p in parts if p.stamp_ns is not None]
-            found[topic] = Messages(
+            messages[topic] = Messages(
                 np.concatenate([part.log_time_ns for part in parts]),
                 np.concatenate(stamps) if stamps else None,
                 np.concatenate([part.raw for part in parts]),
             )
-        return found
+        return messages
 
     return collect

@@ -92,9 +92,9 @@ def test_summary_of_a_method():
         make_row('third', 'a', math.nan, math.nan, 'refused'),
         make_row('third', 'b', math.nan, math.nan, 'refused'),
     ]
-    base, other, third = summarise(rows, 'KBM')
+    base, second, third = summarise(rows, 'KBM')
     assert (base.worst, base.middle, base.ratio) == (0.3, 0.2, 1.0)
-    assert (other.worst, other.ratio, other.answered) == (math.inf, 15.0, 1)
+    assert (second.worst, second.ratio, second.answered) == (math.inf, 15.0, 1)
     assert third.refused == 2
     assert math.isnan(third.seconds)
     assert math.isnan(third.worst)

@@ -29,9 +29,9 @@ def documented_examples() -> dict[str, Any]:
     """The example of each effect in the docs."""
     blocks = re.findall(r'```yaml\n(- .*?)```', PAGE.read_text('utf-8'), flags=re.DOTALL)
     listed = [entry for block in blocks for entry in yaml.safe_load(block)]
-    found = {name: settings for entry in listed for name, settings in entry.items()}
-    assert len(found) == len(listed)
-    return found
+    settings_by_effect = {name: settings for entry in listed for name, settings in entry.items()}
+    assert len(settings_by_effect) == len(listed)
+    return settings_by_effect
 
 
 EXAMPLES = documented_examples()
@@ -47,11 +47,11 @@ def test_every_effect_has_an_example_and_its_place() -> None:
     assert stages == dict(STAGES)
     assert list(stages) == list(STAGES)
     settings = PAGE.read_text('utf-8').partition('\n## Effects')[2]
-    told = set(re.findall(r'\w+', settings))
-    assert told >= set(EFFECTS)
+    words = set(re.findall(r'\w+', settings))
+    assert words >= set(EFFECTS)
     for name in set(EFFECTS) - set(STAGES['lining']):
         keys = set(EFFECTS[name].keys)
-        assert told >= keys - {'bearing', *INPUTS}
+        assert words >= keys - {'bearing', *INPUTS}
 
 
 def test_scene_of_the_page_can_be_made(tmp_path: Path) -> None:
@@ -74,10 +74,10 @@ def test_order_in_the_file_and_length_of_the_blocks_change_no_bit(
     assert [s.name for s in scene.effects] == [n for n in EFFECTS if n in QUICK]
     whole = messages_of(scene)
     backwards = make_scene('watered', effects=ALL[::-1], telemetry=RATES)
-    for other in (messages_of(backwards), *(messages_of(scene, t) for t in (1000.0, 0.35))):
+    for repeated in (messages_of(backwards), *(messages_of(scene, t) for t in (1000.0, 0.35))):
         for topic, messages in whole.items():
             for name in ('stamp_ns', 'log_time_ns', 'raw'):
-                one, two = (getattr(own, name) for own in (messages, other[topic]))
+                one, two = (getattr(run, name) for run in (messages, repeated[topic]))
                 assert one.tobytes() == two.tobytes()
 
 

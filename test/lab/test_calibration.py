@@ -32,8 +32,8 @@ def calibrate_levels(evidence: Sequence[Evidence], bearing: Bearing = DRAWN_WRON
     return calibrate(read_levels('aft', evidence), bearing, EXACT)
 
 
-def fold_rpm(found: Calibration, p: float = 0.5) -> float:
-    return float(found.belief.fold_speed(1000.0, p)) / RPM
+def fold_rpm(calibration: Calibration, p: float = 0.5) -> float:
+    return float(calibration.belief.fold_speed(1000.0, p)) / RPM
 
 
 @pytest.mark.parametrize(
@@ -46,29 +46,31 @@ def fold_rpm(found: Calibration, p: float = 0.5) -> float:
     ],
 )
 def test_five_passages_correct_a_wrong_drawing_of_any_law(law: FrictionLaw) -> None:
-    found = calibrate_levels(
+    calibration = calibrate_levels(
         [slow_passage(k, rate) for k, rate in enumerate(RATES)], replace(DRAWN_WRONG, friction=law)
     )
-    assert fold_rpm(found) == pytest.approx(FOLD, rel=0.02)
-    assert fold_rpm(found, 0.05) < FOLD < fold_rpm(found, 0.95) < 1.1 * fold_rpm(found, 0.05)
+    assert fold_rpm(calibration) == pytest.approx(FOLD, rel=0.02)
+    assert (
+        fold_rpm(calibration, 0.05) < FOLD < fold_rpm(calibration, 0.95) < 1.1 * fold_rpm(calibration, 0.05)
+    )
     # The bearing that is used instead has this fold itself.
-    assert fold_speed(found.bearing, 1000.0) / RPM == pytest.approx(fold_rpm(found), rel=0.01)
-    assert found.episodes == 5
-    assert found.warnings == []
-    assert any('all evidence is at 1000 to 1000 N' in text for text in found.remarks)
+    assert fold_speed(calibration.bearing, 1000.0) / RPM == pytest.approx(fold_rpm(calibration), rel=0.01)
+    assert calibration.episodes == 5
+    assert calibration.warnings == []
+    assert any('all evidence is at 1000 to 1000 N' in text for text in calibration.remarks)
 
 
 def test_the_bearing_that_is_believed_has_grown_three_e_folds_at_the_onsets() -> None:
     """``G = (c/2m) ((e^(b t) - 1)/b - t)`` on a ramp, t after the Hopf speed, ``b = beta dV/dt``."""
-    found = calibrate_levels([slow_passage(k, rate) for k, rate in enumerate(RATES)])
-    bearing, law = found.belief.bearing, found.belief.bearing.friction
+    calibration = calibrate_levels([slow_passage(k, rate) for k, rate in enumerate(RATES)])
+    bearing, law = calibration.belief.bearing, calibration.belief.bearing.friction
     assert isinstance(law, Stribeck)
     hopf = hopf_speed(bearing, 1000.0) / RPM
     rate = np.array(RATES)
     b, t = law.decay * rate * RPM, (hopf - ONSET) / rate
     grown = bearing.damping / (2.0 * bearing.mass) * (np.expm1(b * t) / b - t)
     assert 2.0 < np.median(grown) < 4.5
-    assert found.hopf_speeds(1000.0)[1] == pytest.approx(hopf * RPM, rel=0.01)
+    assert calibration.hopf_speeds(1000.0)[1] == pytest.approx(hopf * RPM, rel=0.01)
 
 
 def test_a_value_without_a_tolerance_is_as_uncertain_as_a_drawing() -> None:
@@ -89,12 +91,12 @@ def test_knocks_move_nothing_and_are_counted() -> None:
 
 
 def test_a_recording_counts_once_whatever_its_name() -> None:
-    one, other = slow_passage(0), slow_passage(1)
+    one, second = slow_passage(0), slow_passage(1)
     course = replace(one.courses[0], name='copy of it')
     copy = replace(one, name='copy of it', courses=(course,))
-    found = calibrate_levels([one, copy, other])
-    assert fold_rpm(found) == fold_rpm(calibrate_levels([one, other]))
-    assert 'copy of it was given before and counts once' in found.remarks
+    calibration = calibrate_levels([one, copy, second])
+    assert fold_rpm(calibration) == fold_rpm(calibrate_levels([one, second]))
+    assert 'copy of it was given before and counts once' in calibration.remarks
 
 
 def test_one_end_alone_is_told() -> None:
@@ -106,11 +108,11 @@ def test_quiet_alone_says_little_of_the_fold() -> None:
     one = slow_passage(level=False)
     fast = replace(one.courses[0], speed=np.maximum(one.courses[0].speed, 45.0 * RPM))
     span = [int(fast.time_ns[0]), int(fast.time_ns[-1])]
-    found = calibrate([Evidence('bag', (fast,), alternating_reports(span, 'list'))], BEARING, EXACT)
-    assert 'no episode was seen' in found.warnings[0]
+    calibration = calibrate([Evidence('bag', (fast,), alternating_reports(span, 'list'))], BEARING, EXACT)
+    assert 'no episode was seen' in calibration.warnings[0]
     # Noise would have grown at 45 rpm, had it been below the Hopf speed.
-    assert found.hopf_speeds(1000.0)[2] / RPM < 48.0
-    assert fold_rpm(found, 0.95) > 55.0
+    assert calibration.hopf_speeds(1000.0)[2] / RPM < 48.0
+    assert fold_rpm(calibration, 0.95) > 55.0
 
 
 def test_a_false_report_is_named_and_does_little() -> None:
@@ -120,23 +122,23 @@ def test_a_false_report_is_named_and_does_little() -> None:
     start = int(course.time_ns[5])
     # A squeal while the shaft slowed down from 59 to 56 rpm and turned at 60 again after it.
     speed = np.where(course.time_ns > start + 12 * 10**9, 60.0 * RPM, course.speed)
-    other = replace(course, name='bag 9', speed=speed)
+    false_course = replace(course, name='bag 9', speed=speed)
     edges = [int(course.time_ns[0]), start, start + 14 * 10**9, int(course.time_ns[-1])]
-    false = Evidence('bag 9', (other,), alternating_reports(edges, 'squeals.csv'))
-    found = calibrate([*made, false], BEARING, EXACT)
-    assert fold_rpm(found) == pytest.approx(fold_rpm(before), rel=0.01)
-    (text,) = found.warnings
+    false = Evidence('bag 9', (false_course,), alternating_reports(edges, 'squeals.csv'))
+    calibration = calibrate([*made, false], BEARING, EXACT)
+    assert fold_rpm(calibration) == pytest.approx(fold_rpm(before), rel=0.01)
+    (text,) = calibration.warnings
     assert text.startswith('squeals.csv, line 2: vibration for 14 s')
     assert 'worthless with' in text
 
 
 def test_a_bearing_that_changed_is_noticed_and_forgetting_follows() -> None:
     made = [slow_passage(k) for k in range(5)] + [slow_passage(k, by=1.15) for k in range(5, 8)]
-    heard = read_levels('aft', made)
-    kept = calibrate(heard, BEARING, EXACT)
-    assert any('may have changed' in text for text in kept.warnings)
-    followed = calibrate(heard, BEARING, EXACT, forget=0.1)
-    assert fold_rpm(kept) < 1.12 * FOLD < fold_rpm(followed) < 1.18 * FOLD
+    evidence = read_levels('aft', made)
+    calibration = calibrate(evidence, BEARING, EXACT)
+    assert any('may have changed' in text for text in calibration.warnings)
+    followed = calibrate(evidence, BEARING, EXACT, forget=0.1)
+    assert fold_rpm(calibration) < 1.12 * FOLD < fold_rpm(followed) < 1.18 * FOLD
     steady = calibrate_levels([slow_passage(k, rate) for k, rate in enumerate(RATES)])
     assert not steady.has_changed
 

@@ -41,10 +41,10 @@ def test_a_bearing_without_a_fold_cannot_be_calibrated(bearing: object) -> None:
 
 def test_an_end_with_rising_speed_is_at_the_fold() -> None:
     one = slow_passage(level=False)
-    found = find_edges([(one.courses[0], one.reports)], REFERENCE)
-    (end,) = found.seen
+    edges = find_edges([(one.courses[0], one.reports)], REFERENCE)
+    (end,) = edges.seen
     assert end.middle[0] / RPM == pytest.approx(FOLD, abs=0.3)
-    (begun, quiet) = found.passages
+    (begun, quiet) = edges.passages
     assert begun.began
     assert not quiet.began
 
@@ -68,10 +68,10 @@ def test_a_report_shorter_than_its_two_uncertain_ends_is_left_out() -> None:
 
 def test_an_onset_on_a_ramp_of_half_a_minute_tells_nothing() -> None:
     """At 26 rpm a fall of 0.2 rpm a second is a factor e in 130 s, one of 2 rpm in 13 s."""
-    for rate, told in ((0.2, True), (2.0, False)):
+    for rate, has_onset in ((0.2, True), (2.0, False)):
         one = slow_passage(rate=rate, level=False)
-        found = find_edges([(one.courses[0], one.reports)], REFERENCE)
-        assert any(each.began for each in found.passages) == told
+        edges = find_edges([(one.courses[0], one.reports)], REFERENCE)
+        assert any(passage.began for passage in edges.passages) == has_onset
 
 
 def test_an_end_with_falling_speed_or_without_quiet_is_a_bound() -> None:
@@ -84,12 +84,12 @@ def test_an_end_with_falling_speed_or_without_quiet_is_a_bound() -> None:
     # A minute without a report lies between.
     late = replace(quiet, start_ns=loud.end_ns + 60 * 10**9)
     for given in ((before, early, quiet), (before, loud), (before, loud, late)):
-        found = find_edges([(course, given)], REFERENCE)
-        (end,) = found.ends
+        edges = find_edges([(course, given)], REFERENCE)
+        (end,) = edges.ends
         assert end.is_bound
         assert end.middle[0] / RPM < FOLD
         # Of quiet behind it nobody knows how far a disturbance has grown already.
-        assert [one.began for one in found.passages] == [True]
+        assert [one.began for one in edges.passages] == [True]
 
 
 @pytest.mark.parametrize(('tolerance', 'deviation'), [(2.0, 2.0), (8.0, 4.0)])
@@ -106,7 +106,10 @@ def test_an_onset_is_worth_no_more_than_the_vibration_behind_it() -> None:
     one = slow_passage(level=False)
     before, loud, after = one.reports
     given = before, replace(loud, trust=0.4), after
-    assert [each.trust for each in find_edges([(one.courses[0], given)], REFERENCE).passages] == [0.4, 0.9]
+    assert [passage.trust for passage in find_edges([(one.courses[0], given)], REFERENCE).passages] == [
+        0.4,
+        0.9,
+    ]
 
 
 def test_a_shaft_that_stops_ends_no_episode_at_the_fold() -> None:

@@ -92,24 +92,24 @@ def level_course(decibels: FloatArray, speed: FloatArray | float = 0.2) -> Level
 
 def test_a_cycle_stands_out_whatever_its_gain() -> None:
     for gain in (-60.0, 0.0, 40.0):
-        own = slow_passage().level
-        assert own is not None
-        found = threshold_of([LevelBins(own.time, own.value + gain, own.by_speed)])
+        level = slow_passage().level
+        assert level is not None
+        threshold = threshold_of([LevelBins(level.time, level.value + gain, level.by_speed)])
         # In vibration the level is the surface speed, 0 dB over it; quiet is 26 dB below the fold's, so
         # that it is 26 dB less 20 lg of a speed of 0.5 to 1.5 folds.
-        assert gain - 15.0 < found < gain - 11.0
+        assert gain - 15.0 < threshold < gain - 11.0
 
 
 def test_edges_are_where_the_level_leaves_its_plateau() -> None:
-    own = slow_passage(rate=0.2).level
-    assert own is not None
-    found, knocks = level_reports('aft', own, threshold_of([own]), 'bag')
-    assert [one.squeal for one in found] == [False, True, False]
+    level = slow_passage(rate=0.2).level
+    assert level is not None
+    reports, knocks = level_reports('aft', level, threshold_of([level]), 'bag')
+    assert [one.squeal for one in reports] == [False, True, False]
     assert knocks == []
-    begin, end = (round(t * 1e-9 - 1e4, 1) for t in (found[1].start_ns, found[1].end_ns))
+    begin, end = (round(t * 1e-9 - 1e4, 1) for t in (reports[1].start_ns, reports[1].end_ns))
     assert begin == pytest.approx((60.0 - ONSET) / 0.2, abs=0.6)
     assert end == pytest.approx(200.0 + (FOLD - 20.0) / 0.2, abs=0.6)
-    assert found[1].rings
+    assert reports[1].rings
 
 
 def test_the_lag_of_a_level_is_read_from_its_fall_and_taken_off_its_rise() -> None:
@@ -119,21 +119,21 @@ def test_the_lag_of_a_level_is_read_from_its_fall_and_taken_off_its_rise() -> No
     power = np.where(loud, 1.0, 1e-4)
     for k in range(1, power.size):
         power[k] = power[k - 1] + (power[k] - power[k - 1]) * (1.0 - np.exp(-0.125))
-    own = level_course(10.0 * np.log10(power))
-    found, _ = level_reports('aft', own, threshold_of([own]), 'bag')
-    assert found[1].start_ns * 1e-9 == pytest.approx(300.0, abs=0.55)  # two bins
-    assert found[1].end_ns * 1e-9 == pytest.approx(500.0, abs=0.55)
+    level = level_course(10.0 * np.log10(power))
+    reports, _ = level_reports('aft', level, threshold_of([level]), 'bag')
+    assert reports[1].start_ns * 1e-9 == pytest.approx(300.0, abs=0.55)  # two bins
+    assert reports[1].end_ns * 1e-9 == pytest.approx(500.0, abs=0.55)
 
 
 def test_a_knock_is_no_episode_and_a_gap_is_no_quiet() -> None:
     loud = (TIME % 300.0 < 6.0) | ((TIME > 700.0) & (TIME < 800.0))
-    own = level_course(np.where(loud, 0.0, -20.0) + 0.3 * NOISE)
-    keep = (own.time < 500.0) | (own.time > 600.0)
-    cut = LevelBins(own.time[keep], own.value[keep], own.by_speed[keep])
-    found, knocks = level_reports('aft', cut, threshold_of([cut]), 'bag')
-    assert sum(one.squeal for one in found) == 1
+    level = level_course(np.where(loud, 0.0, -20.0) + 0.3 * NOISE)
+    keep = (level.time < 500.0) | (level.time > 600.0)
+    cut = LevelBins(level.time[keep], level.value[keep], level.by_speed[keep])
+    reports, knocks = level_reports('aft', cut, threshold_of([cut]), 'bag')
+    assert sum(one.squeal for one in reports) == 1
     assert len(knocks) == 4
-    assert not any(one.start_ns < 550e9 < one.end_ns for one in found)
+    assert not any(one.start_ns < 550e9 < one.end_ns for one in reports)
 
 
 SLOWER = np.where(TIME < 500.0, 1.0, 0.2)
@@ -159,6 +159,6 @@ def test_a_clipped_level_still_has_two_modes() -> None:
     speed = np.where(TIME < 500.0, 0.3, 0.15)
     loud = (TIME > 400.0) & (TIME < 700.0)
     decibels = np.where(loud, 20.0 * np.log10(speed), -34.0) + NOISE
-    own = level_course(np.minimum(decibels, -14.0), speed)
-    found, _ = level_reports('aft', own, threshold_of([own]), 'bag')
-    assert [one.squeal for one in found] == [False, True, False]
+    level = level_course(np.minimum(decibels, -14.0), speed)
+    reports, _ = level_reports('aft', level, threshold_of([level]), 'bag')
+    assert [one.squeal for one in reports] == [False, True, False]

@@ -59,9 +59,9 @@ def test_the_stable_branches_pass_through_the_known_amplitudes(speeds: Sweep) ->
     exact = np.array([0.296953, 0.556755, 0.804800, 1.000212]) * 1e-3
     averaged = np.array([0.26352, 0.52688, 0.78708, 0.99499]) * 1e-3
     alive = speeds.value < speeds.exact_fold
-    for known, column in ((exact, speeds.exact), (averaged, speeds.averaged)):
+    for reference, column in ((exact, speeds.exact), (averaged, speeds.averaged)):
         between = np.interp(rpm * RPM, speeds.value[alive], column[alive])
-        assert between == pytest.approx(known, rel=5e-5)
+        assert between == pytest.approx(reference, rel=5e-5)
     assert speeds.hopf == pytest.approx(0.1609438, abs=5e-8)
     assert speeds.exact_fold / RPM == pytest.approx(40.7179, abs=5e-5)
     assert speeds.averaged_fold / RPM == pytest.approx(40.7231, abs=5e-5)
@@ -84,17 +84,17 @@ def test_averaging_is_better_at_the_unstable_branch(speeds: Sweep) -> None:
     rpm = np.array([32.0, 34.0, 36.0, 38.0, 40.0])
     exact = exact_unstable_cycle(REFERENCE, rpm * RPM, 1000.0).amplitude
     averaged = assess(REFERENCE, rpm * RPM, 1000.0).threshold_amplitude
-    told = np.array([-0.006, -0.016, -0.025, -0.035, -0.045])
-    assert 100.0 * (averaged / exact - 1.0) == pytest.approx(told, abs=6e-4)
+    stated = np.array([-0.006, -0.016, -0.025, -0.035, -0.045])
+    assert 100.0 * (averaged / exact - 1.0) == pytest.approx(stated, abs=6e-4)
     error = speeds.error[np.isfinite(speeds.error)]
     assert error[0] == np.min(error) < -0.2
     assert np.abs(error[-1]) < 2e-3
 
 
 @pytest.mark.parametrize(
-    ('order', 'told'), [(6, [np.nan] * 3), (7, [-39.9, -39.9, -52.4]), (9, [-2.9, -7.7, -16.3])]
+    ('order', 'stated'), [(6, [np.nan] * 3), (7, [-39.9, -39.9, -52.4]), (9, [-2.9, -7.7, -16.3])]
 )
-def test_the_published_polynomial_misses_the_unstable_branch(order: int, told: list[float]) -> None:
+def test_the_published_polynomial_misses_the_unstable_branch(order: int, stated: list[float]) -> None:
     """The likely reason for the published sentence: the expansion, not averaging [%].
 
     The unstable cycle slips throughout: with ``alpha = a/V < 1`` the friction's average is a
@@ -113,7 +113,7 @@ def test_the_published_polynomial_misses_the_unstable_branch(order: int, told: l
         real = roots[(abs(roots.imag) < 1e-9) & (roots.real > 1e-3) & (roots.real < 1.0)].real
         exact = exact_unstable_cycle(REFERENCE, v, 1000.0).amplitude
         errors.append(100.0 * (real.min() * v / OMEGA / exact - 1.0) if real.size else np.nan)
-    assert errors == pytest.approx(told, abs=0.05, nan_ok=True)
+    assert errors == pytest.approx(stated, abs=0.05, nan_ok=True)
 
 
 # 2. Amplitude against normal force.

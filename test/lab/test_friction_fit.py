@@ -38,9 +38,9 @@ BENCH = Bearing(50.0, 400.0, 2e6, LAW, 0.1)
 
 def curve_of(speed: Array, coefficient: Array, std: Array | None = None) -> FrictionCurve:
     """A curve of points in SI, whose lines are their numbers from 1."""
-    each = np.ones(coefficient.shape) if std is None else std
+    deviations = np.ones(coefficient.shape) if std is None else std
     lines = np.arange(1, coefficient.size + 1)
-    return FrictionCurve(speed, coefficient, each, lines, 'm/s', 'given')
+    return FrictionCurve(speed, coefficient, deviations, lines, 'm/s', 'given')
 
 
 def noisy_curve(
@@ -112,7 +112,7 @@ def test_it_is_the_weighted_least_squares_solution(law: Stribeck, viscous: Visco
     fit = fit_stribeck(curve, viscous)
     assert np.all(fit.weight > 0.0)
     start = (0.3, 0.1, 8.0, 0.1)[: len(fit.names)]
-    found, covariance = curve_fit(
+    parameters, covariance = curve_fit(
         stribeck_curve,
         curve.speed,
         curve.coefficient,
@@ -122,7 +122,7 @@ def test_it_is_the_weighted_least_squares_solution(law: Stribeck, viscous: Visco
         ftol=1e-15,
         gtol=1e-15,
     )
-    np.testing.assert_allclose(fit.estimate, found, rtol=1e-7)
+    np.testing.assert_allclose(fit.estimate, parameters, rtol=1e-7)
     error = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(fit.correlation, covariance / np.outer(error, error), atol=1e-5)
 
@@ -195,11 +195,11 @@ def test_order_and_units_do_not_matter() -> None:
     fit = fit_stribeck(dataclasses.replace(curve, std=std), 'no')
     order = np.random.default_rng(0).permutation(SPEED.size)
     columns = (1e-6 * curve.speed, 1e4 * curve.coefficient, 50.0 * std)
-    other = fit_stribeck(curve_of(*(column[order] for column in columns)), 'no')
+    reordered = fit_stribeck(curve_of(*(column[order] for column in columns)), 'no')
     scaled = np.array([1e4, 1e4, 1e6])
-    np.testing.assert_allclose(other.estimate, fit.estimate * scaled, rtol=1e-7)
-    np.testing.assert_allclose(other.intervals, fit.intervals * scaled[:, None], rtol=1e-6)
-    assert other.scale == pytest.approx(fit.scale * 1e4 / 50.0)
+    np.testing.assert_allclose(reordered.estimate, fit.estimate * scaled, rtol=1e-7)
+    np.testing.assert_allclose(reordered.intervals, fit.intervals * scaled[:, None], rtol=1e-6)
+    assert reordered.scale == pytest.approx(fit.scale * 1e4 / 50.0)
 
 
 # --- the viscous slope --------------------------------------------------------------------------
@@ -221,7 +221,7 @@ def test_the_test_of_the_slope_is_the_f_test() -> None:
     assert test is not None
     assert test.demands_slope
     assert test.slope == pytest.approx(fit.law.viscous, rel=1e-12)
-    found, covariance = curve_fit(
+    parameters, covariance = curve_fit(
         stribeck_curve,
         curve.speed,
         curve.coefficient,
@@ -231,7 +231,7 @@ def test_the_test_of_the_slope_is_the_f_test() -> None:
         xtol=1e-14,
         ftol=1e-14,
     )
-    assert test.f_value == pytest.approx(found[3] ** 2 / covariance[3, 3], rel=1e-5)
+    assert test.f_value == pytest.approx(parameters[3] ** 2 / covariance[3, 3], rel=1e-5)
 
 
 def test_a_slope_that_is_negative_by_chance_is_held_at_0() -> None:
@@ -286,8 +286,10 @@ def test_a_level_below_zero_is_held_at_zero() -> None:
     fit = fit_stribeck(curve_of(SPEED, mu))
     assert fit.names == ('static', 'decay')
     assert fit.law.kinetic == 0.0
-    found, _ = curve_fit(lambda v, s, b: s * np.exp(-b * v), SPEED, mu, (0.2, 8.0), sigma=fit.weight**-0.5)
-    np.testing.assert_allclose(fit.estimate, found, rtol=1e-6)
+    parameters, _ = curve_fit(
+        lambda v, s, b: s * np.exp(-b * v), SPEED, mu, (0.2, 8.0), sigma=fit.weight**-0.5
+    )
+    np.testing.assert_allclose(fit.estimate, parameters, rtol=1e-6)
     assert 'held at 0' in fit.warnings[0]
 
 
@@ -376,8 +378,8 @@ def test_boundaries_spread_as_those_of_laws_drawn_from_the_fit(law: Stribeck) ->
     for speed_of, quantile in ((hopf_speed, belief.hopf_speed), (fold_speed, belief.fold_speed)):
         speeds = np.nan_to_num([speed_of(bearing, 1000.0) for bearing in bearings])
         low, middle, high = np.quantile(speeds, [0.025, 0.5, 0.975])
-        found = [quantile(1000.0, p) for p in (0.025, 0.5, 0.975)]
-        assert found == pytest.approx([low, middle, high], abs=0.1 * (high - low))
+        quantiles = [quantile(1000.0, p) for p in (0.025, 0.5, 0.975)]
+        assert quantiles == pytest.approx([low, middle, high], abs=0.1 * (high - low))
 
 
 # --- the file -----------------------------------------------------------------------------------
@@ -443,7 +445,7 @@ def test_a_heading_that_has_or_ends_in_a_unit(write: Write, content: str, speed:
 
 
 @pytest.mark.parametrize(
-    'others',
+    'extra_column',
     [
         'temperature deviation,load error',
         'load W [N],weight loss [mg]',
@@ -451,9 +453,9 @@ def test_a_heading_that_has_or_ends_in_a_unit(write: Write, content: str, speed:
         'speed setpoint [m/s],speed std [m/s]',
     ],
 )
-def test_a_column_of_another_quantity_is_no_part_of_the_curve(write: Write, others: str) -> None:
+def test_a_column_of_another_quantity_is_no_part_of_the_curve(write: Write, extra_column: str) -> None:
     """As the spread or the weight of the points it would bend the fit without a word."""
-    curve = read_curve(write(f'speed [m/s],{others},mu\n0.5,7,8,0.25\n0.6,9,3,0.24\n'))
+    curve = read_curve(write(f'speed [m/s],{extra_column},mu\n0.5,7,8,0.25\n0.6,9,3,0.24\n'))
     assert (curve.speed.tolist(), curve.coefficient.tolist()) == ([0.5, 0.6], [0.25, 0.24])
     assert curve.std.tolist() == [1.0, 1.0]
 

@@ -53,21 +53,21 @@ def lining_effects(
 
 def truth_by_topic(scene: Scene, block_length: float = 60.0) -> dict[str, tuple[NDArray[Any], list[Any]]]:
     """Times and values of each truth topic of the bearing, by the topic's last part."""
-    found: dict[str, tuple[list[float], list[Any]]] = {}
+    series: dict[str, tuple[list[float], list[Any]]] = {}
     for block in simulate(scene, block_length):
         for column in block.truth:
-            times, values = found.setdefault(column.topic.rpartition('/')[2], ([], []))
+            times, values = series.setdefault(column.topic.rpartition('/')[2], ([], []))
             assert np.all(column.time >= block.start)
             assert np.all(column.time < block.end) or block.end == scene.duration
             times += column.time.tolist()
             values += list(column.values)
-    return {name: (np.array(times), values) for name, (times, values) in found.items()}
+    return {name: (np.array(times), values) for name, (times, values) in series.items()}
 
 
-def event_times(found: dict[str, tuple[NDArray[Any], list[Any]]], scene: Scene) -> dict[str, list[float]]:
+def event_times(truth: dict[str, tuple[NDArray[Any], list[Any]]], scene: Scene) -> dict[str, list[float]]:
     """Seconds of each kind of event."""
     kinds: dict[str, list[float]] = {}
-    for text in found['events'][1]:
+    for text in truth['events'][1]:
         event = json.loads(text)
         assert event['schema'] == 'stickslip_monitor/truth/1'
         kinds.setdefault(event['event'], []).append((event['time'] - scene.start_ns) / 1e9)
@@ -79,11 +79,11 @@ def test_the_cycle_is_the_exact_one(make_scene: Make) -> None:
     scene = make_scene(
         effects=lining_effects([[0, 0], [1, 20]], deviation=0.0, amplitude={'rate': 2.0}), duration=12.0
     )
-    found = truth_by_topic(scene)
-    times, values = found['amplitude']
+    truth = truth_by_topic(scene)
+    times, values = truth['amplitude']
     assert np.array_equal(times, np.arange(1, 25) / 2.0)
     assert values[-4:] == pytest.approx([0.556755e-3] * 4, rel=1e-4)
-    ends, lengths = found['stick']
+    ends, lengths = truth['stick']
     assert np.diff(ends[-20:]) == pytest.approx(31.5903e-3, rel=1e-5)
     # All but the first stick, in which the shaft breaks away, are shorter than a period.
     assert max(lengths[1:]) < 31.6e-3
@@ -95,10 +95,10 @@ def test_a_level_is_the_effective_value_of_the_exact_cycle(
     make_scene: Make, messages_of: Callable[..., Any], unit: str, of_amplitude: float
 ) -> None:
     """Of a harmonic motion with half the peak to peak, 0.556755 mm at 20 rpm."""
-    own = {'aft': {'level': {'topic': '/aft/level', 'unit': unit}}}
+    bearings = {'aft': {'level': {'topic': '/aft/level', 'unit': unit}}}
     rates = {name: {'rate': 2.0} for name in ('speed', 'load', 'level')}
     listed = lining_effects([[0, 0], [1, 20]], deviation=0.0)
-    sent = messages_of(make_scene(own, effects=listed, duration=8.0, telemetry=rates))['/aft/level'].raw
+    sent = messages_of(make_scene(bearings, effects=listed, duration=8.0, telemetry=rates))['/aft/level'].raw
     assert sent[-4:] == pytest.approx([0.556755e-3 * of_amplitude / math.sqrt(2.0)] * 4, rel=1e-4)
 
 
@@ -109,8 +109,8 @@ def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None
         effects=lining_effects([[0, rpm]], deviation=sigma, motion={'rate': 50.0}), duration=80.0
     )
     speed = rpm * RPM
-    found = truth_by_topic(scene)
-    x = np.array(found['displacement'][1])
+    truth = truth_by_topic(scene)
+    x = np.array(truth['displacement'][1])
     mu = KINETIC + DROP * math.exp(-DECAY * speed)
     step = 1.0 / 128.0
     damping = DAMPING - 1000.0 * DROP * DECAY * math.exp(-DECAY * speed)
@@ -124,8 +124,8 @@ def test_steady_sliding_trembles_as_linear_theory_says(make_scene: Make) -> None
     assert x.mean() == pytest.approx(1000.0 * mu / STIFFNESS, rel=1e-3)
     # Some 80 s * sigma = 3 per second of independent energy: 10 % in the standard deviation.
     assert x.std() == pytest.approx(math.sqrt(variance), rel=0.2)
-    assert event_times(found, scene) == {'start': [0.0], 'end': [80.0]}
-    assert found['stick'][1] == []
+    assert event_times(truth, scene) == {'start': [0.0], 'end': [80.0]}
+    assert truth['stick'][1] == []
 
 
 @pytest.mark.parametrize(('part', 'sticks'), [(0.97, False), (1.03, True)])
@@ -145,21 +145,21 @@ def test_a_shaft_at_rest_is_no_stick_slip(make_scene: Make) -> None:
     scene = make_scene(
         effects=lining_effects([[0, 60], [4, 60], [5, 0], [8, 0]], motion={'rate': 10.0}), duration=8.0
     )
-    found = truth_by_topic(scene)
-    ends, lengths = found['stick']
+    truth = truth_by_topic(scene)
+    ends, lengths = truth['stick']
     assert ends[-1] == 8.0
     assert lengths[-1] == pytest.approx(3.0, abs=0.1)
-    assert found['sticking'][1][-20:] == [True] * 20
-    kinds = event_times(found, scene)
+    assert truth['sticking'][1][-20:] == [True] * 20
+    kinds = event_times(truth, scene)
     if 'first_stick' in kinds:  # the last cycles before the stop, which is at 5 s
         assert kinds['last_stick'][0] <= 5.0
 
 
-def assert_same(found: dict[str, Any], expected: dict[str, Any]) -> None:
-    assert found.keys() == expected.keys()
+def assert_same(actual: dict[str, Any], expected: dict[str, Any]) -> None:
+    assert actual.keys() == expected.keys()
     for name, (times, values) in expected.items():
-        assert np.array_equal(times, found[name][0]), name
-        assert values == found[name][1], name
+        assert np.array_equal(times, actual[name][0]), name
+        assert values == actual[name][1], name
 
 
 def test_the_outcome_does_not_depend_on_the_blocks(make_scene: Make) -> None:
@@ -205,8 +205,8 @@ def episodes_of(*sticks: tuple[float, float], until: float = 100.0) -> list[Epis
     return events + episodes.advance(until)
 
 
-def last_stick_event(known: float, time: float, sticks: int, sticking: float) -> EpisodeEvent:
-    return EpisodeEvent(known, 'last_stick', time, {'sticks': sticks, 'sticking': sticking})
+def last_stick_event(last_time: float, time: float, sticks: int, sticking: float) -> EpisodeEvent:
+    return EpisodeEvent(last_time, 'last_stick', time, {'sticks': sticks, 'sticking': sticking})
 
 
 @pytest.mark.parametrize(
@@ -278,8 +278,8 @@ def test_memory_does_not_grow_with_the_duration(make_scene: Make) -> None:
 def test_peaks_between_samples_are_found_to_the_order_of_the_cubic() -> None:
     """Exact for a cubic: ``x = s^3 - s`` has its turning points at 1/sqrt(3)."""
     s = np.linspace(-1.1, 1.1, 8)
-    found = half_peak_to_peak((s**3 - s)[None], (3 * s * s - 1)[None], float(s[1] - s[0]))
-    assert found == pytest.approx(2.0 / 3.0 / np.sqrt(3.0), rel=1e-12)
+    amplitude = half_peak_to_peak((s**3 - s)[None], (3 * s * s - 1)[None], float(s[1] - s[0]))
+    assert amplitude == pytest.approx(2.0 / 3.0 / np.sqrt(3.0), rel=1e-12)
 
 
 # Friction that moves in time.
@@ -299,9 +299,9 @@ def test_the_factor_multiplies_the_whole_coefficient(law: Any) -> None:
     assert scaled.static == pytest.approx(1.3 * law.static)
     assert scaled.coefficient(SPEEDS) == pytest.approx(1.3 * law.coefficient(SPEEDS))
     assert scaled.slope(SPEEDS) == pytest.approx(1.3 * law.slope(SPEEDS))
-    own = ['static', 'kinetic', 'decay', 'viscous'] if isinstance(law, Stribeck) else []
-    own = ['static', 'kinetic'] if isinstance(law, Coulomb) else own
-    assert drifting_parameters(law) == (*own, 'factor')
+    parameters = ['static', 'kinetic', 'decay', 'viscous'] if isinstance(law, Stribeck) else []
+    parameters = ['static', 'kinetic'] if isinstance(law, Coulomb) else parameters
+    assert drifting_parameters(law) == (*parameters, 'factor')
 
 
 def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None:
@@ -313,15 +313,15 @@ def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None
         drift_effect('static', [[4, 0.3], [5, 0.5]]),
     ]
     scene = make_scene(effects=listed, duration=10.0)
-    found = {name: values for name, (_, values) in truth_by_topic(scene, 3.3).items()}
-    assert {len(values) for values in found.values()} == {21}
+    truth = {name: values for name, (_, values) in truth_by_topic(scene, 3.3).items()}
+    assert {len(values) for values in truth.values()} == {21}
     # The fold that decides is exact: averaging's is at 40.7231 rpm.
     hopf, fold = 30.7380, 40.7179
-    assert np.array(found['hopf_margin'])[[4, 12, 20]] == pytest.approx(
+    assert np.array(truth['hopf_margin'])[[4, 12, 20]] == pytest.approx(
         [60 / hopf - 1, 60 / (2 * hopf) - 1, 60 / (2 * hopf) - 1], rel=1e-4
     )
-    assert np.array(found['fold_margin'])[[4, 12, 20]] == pytest.approx(
+    assert np.array(truth['fold_margin'])[[4, 12, 20]] == pytest.approx(
         [60 / fold - 1, 60 / (2 * fold) - 1, 60 / (2 * fold) - 1], rel=2e-5
     )
-    assert found['speed'][20] == pytest.approx(60 * np.pi * 0.1 / 60)
-    assert found['load'][20] == 1000.0
+    assert truth['speed'][20] == pytest.approx(60 * np.pi * 0.1 / 60)
+    assert truth['load'][20] == 1000.0

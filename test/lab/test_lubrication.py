@@ -34,13 +34,13 @@ WITH_WATER = {name: {'rate': 1.0} for name in ('speed', 'load', 'water_temperatu
 
 def test_a_lining_moves_as_that_of_the_law_written_out(make_scene: Callable[..., Scene]) -> None:
     truth = []
-    for own in (HERE, WRITTEN_OUT):
+    for law in (HERE, WRITTEN_OUT):
         effects = [
             {'speed_profile': {'unit': 'rpm', 'points': [[0, 75], [20, 20]]}},
             {'load_profile': {'unit': 'N', 'points': [[0, LOAD]]}},
             {'lining_motion': {'disturbance': {'standard_deviation': 1.0, 'unit': 'N'}}},
         ]
-        scene = make_scene(bearings={'aft': own}, duration=20.0, effects=effects)
+        scene = make_scene(bearings={'aft': law}, duration=20.0, effects=effects)
         truth.append({c.topic: c for block in simulate(scene) for c in block.truth if len(c.time)})
     assert truth[0].keys() == truth[1].keys()
     events = [t for t in truth[0] if 'event' in t]
@@ -59,8 +59,8 @@ def test_a_calibration_takes_reference_points() -> None:
     (course,) = bin_courses('aft', BearingScan(config, 0).finish(stream, None))
     assert course.load.max() == pytest.approx(1000.0)
     plain = replace(config.bearing, lubrication=None)
-    there = hopf_speed(config.bearing, LOAD) / 2.0
-    assert there == pytest.approx(hopf_speed(plain, 1000.0), rel=1e-12)
+    slow_speed = hopf_speed(config.bearing, LOAD) / 2.0
+    assert slow_speed == pytest.approx(hopf_speed(plain, 1000.0), rel=1e-12)
     assert course.speed.max() == pytest.approx(90.0 * np.pi * 0.1 / 60.0 / 2.0, rel=0.02)
 
 
@@ -112,8 +112,8 @@ def test_water_is_recorded_only_where_the_scene_and_the_configuration_have_it(
 
 
 def test_one_topic_cannot_carry_two_waters(make_scene: Callable[..., Scene]) -> None:
-    own = {'friction': FRICTION, 'water_temperature': WATER_TOPIC}
-    bearings = {'aft': own, 'fwd': own | {'load': {'topic': '/bearing/fwd/load', 'unit': 'N'}}}
+    bearing = {'friction': FRICTION, 'water_temperature': WATER_TOPIC}
+    bearings = {'aft': bearing, 'fwd': bearing | {'load': {'topic': '/bearing/fwd/load', 'unit': 'N'}}}
     effects = [*PLAIN_EFFECTS, {'water_temperature': WARMS_UP['water_temperature'] | {'bearing': 'aft'}}]
     with pytest.raises(SceneError, match='topic /sea/temperature serves aft and fwd'):
         make_scene(bearings=bearings, effects=effects, telemetry=WITH_WATER)

@@ -116,5 +116,5 @@ def test_switching_follows_a_lining_that_overtakes_the_belt():
 @pytest.mark.parametrize('speed', [10, 30])
 def test_many_harmonics_approach_the_exact_cycle(speed):
     # The error changes its sign on the way: no single step down is certain.
-    few = max(abs(relative_error(harmonic_balance, speed, h)) for h in (3, 7, 15))
-    assert abs(relative_error(harmonic_balance, speed, 63)) < min(0.2 * few, 2e-3)
+    low_order_error = max(abs(relative_error(harmonic_balance, speed, h)) for h in (3, 7, 15))
+    assert abs(relative_error(harmonic_balance, speed, 63)) < min(0.2 * low_order_error, 2e-3)

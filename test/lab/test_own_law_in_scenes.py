@@ -33,7 +33,7 @@ def run_stickslip(folder: Path, *arguments: str) -> str:
 @pytest.mark.slow
 def test_commands_take_it_as_they_take_stribecks(tmp_path: Path) -> None:
     """A scene is simulated with it and checked with it, and the map has the same boundaries."""
-    found: dict[str, Any] = {}
+    events: dict[str, Any] = {}
     scene = (ROOT / 'launch_configs' / 'scenes' / 'history_below.yaml').read_text('utf-8')
     scene = scene.replace('duration: 120.0', 'duration: 40.0')
     scene = scene.replace('[[10, 20], [60, 36]]', '[[5, 50], [30, 20]]')
@@ -49,11 +49,13 @@ def test_commands_take_it_as_they_take_stribecks(tmp_path: Path) -> None:
         check = json.loads(run_stickslip(folder, 'check', 'bag', '-c', 'bearing.yaml', '--json'))
         run_stickslip(folder, 'map', '-c', 'bearing.yaml', '-o', 'map.csv')
         columns = np.genfromtxt(folder / 'map.csv', delimiter=',', skip_header=1)
-        found[law] = check, columns
-    (known, boundaries), (own, own_boundaries) = found['stribeck'], found['own']
+        events[law] = check, columns
+    (stribeck, boundaries), (by_methods, own_boundaries) = events['stribeck'], events['own']
     assert own_boundaries == pytest.approx(boundaries, rel=1e-5, nan_ok=True)
-    assert [condition_changes(report) for report in (own, known)] == [condition_changes(known)] * 2
-    assert condition_changes(known)
+    assert [condition_changes(report) for report in (by_methods, stribeck)] == [
+        condition_changes(stribeck)
+    ] * 2
+    assert condition_changes(stribeck)
 
 
 def condition_changes(report: dict[str, Any]) -> list[tuple[str, str]]:

@@ -21,7 +21,7 @@ LOADS = (500.0, 1000.0, 3000.0)
 
 
 def make_bench(
-    exponent: float, noise: float, seed: int = 0, *, told: bool = True, order: str = 'curves'
+    exponent: float, noise: float, seed: int = 0, *, has_column: bool = True, order: str = 'curves'
 ) -> FrictionCurve:
     """A bench at three loads: the reference bearing's law at 1 kN, its speeds in proportion to N^g."""
     random = np.random.default_rng(seed)
@@ -30,7 +30,7 @@ def make_bench(
     mu = 0.1 + 0.2 * np.exp(-10.0 * speed / (load / 1000.0) ** exponent) + noise * random.normal(size=36)
     row = np.arange(36) if order == 'curves' else random.permutation(36)
     line = np.arange(36) + 2
-    return FrictionCurve(speed[row], mu[row], np.ones(36), line, 'm/s', '', load[row] if told else None)
+    return FrictionCurve(speed[row], mu[row], np.ones(36), line, 'm/s', '', load[row] if has_column else None)
 
 
 def fit_pooled(curve: FrictionCurve) -> PooledFit:
@@ -51,7 +51,7 @@ def test_exact_curves_give_the_law_and_the_exponent(exponent: float) -> None:
 
 @pytest.mark.parametrize(('load', 'sentence'), [(None, ''), (1000.0, 'the points are of one load')])
 def test_one_load_is_told_and_an_unknown_one_is_not(load: float | None, sentence: str) -> None:
-    curve = make_bench(0.0, 0.0, told=False)
+    curve = make_bench(0.0, 0.0, has_column=False)
     loads = None if load is None else np.full(36, load)
     fit = fit_pooled(replace(curve, load=loads, temperature=np.repeat([5.0, 15.0, 30.0], 12)))
     assert fit.sentence == sentence
@@ -80,7 +80,7 @@ def test_the_sentence_says_what_the_load_does() -> None:
 
 @pytest.mark.parametrize('order', ['curves', 'mixed'])
 def test_pooled_curves_without_their_loads_are_asked_about(order: str) -> None:
-    assert SEVERAL_LOADS in fit_curve(make_bench(1.0, 0.004, told=False, order=order)).warnings
+    assert SEVERAL_LOADS in fit_curve(make_bench(1.0, 0.004, has_column=False, order=order)).warnings
     assert not fit_curve(make_bench(1.0, 0.004, order=order)).warnings
 
 

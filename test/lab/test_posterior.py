@@ -41,46 +41,46 @@ def scaled_fold(speed_factor: float) -> float:
 
 
 def test_without_an_end_the_prior_is_left() -> None:
-    found = infer(make_edges(), REFERENCE, PRIOR, Spreads()).by_ends
+    estimate = infer(make_edges(), REFERENCE, PRIOR, Spreads()).by_ends
     slope = REFERENCE.slope(math.log(1000.0))
     by = np.array([1.0, slope])
-    assert found.middle == pytest.approx((0.0, 0.0), abs=0.04)
+    assert estimate.middle == pytest.approx((0.0, 0.0), abs=0.04)
     # To first order; the fold bends with the load.
-    assert math.sqrt(found.covariance[0, 0]) == pytest.approx(math.sqrt(by @ PRIOR @ by), rel=0.1)
-    assert math.sqrt(found.covariance[1, 1]) == pytest.approx(math.sqrt(0.30), rel=0.05)
+    assert math.sqrt(estimate.covariance[0, 0]) == pytest.approx(math.sqrt(by @ PRIOR @ by), rel=0.1)
+    assert math.sqrt(estimate.covariance[1, 1]) == pytest.approx(math.sqrt(0.30), rel=0.05)
 
 
 def test_ends_are_averaged_as_normal_numbers_are() -> None:
     # Four ends 10 % above: the fold is there, within the prior's scatter of 2 % of the load and
     # the bias of the load of 3 % between recordings, by the slope of the fold, over sqrt(4).
-    found = infer(make_edges(*[scaled_fold(1.1)] * 4), REFERENCE, PRIOR, Spreads(load=0.03)).by_ends
-    assert found.middle[0] == pytest.approx(math.log(1.1), abs=0.004)
+    estimate = infer(make_edges(*[scaled_fold(1.1)] * 4), REFERENCE, PRIOR, Spreads(load=0.03)).by_ends
+    assert estimate.middle[0] == pytest.approx(math.log(1.1), abs=0.004)
     wanted = math.hypot(0.02, 0.03) * REFERENCE.slope(math.log(1000.0)) / 2.0
-    assert math.sqrt(found.covariance[0, 0]) == pytest.approx(wanted, rel=0.2)
+    assert math.sqrt(estimate.covariance[0, 0]) == pytest.approx(wanted, rel=0.2)
 
 
 def test_what_agrees_with_the_configuration_changes_nothing() -> None:
     """The prior's best is at (0, 0), and ends at the configured fold do not move it off there."""
-    found = infer(make_edges(*[scaled_fold(1.0)] * 5), REFERENCE, PRIOR, Spreads()).by_ends
-    assert found.middle == pytest.approx((0.0, 0.0), abs=0.01)
+    estimate = infer(make_edges(*[scaled_fold(1.0)] * 5), REFERENCE, PRIOR, Spreads()).by_ends
+    assert estimate.middle == pytest.approx((0.0, 0.0), abs=0.01)
 
 
 def test_a_bound_pushes_the_fold_up() -> None:
-    own = make_edges(scaled_fold(1.0))
+    edges = make_edges(scaled_fold(1.0))
     bound = End(REPORT, 'bag 9', 9.0, np.array([[scaled_fold(1.3), 1000.0]]), 0.0)
-    only = Edges([bound], [], own.tracks)
-    found = infer(only, REFERENCE, PRIOR, Spreads()).by_ends
-    low = float(found.quantiles(np.tile(found.u[:, None], found.log_q.size), [0.05])[0])
+    only = Edges([bound], [], edges.tracks)
+    estimate = infer(only, REFERENCE, PRIOR, Spreads()).by_ends
+    low = float(estimate.quantiles(np.tile(estimate.u[:, None], estimate.log_q.size), [0.05])[0])
     assert low > math.log(1.2)
 
 
 def test_forgetting_follows_the_newest_ends() -> None:
     speeds = [scaled_fold(1.0)] * 4 + [scaled_fold(1.1)] * 2
-    kept, followed = (
+    estimate, followed = (
         infer(make_edges(*speeds), REFERENCE, PRIOR, Spreads(forget=forget)).by_ends.middle[0]
         for forget in (0.0, 0.1)
     )
-    assert kept < 0.06 < 0.08 < followed
+    assert estimate < 0.06 < 0.08 < followed
 
 
 def make_onset(rate: float, seconds: float, began: bool = True) -> Passage:
@@ -93,9 +93,9 @@ def make_onset(rate: float, seconds: float, began: bool = True) -> Passage:
 
 def likelihood_at(passage: Passage, log_q: FloatArray) -> FloatArray:
     """Likelihood of a passage along ln q, e-folds summed over by their prior, without a lag."""
-    found = passage_log_likelihood(passage, REFERENCE, np.zeros(log_q.size), log_q)
-    weight = np.exp(-0.5 * np.linspace(-2.2, 2.2, found.shape[1]) ** 2)
-    return np.asarray(np.exp(found[:, :, 1]) @ weight)
+    likelihood = passage_log_likelihood(passage, REFERENCE, np.zeros(log_q.size), log_q)
+    weight = np.exp(-0.5 * np.linspace(-2.2, 2.2, likelihood.shape[1]) ** 2)
+    return np.asarray(np.exp(likelihood[:, :, 1]) @ weight)
 
 
 def test_an_onset_is_likeliest_where_noise_has_grown_three_e_folds() -> None:

@@ -79,10 +79,10 @@ def test_the_cut_recording_is_whole_up_to_its_cut() -> None:
 def test_lost_inputs_are_told_and_given_back() -> None:
     """NaN for 12 s at a speed that is safe; ten seconds without the load; a timeout of 5 s."""
     for name, from_s, to_s in (('sensor_values', 200.0, 212.0), ('sensor_clocks', 170.0, 180.0)):
-        _, start_ns, found = scan_single_bearing(name)
+        _, start_ns, scan = scan_single_bearing(name)
         stale = [
             ((event.time_ns - start_ns) * 1e-9, str(event.after) == 'input_stale')
-            for event in found.events
+            for event in scan.events
             if 'input_stale' in (str(event.before), str(event.after))
         ]
         (lost, is_stale), (back, _) = stale[:2]
@@ -95,10 +95,10 @@ def test_lost_inputs_are_told_and_given_back() -> None:
 def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
     """On a processor without the vector instructions of this one, whose last digits may differ."""
     script = ROOT / 'scripts' / 'make_bags.py'
-    found = np.show_config(mode='dicts')['SIMD Extensions'].get('found', [])
+    features = np.show_config(mode='dicts')['SIMD Extensions'].get('found', [])
     environment = os.environ | {
         'PYTHONPATH': str(ROOT),
-        'NPY_DISABLE_CPU_FEATURES': ' '.join(found),
+        'NPY_DISABLE_CPU_FEATURES': ' '.join(features),
         'GLIBC_TUNABLES': 'glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX512F',
     }
     command = [sys.executable, str(script), '--output', str(tmp_path)]
@@ -119,10 +119,10 @@ def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
 def scan_recording(name: str) -> list[tuple[BearingConfig, int, Scan]]:
     """The monitor over a recording: each bearing, when it starts [ns], its scan."""
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
-    kept = RecordingBuffer()
-    start_ns = check_recording(BAGS / name, config, [kept]).bag.start_ns
+    buffer = RecordingBuffer()
+    start_ns = check_recording(BAGS / name, config, [buffer]).bag.start_ns
     assert start_ns is not None
-    return [(each, start_ns, kept.scan(each.name)) for each in config.bearings]
+    return [(bearing, start_ns, buffer.scan(bearing.name)) for bearing in config.bearings]
 
 
 def scan_single_bearing(name: str) -> tuple[BearingConfig, int, Scan]:
@@ -140,7 +140,7 @@ def changed_rungs(before: str, after: str) -> list[tuple[str, bool]]:
 @pytest.mark.parametrize('name', PLAIN)
 def test_monitor_gives_every_alarm_when_it_is_due_and_no_other(name: str) -> None:
     """Rung by rung: on its way down the alarm may rest for a moment where noise holds it."""
-    for bearing, start_ns, found in scan_recording(name):
+    for bearing, start_ns, scan in scan_recording(name):
         due = [
             (*rung, event['earliest'], event['latest'])
             for event in ENTRIES[name]['events']
@@ -149,7 +149,7 @@ def test_monitor_gives_every_alarm_when_it_is_due_and_no_other(name: str) -> Non
         ]
         given = [
             (*rung, (event.time_ns - start_ns) * 1e-9)
-            for event in found.events
+            for event in scan.events
             for rung in changed_rungs(str(event.before), str(event.after))
         ]
         for condition in LADDER[1:]:
@@ -239,8 +239,8 @@ TOLD = [
 @functools.cache
 def judge_recording(name: str) -> dict[str, Quality]:
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
-    found = judge_bag(BAGS / name, config)
-    return {voyage.bearing: voyage.rules[OURS] for voyage, _ in found}
+    judged = judge_bag(BAGS / name, config)
+    return {voyage.bearing: voyage.rules[OURS] for voyage, _ in judged}
 
 
 # Where the shaft breaks away from rest no warning can come before, and the speed sensor of one is

@@ -60,8 +60,8 @@ def test_filter_lags_behind_a_ramp(send: Send, tau: float) -> None:
     """y = 60 - 0.5 (s - tau (1 - exp(-s/tau))), s the time since the ramp began."""
     since = np.maximum(SECONDS - 20.0, 0.0)
     expected = 60.0 - 0.5 * (since - tau * (1.0 - np.exp(-since / tau)))
-    found, _ = send(CORNER, filtering_effect(speed=tau), rate=1.0)
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    filtered, _ = send(CORNER, filtering_effect(speed=tau), rate=1.0)
+    np.testing.assert_allclose(filtered, expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize('window', [0.1, 0.5, 2.0])
@@ -70,17 +70,17 @@ def test_mean_averages_ripple_instead_of_aliasing_it(send: Send, window: float) 
     omega = 2.0 * math.pi * 99.0 / 60.0 * 9.0
     x = 0.5 * omega * window
     expected = 99.0 + 9.9 * math.sin(x) / x * np.cos(omega * SECONDS - x)
-    found, _ = send(FAST, BLADES, averaging_effect(speed=window), rate=1.0)
+    averaged, _ = send(FAST, BLADES, averaging_effect(speed=window), rate=1.0)
     rate = max(100.0, 20.0 / window)
-    np.testing.assert_allclose(found, expected, atol=3.0 * (omega / rate) ** 2 / x)
+    np.testing.assert_allclose(averaged, expected, atol=3.0 * (omega / rate) ** 2 / x)
 
 
 def test_filter_comes_before_the_mean_and_both_see_no_blocks(send: Send) -> None:
     """On a long ramp the lag of both together: tau + window/2."""
-    both = [filtering_effect(speed=2.0), averaging_effect(speed=3.0)]
-    one, _ = send(CORNER, *both, rate=1.0)
-    other, _ = send(*reversed(both), CORNER, rate=1.0, length=7.3)
-    assert one.tolist() == other.tolist()
+    effects = [filtering_effect(speed=2.0), averaging_effect(speed=3.0)]
+    one, _ = send(CORNER, *effects, rate=1.0)
+    swapped, _ = send(*reversed(effects), CORNER, rate=1.0, length=7.3)
+    assert one.tolist() == swapped.tolist()
     np.testing.assert_allclose(one[60:], 60.0 - 0.5 * (SECONDS[60:] - 20.0 - 3.5), rtol=1e-7)
 
 
@@ -92,8 +92,8 @@ STEADY = {'load_profile': {'unit': 'N', 'points': [[0, 1000]]}}
 
 def test_bias_drifts_by_the_hour(send: Send) -> None:
     load = {'bias': -0.02, 'drift': 0.36, 'unit': 'kN'}
-    speed, found = send(RAMP, STEADY, {'bias': {'load': load}})
-    np.testing.assert_allclose(found, 980.0 + 0.1 * TIME, rtol=1e-12)
+    speed, biased = send(RAMP, STEADY, {'bias': {'load': load}})
+    np.testing.assert_allclose(biased, 980.0 + 0.1 * TIME, rtol=1e-12)
     np.testing.assert_allclose(speed, RPM, rtol=1e-12)
     speed, _ = send(RAMP, {'bias': {'speed': {'bias': 0.5, 'unit': 'rpm'}}})
     np.testing.assert_allclose(speed, RPM + 0.5, rtol=1e-12)
@@ -139,11 +139,11 @@ def test_jitter_scatters_the_stamps_alone(
 ) -> None:
     jitter = {'clock_jitter': {'load': {'standard_deviation': 0.02}}}
     clean = load_of(make_scene, messages_of, bearings=bearings, rate=100.0)
-    found = load_of(make_scene, messages_of, jitter, bearings=bearings, rate=100.0)
-    assert found.raw.tolist() == clean.raw.tolist()
-    stamps = found.log_time_ns if found.stamp_ns is None else found.stamp_ns
-    if found.stamp_ns is not None:
-        assert found.log_time_ns.tolist() == clean.log_time_ns.tolist()
+    loads = load_of(make_scene, messages_of, jitter, bearings=bearings, rate=100.0)
+    assert loads.raw.tolist() == clean.raw.tolist()
+    stamps = loads.log_time_ns if loads.stamp_ns is None else loads.stamp_ns
+    if loads.stamp_ns is not None:
+        assert loads.log_time_ns.tolist() == clean.log_time_ns.tolist()
     off = (stamps - clean.log_time_ns) / 0.02e9
     n = off.size
     assert abs(off.mean()) < 5.0 / math.sqrt(n)
@@ -152,19 +152,19 @@ def test_jitter_scatters_the_stamps_alone(
 
 def test_clock_jumps_add_up(make_scene: MakeScene, messages_of: MessagesOf) -> None:
     jumps = {'clock_jump': {'jumps': [[30, -40], [60, 3600.5]]}}
-    found = load_of(make_scene, messages_of, jumps)
+    loads = load_of(make_scene, messages_of, jumps)
     time = np.arange(1001) / 10.0
     shift = np.where(time >= 60.0, 3560.5, np.where(time >= 30.0, -40.0, 0.0))
-    assert found.stamp_ns is not None
+    assert loads.stamp_ns is not None
     expected = START + np.rint((time + shift) * 1e9)
-    np.testing.assert_array_equal(found.stamp_ns, expected.astype(np.int64))
-    np.testing.assert_array_equal(found.log_time_ns, START + np.arange(1001) * 10**8)
-    np.testing.assert_allclose(found.raw, time, atol=1e-9)
+    np.testing.assert_array_equal(loads.stamp_ns, expected.astype(np.int64))
+    np.testing.assert_array_equal(loads.log_time_ns, START + np.arange(1001) * 10**8)
+    np.testing.assert_allclose(loads.raw, time, atol=1e-9)
     # A recorder's own clock can jump forward.
     jumps = {'clock_jump': {'jumps': [[30, 40]], 'bearing': 'aft'}}
-    found = load_of(make_scene, messages_of, jumps, bearings={'aft': {}})
+    loads = load_of(make_scene, messages_of, jumps, bearings={'aft': {}})
     steps = [NS // 10] * 299 + [401 * NS // 10] + [NS // 10] * 700
-    assert np.diff(found.log_time_ns).tolist() == steps
+    assert np.diff(loads.log_time_ns).tolist() == steps
 
 
 @pytest.mark.parametrize(
@@ -174,19 +174,19 @@ def test_shares_and_windows_choose_the_messages(
     make_scene: MakeScene, messages_of: MessagesOf, effect: str, share: float
 ) -> None:
     """As many as stated by the binomial law; windows choose among them and change none."""
-    own = {'share': share} | ({'size': 300, 'unit': 'N'} if effect == 'spikes' else {})
+    settings = {'share': share} | ({'size': 300, 'unit': 'N'} if effect == 'spikes' else {})
     windows = {'windows': [[10, 20], [50.05, 70]]}
     counts = []
-    for chosen in (own, own | windows, own | windows | {'share': 1.0}):
-        found = load_of(make_scene, messages_of, {effect: {'load': chosen}}, rate=100.0)
-        assert found.stamp_ns is not None
-        assert found.stamp_ns.tolist() == found.log_time_ns.tolist()
-        tick = (found.log_time_ns - START) // 10**7
+    for chosen in (settings, settings | windows, settings | windows | {'share': 1.0}):
+        loads = load_of(make_scene, messages_of, {effect: {'load': chosen}}, rate=100.0)
+        assert loads.stamp_ns is not None
+        assert loads.stamp_ns.tolist() == loads.log_time_ns.tolist()
+        tick = (loads.log_time_ns - START) // 10**7
         there = np.bincount(tick, minlength=10_001)
         if effect == 'spikes':
-            there[tick[abs(found.raw - tick / 100.0) > 299.0]] = 9
+            there[tick[abs(loads.raw - tick / 100.0) > 299.0]] = 9
         elif effect == 'not_a_number':
-            there[tick[np.isnan(found.raw)]] = 9
+            there[tick[np.isnan(loads.raw)]] = 9
         counts.append(there != 1)
     alone, among, whole = counts
     assert abs(alone.sum() - share * 10_001) < 5.0 * math.sqrt(share * (1.0 - share) * 10_001)
@@ -198,11 +198,11 @@ def test_shares_and_windows_choose_the_messages(
 
 def test_late_messages_come_behind_younger_ones(make_scene: MakeScene, messages_of: MessagesOf) -> None:
     late = {'out_of_order': {'load': {'delay': 0.25, 'share': 0.1}}}
-    found = load_of(make_scene, messages_of, late, rate=100.0)
+    loads = load_of(make_scene, messages_of, late, rate=100.0)
     stamps = START + np.arange(10_001) * 10**7
-    assert found.stamp_ns is not None
-    assert found.stamp_ns.tolist() == stamps.tolist()
-    delay = found.log_time_ns - stamps
+    assert loads.stamp_ns is not None
+    assert loads.stamp_ns.tolist() == stamps.tolist()
+    delay = loads.log_time_ns - stamps
     assert set(delay.tolist()) == {0, 250_000_000}
     assert abs((delay > 0).sum() - 1000.1) < 5.0 * math.sqrt(900)
     # A delay that overtakes nothing is refused.
@@ -223,9 +223,9 @@ def test_monitor_counts_every_kind_of_bad_message(make_scene: MakeScene, tmp_pat
     ]
     scene = make_scene('stamped', 4.0, effects=effects)
     write_bag(scene, tmp_path / 'bag')
-    kept = RecordingBuffer()
-    check_recording(tmp_path / 'bag', scene.config, [kept])
-    counts = kept.scan('aft').counts
+    buffer = RecordingBuffer()
+    check_recording(tmp_path / 'bag', scene.config, [buffer])
+    counts = buffer.scan('aft').counts
     load = {status: int(counts[1, status]) for status in Status}
     assert load[Status.NOT_FINITE] == 8
     assert load[Status.IMPLAUSIBLE] == 4

@@ -45,14 +45,14 @@ def test_table_is_the_points_in_a_file(make_scene: MakeScene, tmp_path: Path) ->
 
 def test_steps_go_from_level_to_level_in_the_rise(make_scene: MakeScene) -> None:
     steps = {'unit': 'rpm', 'steps': [[5, 50], [20, 40], [24, 10], [80, -30]], 'rise': 4.0}
-    found = speed_of(make_scene, {'speed_steps': steps})
+    speeds = speed_of(make_scene, {'speed_steps': steps})
     expected = (
         50.0
         - 10.0 * np.clip((TIME - 20.0) / 4.0, 0.0, 1.0)
         - 30.0 * np.clip((TIME - 24.0) / 4.0, 0.0, 1.0)
         - 40.0 * np.clip((TIME - 80.0) / 4.0, 0.0, 1.0)
     )
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(speeds, expected, atol=1e-12)
     load = {'load_steps': steps | {'unit': 'N', 'steps': [[0, 900], [50, 1300]]}}
     shaft = make_scene(effects=[load]).build().shaft
     expected = 900.0 + 400.0 * np.clip((TIME - 50.0) / 4.0, 0.0, 1.0)
@@ -142,8 +142,8 @@ def test_spectrum_of_the_record_is_jonswap() -> None:
         half = 0.5 * (frequency[1] - frequency[0])
         omegas = 2.0 * math.pi * (edges[0] - half), 2.0 * math.pi * (edges[1] + half)
         expected = quad(jonswap_spectrum, *omegas, args=(gamma,))[0]
-        found = density[inside].sum() * 2.0 * half
-        assert found == pytest.approx(expected, rel=0.12, abs=0.003 * HEIGHT**2 / 16.0)
+        variance = density[inside].sum() * 2.0 * half
+        assert variance == pytest.approx(expected, rel=0.12, abs=0.003 * HEIGHT**2 / 16.0)
 
 
 def test_load_is_the_elevation_times_its_factor(make_scene: MakeScene) -> None:

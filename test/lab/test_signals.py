@@ -56,24 +56,24 @@ def test_profile_is_linear_between_points_and_held_beyond(
     flat = {'effect': 'speed_profile', 'unit': 'rpm', 'points': [[10, 60], [50, 20]]}
     time = np.arange(1001) / 10.0
     for effects in ([flat], [{'speed_profile': {k: flat[k] for k in ('unit', 'points')}}]):
-        found = messages_of(make_scene(effects=effects))
-        stamps = found[SPEED].log_time_ns.tolist()
+        messages = messages_of(make_scene(effects=effects))
+        stamps = messages[SPEED].log_time_ns.tolist()
         assert stamps == [START + k * 100_000_000 for k in range(1001)]
         expected = np.clip(60.0 - (time - 10.0), 20.0, 60.0)  # one rpm a second
-        np.testing.assert_allclose(found[SPEED].raw, expected, rtol=1e-14)
-        assert found[LOAD].log_time_ns.tolist() == [START + k * 250_000_000 for k in range(401)]
-        assert not found[LOAD].raw.any()
+        np.testing.assert_allclose(messages[SPEED].raw, expected, rtol=1e-14)
+        assert messages[LOAD].log_time_ns.tolist() == [START + k * 250_000_000 for k in range(401)]
+        assert not messages[LOAD].raw.any()
 
 
 def test_numbers_are_what_the_sensor_sends(make_scene: MakeScene, messages_of: MessagesOf) -> None:
     """A 4 to 20 mA load cell of 0 to 5 kN; a tachometer with 60 pulses a turn; every unit."""
-    own = {
+    telemetry = {
         'speed': {'unit': 'Hz', 'scale': 1.0 / 60.0},
         'load': {'unit': 'kN', 'scale': 5.0 / 16.0, 'offset': -1.25},
     }
-    found = messages_of(make_scene({'aft': own}))
-    np.testing.assert_allclose(found[SPEED].raw[0], 60.0, rtol=1e-14)
-    np.testing.assert_allclose(found[LOAD].raw, 4.0 + 16.0 / 5.0, rtol=1e-14)
+    messages = messages_of(make_scene({'aft': telemetry}))
+    np.testing.assert_allclose(messages[SPEED].raw[0], 60.0, rtol=1e-14)
+    np.testing.assert_allclose(messages[LOAD].raw, 4.0 + 16.0 / 5.0, rtol=1e-14)
     units = {'rpm': 1.0, 'rad/s': 30.0 / math.pi, 'Hz': 60.0, 'm/s': 1.0 / SURFACE}
     for unit, rpm in units.items():
         effect = {'speed_profile': {'unit': unit, 'points': [[0, 3.0]]}}
@@ -95,15 +95,15 @@ def test_noise_is_white_and_depends_on_its_seed_alone(make_scene: MakeScene, mes
         assert abs((noise[1:] * noise[:-1]).mean()) < 5.0 / math.sqrt(n)
     pair = np.corrcoef(alone[SPEED].raw, alone[LOAD].raw)[0, 1]
     assert abs(pair) < 5.0 / math.sqrt(n)
-    other = messages_of(replace(scene, seed=8))
-    assert not any(np.any(other[topic].raw == alone[topic].raw) for topic in alone)
+    reseeded = messages_of(replace(scene, seed=8))
+    assert not any(np.any(reseeded[topic].raw == alone[topic].raw) for topic in alone)
     noisy['effects'] = [{'sensor_noise': {'load': NOISE['load']}}]
     assert messages_of(make_scene(**noisy))[LOAD].raw.tolist() == alone[LOAD].raw.tolist()
 
 
 def test_numbers_are_drawn_evenly_and_each_from_its_own_stream() -> None:
     one = {'speed_steps': {'rise': {'between': [2.0, 4.0]}}}
-    other = {'bias': {'load': {'bias': {'between': [0, 1]}}}}
+    extra_effect = {'bias': {'load': {'bias': {'between': [0, 1]}}}}
     values = [draw_numbers({'effects': [one]}, seed)['effects'][0] for seed in range(400)]
     rises = np.array([value['speed_steps']['rise'] for value in values])
     assert rises.min() >= 2.0
@@ -111,7 +111,7 @@ def test_numbers_are_drawn_evenly_and_each_from_its_own_stream() -> None:
     # The mean of 400 has a standard deviation of 2 / sqrt(12 * 400) = 0.029.
     assert rises.mean() == pytest.approx(3.0, abs=0.12)
     # Another effect before it changes nothing; the same number in another place is another draw.
-    assert draw_numbers({'effects': [other, one]}, 7)['effects'][1] == values[7]
+    assert draw_numbers({'effects': [extra_effect, one]}, 7)['effects'][1] == values[7]
     twice = draw_numbers({'effects': [one, one]}, 7)['effects']
     assert twice[0] == values[7] != twice[1]
     assert draw_numbers([[1, 'a'], {'b': None, 'c': 2}], 0) == [[1, 'a'], {'b': None, 'c': 2}]
@@ -120,13 +120,13 @@ def test_numbers_are_drawn_evenly_and_each_from_its_own_stream() -> None:
 def test_parameters_are_off_by_no_more_than_is_said() -> None:
     errors = {'damping': 0.1, 'friction.static': 0.05, 'load.scale': 0.02}
     believed = [with_parameter_errors(BEARING, errors, seed) for seed in range(200)]
-    for name, most, values in (
+    for name, max_value, values in (
         ('damping', 0.1, [b.bearing.damping / 400.0 for b in believed]),
         ('static', 0.05, [b.bearing.friction.static / 0.3 for b in believed]),
         ('scale', 0.02, [b.load.scale for b in believed]),
     ):
         off = np.abs(np.array(values) - 1.0)
-        assert 0.9 * most < off.max() <= most * (1.0 + 1e-12), name
+        assert 0.9 * max_value < off.max() <= max_value * (1.0 + 1e-12), name
     assert {b.bearing.mass for b in believed} == {50.0}
     assert with_parameter_errors(BEARING, errors, 3) == believed[3]
     assert with_parameter_errors(BEARING, {}, 3) == BEARING
@@ -180,19 +180,19 @@ def test_functions_are_right_and_the_same_with_other_vector_instructions() -> No
         alone = [float(function(x[k : k + 1])[0]) for k in range(x.size)]
         assert alone == function(x).tolist() == function(x[::-1])[::-1].tolist()
     x = np.random.default_rng(3).uniform(-40.0, 0.0, 20_000)
-    own = hashlib.sha256(exp(x).tobytes() + cos_turns(x * 1e4).tobytes()).hexdigest()
+    digest = hashlib.sha256(exp(x).tobytes() + cos_turns(x * 1e4).tobytes()).hexdigest()
     # What show_config tells, but that of numpy 1.23 only prints it.
     simd = getattr(np, '_core', None) or np.core
     has = simd._multiarray_umath.__cpu_features__
-    found = [name for name in simd._multiarray_umath.__cpu_dispatch__ if has[name]]
+    features = [name for name in simd._multiarray_umath.__cpu_dispatch__ if has[name]]
     done = subprocess.run(
         [sys.executable, '-W', 'ignore', '-c', CODE],
-        env=os.environ | {'NPY_DISABLE_CPU_FEATURES': ' '.join(found)},
+        env=os.environ | {'NPY_DISABLE_CPU_FEATURES': ' '.join(features)},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert done.stdout.strip() == own
+    assert done.stdout.strip() == digest
 
 
 class Unnamed(OwnLaw):
@@ -201,5 +201,5 @@ class Unnamed(OwnLaw):
 
 def test_a_law_that_names_no_breakpoints_has_a_nominal_load() -> None:
     """Twice the load range of the map, as of the same law that names them: 5 times the onset of 200 N."""
-    own = replace(BEARING, bearing=replace(BEARING.bearing, friction=Unnamed(0.3, 0.1, 10.0)))
-    assert nominal_load(own) == pytest.approx(1000.0, rel=1e-9)
+    config = replace(BEARING, bearing=replace(BEARING.bearing, friction=Unnamed(0.3, 0.1, 10.0)))
+    assert nominal_load(config) == pytest.approx(1000.0, rel=1e-9)

@@ -53,7 +53,7 @@ FIRST = [
 
 
 @pytest.mark.parametrize(
-    ('told', 'end', 'episodes'),
+    ('rows', 'end', 'episodes'),
     [
         (
             [*SPAN, *FIRST, (50, truth_event('first_stick', 49)), (60, truth_event('last_stick', 59.5))],
@@ -66,9 +66,9 @@ FIRST = [
     ],
 )
 def test_episodes_and_span(
-    tmp_path: Path, told: Any, end: float, episodes: list[tuple[float, float]]
+    tmp_path: Path, rows: Any, end: float, episodes: list[tuple[float, float]]
 ) -> None:
-    truth = read_truth_bag(write_truth_bag(tmp_path / 'a.mcap', sorted(told)))
+    truth = read_truth_bag(write_truth_bag(tmp_path / 'a.mcap', sorted(rows)))
     assert (truth.start_ns, truth.end_ns) == (0, end * SECOND)
     assert truth.episodes == tuple((a * SECOND, b * SECOND) for a, b in episodes)
     assert truth.amplitude.value.size == truth.fold_margin.time_ns.size == 0

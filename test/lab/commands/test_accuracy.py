@@ -71,5 +71,5 @@ def test_errors_in_a_table(error: float, text: str) -> None:
 
 
 def test_times_in_words() -> None:
-    found = [accuracy.time_text(seconds) for seconds in (2.5, 2.5e-3, 2.5e-6, float('nan'))]
-    assert found == ['2.5 s', '2.5 ms', '2.5 us', '-']
+    texts = [accuracy.time_text(seconds) for seconds in (2.5, 2.5e-3, 2.5e-6, float('nan'))]
+    assert texts == ['2.5 s', '2.5 ms', '2.5 us', '-']

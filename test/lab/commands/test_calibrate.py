@@ -57,10 +57,10 @@ def test_one_recording_corrects_a_wrong_drawing(wrong: Path, tmp_path: Path, sti
     assert 'no measurement of friction' in text
     assert picture.stat().st_size > 10_000
     document = json.loads(result.read_text())
-    found = middle_boundaries(document)
-    assert found['fold_50'] == pytest.approx(40.72, rel=0.05)
-    assert found['fold_5'] < 40.72 < found['fold_95']
-    assert found['hopf_5'] < 30.74 < found['hopf_95']
+    boundaries = middle_boundaries(document)
+    assert boundaries['fold_50'] == pytest.approx(40.72, rel=0.05)
+    assert boundaries['fold_5'] < 40.72 < boundaries['fold_95']
+    assert boundaries['hopf_5'] < 30.74 < boundaries['hopf_95']
     # The result is what the configuration names, beside it, and beats what it says itself.
     configured = wrong.with_name('calibrated.yaml')
     configured.write_text(
@@ -98,17 +98,17 @@ def test_an_operator_and_a_level_are_evidence_too(wrong: Path, tmp_path: Path, s
         wrong.read_text().replace('      speed: {', '      level: {topic: /level}\n      speed: {')
     )
     for arguments in ([COAST_DOWN, '--reports', reports, '-c', wrong], [copy, '-c', configured]):
-        found = middle_boundaries(stickslip('calibrate', *arguments, '--json').json)
-        assert found['fold_50'] == pytest.approx(40.72, rel=0.06)
+        boundaries = middle_boundaries(stickslip('calibrate', *arguments, '--json').json)
+        assert boundaries['fold_50'] == pytest.approx(40.72, rel=0.06)
 
 
 def without_truth(copy: Path, level: FloatArray | None = None) -> None:
     """Speed and load of the coast-down, as a ship would record them, and perhaps a level."""
-    bag, own = open_bag(COAST_DOWN), ('/shaft/speed', '/bearing/aft_stern/load')
+    bag, topics = open_bag(COAST_DOWN), ('/shaft/speed', '/bearing/aft_stern/load')
     with BagWriter(copy) as writer:
-        for topic in own:
+        for topic in topics:
             writer.add_topic(topic, 'std_msgs/msg/Float64')
-        for message in bag.messages(own):
+        for message in bag.messages(topics):
             writer.write(message.topic, message.log_time_ns, message.data)
         if level is not None:
             writer.add_topic('/level', 'std_msgs/msg/Float64')

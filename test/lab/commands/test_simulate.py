@@ -94,8 +94,8 @@ def test_rosbags_reads_the_bag(tmp_path: Path, scene: str, stickslip: Stickslip,
 def test_what_exists_is_not_overwritten(tmp_path: Path, scene: str, stickslip: Stickslip, name: str) -> None:
     target = tmp_path / name
     target.write_text('dear', 'utf-8')
-    said = f"ERROR: bag '{target}' exists already and is not overwritten\n"
-    assert stickslip('simulate', scene, '-o', target) == (2, '', said)
+    message = f"ERROR: bag '{target}' exists already and is not overwritten\n"
+    assert stickslip('simulate', scene, '-o', target) == (2, '', message)
     assert target.read_text('utf-8') == 'dear'
     assert {p.name for p in tmp_path.iterdir()} == {'config.yaml', 'scene.yaml', name}
 

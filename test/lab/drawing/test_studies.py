@@ -20,9 +20,9 @@ pytest.importorskip('matplotlib')
 CONFIG = replace(load_config(REFERENCE_FILE).bearings[0], bearing=BEARING)
 
 
-def lines_of(found: list[Evidence]) -> dict[str, Any]:
+def lines_of(evidence: list[Evidence]) -> dict[str, Any]:
     """The lines of the picture's left panel, by name: x and y of each."""
-    figure = draw_calibration(CONFIG, calibrate(found, BEARING, EXACT))
+    figure = draw_calibration(CONFIG, calibrate(evidence, BEARING, EXACT))
     return {line.get_label(): np.array(line.get_data()) for line in figure.axes[0].lines}
 
 
@@ -41,8 +41,11 @@ def test_a_level_is_coloured_by_what_it_was_taken_for_and_its_ends_are_marked() 
 def test_reports_are_drawn_as_passages_and_a_bound_as_what_it_is() -> None:
     whole = slow_passage(level=False)
     # The list ends in the middle of the vibration.
-    found = [whole, replace(slow_passage(1, level=False), reports=slow_passage(1, level=False).reports[:2])]
-    lines = lines_of(found)
+    evidence = [
+        whole,
+        replace(slow_passage(1, level=False), reports=slow_passage(1, level=False).reports[:2]),
+    ]
+    lines = lines_of(evidence)
     assert lines['vibration reported'][1].tolist() == [1.0] * lines['vibration reported'].shape[1]
     assert lines['end at the fold'][1].tolist() == [1.0]
     (over,), (height,) = lines['fold is not below']
