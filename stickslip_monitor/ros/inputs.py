@@ -46,18 +46,17 @@ MAX_ANSWERED = 20
 """Messages of a topic in one turn beyond which only the last is answered: 400 Hz."""
 OVERRIDES = (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 """What a parameter ``qos_overrides...`` may change; a sender that latches needs durability."""
-_PUBLISHERS_KNOWN = 100  # publishers remembered for each topic; the oldest is forgotten
-_NAMES_KEPT = 100
-"""Names of elements kept for the report of a missing one; a robot has some dozen joints."""
+# Publishers, and names of elements, that are remembered for each topic; a robot has some dozen joints.
+_MAX_REMEMBERED = 100
 
 Tap = Callable[[str, str, bytes, int], None]
 """Takes topic, type, encoded message and its time [ns]."""
 
 
 def make_input_qos() -> QoSProfile:
-    """Make a new quality of service of an input: best effort, which matches every sender.
+    """Make the quality of service of an input, best effort and volatile, which match every sender.
 
-    It is for one subscription, as rclpy changes it.
+    Each subscription needs its own, as rclpy changes it.
     """
     return QoSProfile(
         depth=_QUEUE_DEPTH,
@@ -96,7 +95,7 @@ def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:
 
     Raises:
         RosError: An input has no topic, or that of an output; its type or field cannot be used; or two
-            inputs give one topic different types.
+            inputs give one topic different types. The text names the parameter.
     """
     users: dict[str, tuple[str, str]] = {}
     for bearing in config.bearings:
@@ -126,6 +125,9 @@ class Inputs:
         clock: Reads the steady clock and the time by which the node measures.
         simulated: Whether a message came when ROS time says so, not the middleware.
         tap: Called with topic, type, encoded message and time before the numbers of it, if given.
+
+    Raises:
+        RosError: A message type is not installed.
 
     Attributes:
         piled: Whether a topic has more than :data:`MAX_ANSWERED` messages waiting.
@@ -168,8 +170,8 @@ class Inputs:
     def fetch(self, late: bool) -> None:
         """Move the messages of all topics from the middleware into the queue, sorted by arrival.
 
-        Of more than :data:`MAX_WAITING` every n-th is kept. :attr:`piled` and the counts of the lanes are
-        updated.
+        If more than :data:`MAX_WAITING` wait then, only every n-th of each topic is kept. :attr:`piled` and
+        the counts of the lanes are updated.
 
         Args:
             late: Whether the node was stalled, so that missing messages are not counted as lost.
@@ -184,10 +186,11 @@ class Inputs:
         self._waiting = deque(sorted([*self._waiting, *new], key=itemgetter(0)))
         self.piled = max(Counter(one.lane for one in self._waiting).values(), default=0) > MAX_ANSWERED
 
-    def numbers(self) -> Iterator[Number]:
-        """Take messages from the queue and yield their numbers, in the order of arrival.
+    def take_numbers(self) -> Iterator[Number]:
+        """Remove messages from the queue and yield their numbers, in the order of arrival.
 
-        After :data:`TURN_NS` the rest waits for the next call.
+        The tap is called with each message, and its sender is noted. After :data:`TURN_NS` the rest waits for
+        the next call.
         """
         begun = self._clock().steady_ns
         while self._waiting and self._clock().steady_ns - begun < TURN_NS:
@@ -196,7 +199,11 @@ class Inputs:
     def _thin_out(self, lane: Lane, waiting: list[Waiting]) -> list[Waiting]:
         """Return every n-th of the messages of one topic, the last included; count the others as left out.
 
-        n is the least by which no topic has more than its share of :data:`MAX_WAITING`.
+        ``n`` leaves the topic at most an equal share of :data:`MAX_WAITING`.
+
+        Args:
+            lane: The topic.
+            waiting: Messages of all topics.
         """
         lane_messages = [one for one in waiting if one.lane is lane]
         step = len(lane_messages) * len(self.lanes) // MAX_WAITING + 1
@@ -208,7 +215,7 @@ class Inputs:
         """Return a function that converts a time of the middleware in this turn to simulated time [ns].
 
         It interpolates between this turn, whose times are stored, and the one before: a fast replay moves
-        by seconds in a turn.
+        by seconds in a turn. In the first turn, and after a step back, it always returns ``ros_ns``.
         """
         (begin, before), end = self._turned, time.time_ns()
         self._turned = end, ros_ns
@@ -256,10 +263,13 @@ class Lane:
         stamp: Reads the time of measurement from a message [ns]; 0 for none.
         lost: Messages that never came, by the numbers of their publishers.
         left_out: Messages that were skipped because too many waited, or the node had stalled.
-        senders: Who sends, by what the middleware calls it.
+        senders: Who sends, by what the middleware calls it; up to :data:`_MAX_REMEMBERED`.
         undecodable: Whether the latest message could not be decoded.
         names: Elements that messages named which were not for an input.
         subscription: The subscription; ``None`` while there is none.
+
+    Raises:
+        RosError: The message type is not installed.
     """
 
     def __init__(self, node: LifecycleNode, topic: str, kind: str) -> None:
@@ -300,6 +310,8 @@ class Lane:
     def fetch(self, arrival: Callable[[int], int] | None, late: bool) -> Iterator[Waiting]:
         """Take and yield the messages that wait in the middleware, still encoded; count the missing ones.
 
+        At most :data:`_QUEUE_DEPTH` are taken.
+
         Args:
             arrival: Converts a time of the middleware to ROS time [ns]; ``None`` where both are the same.
             late: Whether the node was stalled, so that missing messages are left out, not lost.
@@ -329,8 +341,8 @@ class Lane:
         return message
 
     def note_names(self, names: Iterable[str]) -> None:
-        """Add to :attr:`names` those of elements of a message that has none of ours; up to a limit."""
-        if len(self.names) < _NAMES_KEPT:
+        """Add the names of elements of a message to :attr:`names`, unless it is full already."""
+        if len(self.names) < _MAX_REMEMBERED:
             self.names.update(names)
 
     def note_reading(self, bearing: str, place: int, sender: bytes) -> None:
@@ -350,10 +362,11 @@ class Lane:
         return not begun or (sender is not None and sender.last >= begun)
 
     def _count_missing(self, info: Any, late: bool) -> None:
-        """Note the number of a message, and count those missing since the last one of its publisher.
+        """Note the sender and number of a message, and count those missing since its last one.
 
-        They count as lost, but after a stall of the node as left out. Without numbers, as in some ROS 2,
-        nothing is counted. (The event of a lost message leaves out those for which the queue had no room.)
+        They count as lost, but after a stall of the node as left out. Of too many senders the oldest is
+        forgotten. Without numbers, as in some ROS 2, nothing is noted. (The event of a lost message leaves
+        out those for which the queue had no room.)
         """
         publisher, number = info.get('publisher_gid'), info.get('publication_sequence_number')
         if publisher is None or number is None:
@@ -365,7 +378,7 @@ class Lane:
         missing = max(0, number - sender.number - 1)
         sender.number, sender.last = number, self._came
         self.senders[name] = sender
-        if len(self.senders) > _PUBLISHERS_KNOWN:
+        if len(self.senders) > _MAX_REMEMBERED:
             del self.senders[next(iter(self.senders))]
         if name in self._excused:
             self.left_out += missing
@@ -424,7 +437,7 @@ def write_definition(name: str) -> str:
 
 
 def _msg_type_text(text: str) -> str:
-    """Translate a field's type from rclpy's words into those of a ``.msg`` file."""
+    """Translate a field's type from rclpy's words into those of a ``.msg`` file, as double into float64."""
     if match := _SEQUENCE.fullmatch(text):
         bound = f'<={match["most"]}' if match['most'] else ''
         return f'{_msg_type_text(match["item"])}[{bound}]'
@@ -443,7 +456,8 @@ def check_field(name: str, config: InputConfig) -> None:
         config: The input.
 
     Raises:
-        RosError: It leads elsewhere or nowhere; the text names the step and the fields that exist.
+        RosError: It leads elsewhere or nowhere, or a type on its way is not installed. The text names the
+            step and the fields that exist.
     """
     current, label = config.type, f"{name}.field '{config.field_text}'"
     for step in config.field:
@@ -455,8 +469,10 @@ def check_field(name: str, config: InputConfig) -> None:
 def _follow_step(label: str, current: str, step: str | int | ByName) -> str:
     """Return the type to which a step of a field path leads from the type ``current``.
 
+    An element that is chosen by name is taken to exist.
+
     Raises:
-        RosError: It leads nowhere; the text begins with ``label``.
+        RosError: It leads nowhere (the text begins with ``label``), or ``current`` is not installed.
     """
     if not isinstance(step, str):
         match = _SEQUENCE.fullmatch(current) or _ARRAY.fullmatch(current)

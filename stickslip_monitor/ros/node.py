@@ -213,7 +213,8 @@ class MonitorNode(LifecycleNode):
         options: As for any lifecycle node.
 
     Attributes:
-        config: The configuration in force.
+        config: The configuration in force, with names of topics as given.
+        health: The node's own health; a new one from each configuring on.
     """
 
     # A node that could not be made is destroyed all the same.
@@ -271,7 +272,7 @@ class MonitorNode(LifecycleNode):
         return call
 
     def report_exception(self, error: Exception) -> None:
-        """Log an unexpected exception, count it in the health, and put the first one on record."""
+        """Log an unexpected exception, at most every 5 s; count it in the health; put the first on record."""
         frames = traceback.extract_tb(error.__traceback__)
         place = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
         text = f'{type(error).__name__}: {ros_error_text(error)}{place}'
@@ -424,7 +425,9 @@ class MonitorNode(LifecycleNode):
     def _on_parameters(self, changes: list[RosParameter[Any]]) -> SetParametersResult:
         """Apply changes of parameters, all or none, and return whether, and why not.
 
-        What changed is logged, put on record and, of a bearing, reported in diagnostics until acknowledged.
+        A configured node takes changes of live parameters into its session, and replaces session and
+        publishers for others. What changed is logged, put on record and, of a bearing, reported in
+        diagnostics until acknowledged.
         """
         # Those of publishers and subscriptions are declared, and read-only, as these are made.
         changes = [change for change in changes if not change.name.startswith('qos_overrides.')]

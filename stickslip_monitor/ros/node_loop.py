@@ -140,7 +140,7 @@ class NodeLoop:
         # What waits comes first: no input is lost whose messages are there.
         self.inputs.fetch(late)
         self._latest = not (late or self.inputs.piled)
-        for number in self.inputs.numbers():
+        for number in self.inputs.take_numbers():
             self._take(number)
         now = self._now()
         if not late and now.steady_ns - begun_ns > LATE_NS:
@@ -156,7 +156,8 @@ class NodeLoop:
     def _take_number(self, number: Number) -> None:
         """Give a number to the session, and note it for the watchdog if it is a valid speed or load.
 
-        Its age counts from its arrival; after a stall, or once the clock was set, from now on.
+        Its age counts from its arrival; after a stall, or once the clock was set, from now on. One without a
+        stamp that came before the clock was set gets the present time.
         """
         name, place, time_ns, arrival_ns, value = number
         now = self._now()
@@ -262,6 +263,10 @@ class Actions:
 
     A service of std_srvs names neither the caller nor the alarm; a request on the topic
     ``~/actions`` does.
+
+    Args:
+        bearings: Names that a request may have.
+        act: Carries out a request, and returns what it changed.
     """
 
     def __init__(
@@ -283,7 +288,10 @@ class Actions:
             self._node.destroy_service(service)
 
     def _on_request(self, message: Any) -> None:
-        """Carry out a request of the topic, after a line in the log on who asked; log why one is refused."""
+        """Carry out a request of the topic, after a line in the log on who asked.
+
+        An invalid one is not carried out: the reason is logged.
+        """
         log = self._node.get_logger()
         try:
             request = parse_request(json.loads(message.data), self._bearings)
@@ -321,11 +329,11 @@ class PassingTime:
 
     While ROS time follows a simulated clock that moves, that clock is the measure. One that has
     stood still for a second (the player has gone, or waits) cannot say that an input is lost, so then
-    the steady clock does; what that has counted is not counted again. A step back, and the first step
-    from zero, count as no time.
+    the steady clock does; what that has counted is not counted again. A step back counts as no time. While
+    the simulated clock is at zero, and for its first step from there, the steady clock is the measure.
 
     Attributes:
-        stands: Whether a simulated clock stands still.
+        stands: Whether a simulated clock has stood still for more than :data:`STILL_NS`.
     """
 
     stands = False

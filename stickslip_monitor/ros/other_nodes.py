@@ -108,7 +108,10 @@ def node_name(info: Any) -> str:
 
 
 def _override_clause(topic: str, profile: QoSProfile) -> str:
-    """Return the clause on what a subscription asks for by overrides; best effort and volatile match all."""
+    """Return the clause on what a subscription asks for by overrides, in brackets after a space; '' for none.
+
+    Only reliability and durability are named: best effort and volatile match all.
+    """
     usual = make_input_qos()
     clauses = [
         f'qos_overrides.{topic}.subscription.{name} asks for {getattr(profile, name).name.lower()}'
@@ -139,7 +142,7 @@ def _publisher_of(info: Any, profile: QoSProfile, override: str, sends: bool) ->
 
 
 HandOver = Callable[..., object]
-"""Calls a function with arguments where the listeners live."""
+"""Calls a function with arguments in the thread in which the listeners live."""
 _ALARMS = QoSProfile(
     depth=20, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -155,6 +158,8 @@ class Watcher:
 
     Args:
         listeners: Receivers of the records of each monitor, by the full name of its node.
+        diagnostics: The topic of the nodes' diagnostics.
+        hand_over: Calls a method of a listener with its arguments in the listeners' thread.
 
     Raises:
         RosError: A name is not valid.
@@ -194,7 +199,7 @@ class Watcher:
             raise RosError(f'the monitor cannot be reached: {error}') from error
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Pass on the health of the watched nodes, and the names of other monitors."""
+        """Pass the health of each watched node to its listener, and the names of other monitors to all."""
         for status in message.status:
             # Others publish on /diagnostics too, monitors in other namespaces among them.
             node, _, bearing = status.name.rpartition(': ')
@@ -206,7 +211,7 @@ class Watcher:
                     self._hand_over(listener.take_other, node)
 
     def _on_bearings(self, listener: Sink, monitor: str, message: String) -> None:
-        """Pass on the record of each bearing in a message; ignore one that is not JSON of our schema."""
+        """Pass on the record of each bearing in a message; ignore a message of another schema, or no JSON."""
         document = self._parse_message(monitor, message)
         if isinstance(document, dict) and document.get('schema') == BEARINGS_SCHEMA:
             for record in document['bearings']:
@@ -278,7 +283,7 @@ def open_watcher(listeners: Mapping[str, Sink], diagnostics: str, hand_over: Han
     Args:
         listeners: Receivers of the records of each monitor, by the full name of its node.
         diagnostics: The topic of the nodes' diagnostics.
-        hand_over: Calls a method of a listener with its arguments where the listeners live.
+        hand_over: Calls a method of a listener with its arguments in the listeners' thread.
 
     Raises:
         RosError: ROS cannot be started, or a name is not valid.
@@ -315,7 +320,7 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
 
 @contextmanager
 def _open_node() -> Iterator[tuple[Node, Callable[[], None]]]:
-    """Open a node, with a function that spins it in a thread, until the block ends; then end ROS.
+    """Start ROS and yield a node, with a function that starts a thread to spin it; end all after the block.
 
     Signals are left to the program.
 
@@ -331,6 +336,7 @@ def _open_node() -> Iterator[tuple[Node, Callable[[], None]]]:
         executor.add_node(node)
 
         def spin() -> None:
+            """Serve the node's callbacks until the executor or ROS is shut down."""
             with suppress(ExternalShutdownException):
                 executor.spin()
 

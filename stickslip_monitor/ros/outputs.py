@@ -87,8 +87,11 @@ class Configured:
 
     Attributes:
         config: The configuration, names of topics as given.
+        session: The session, with the full names of topics.
+        outputs: The publishers.
+        health: The node's own health, which the publishers publish.
         graph: Who publishes the inputs.
-        clips: Takes what the node receives and publishes, where clips are wanted.
+        clips: Takes what the node receives and publishes; ``None`` where no clips are wanted.
     """
 
     def __init__(
@@ -135,7 +138,11 @@ class Configured:
         )
 
     def retune(self, config: MonitorConfig) -> None:
-        """Apply a configuration that differs in live parameters only to the session, and store it."""
+        """Apply a configuration that differs in live parameters only to the session, and store it.
+
+        Raises:
+            ConfigurationError: The session cannot take it; nothing is changed.
+        """
         self.session.retune(resolve_topics(self._node, config))
         self.config = config
 
@@ -264,7 +271,7 @@ class Outputs(Sink):
         self._publish_message(self._diagnostics, message)
 
     def flush(self) -> None:
-        """Wait until subscribers have alarms, states and diagnostics: for each up to :data:`_MAX_FLUSH` s."""
+        """Block until subscribers have alarms, states and diagnostics, for each up to :data:`_MAX_FLUSH`."""
         for publisher in (self._alarms, self._records, self._diagnostics):
             publisher.wait_for_all_acked(Duration(seconds=_MAX_FLUSH))
 

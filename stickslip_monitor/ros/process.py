@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, program_fault
 from stickslip_monitor.files import printable
-from stickslip_monitor.host import ServiceManager, end_signals, unblocked
+from stickslip_monitor.host import ServiceManager, end_signals, unblocked_log
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters
 from stickslip_monitor.monitor.parameters import ClipConfig
@@ -217,7 +217,7 @@ def main(args: Sequence[str] | None = None, store: Callable[[ClipConfig], ClipSt
         started, as with a bad configuration; 3 after a fault of the program.
     """
     args = sys.argv if args is None else args
-    with unblocked() as errors:
+    with unblocked_log() as errors:
         try:
             _run_node(args, store, errors)
         except (KeyboardInterrupt, ExternalShutdownException):

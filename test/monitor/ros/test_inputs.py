@@ -108,7 +108,7 @@ def two_bearings_inputs(node: Any, kind: str, field: str, step_ns: int = 0, simu
 def fetch_numbers(inputs: Any) -> list[Any]:
     """What a turn brings for the aft bearing."""
     inputs.fetch(False)
-    return [number for number in inputs.numbers() if number.bearing == 'aft']
+    return [number for number in inputs.take_numbers() if number.bearing == 'aft']
 
 
 def lane_of(inputs: Any, topic: str) -> Any:
@@ -293,7 +293,7 @@ def events_of_bearings(arrivals: list[tuple[str, int, float]], piles: list[int])
             message.vector.x = rpm if topic == 'speed' else 1000.0
             node.put(topic, message)
         inputs.fetch(False)
-        for name, place, time_ns, arrival_ns, value in inputs.numbers():
+        for name, place, time_ns, arrival_ns, value in inputs.take_numbers():
             update = monitor.bearings[name].update(place, time_ns, value, arrival_ns)
             said[name].extend(map(event_record, update.events))
     return said

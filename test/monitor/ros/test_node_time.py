@@ -142,7 +142,7 @@ class Turns:
         ship.sail(10.0)
         self.waiting: list[Waits] = []
 
-        def numbers() -> Iterator[Number]:
+        def take_numbers() -> Iterator[Number]:
             for one in self.waiting:
                 came_ns = ship.now.time_ns - one.ago_ns
                 yield Number('aft', one.place, came_ns - one.late_ns, came_ns, (one.rpm, 1000.0)[one.place])
@@ -152,7 +152,9 @@ class Turns:
         node.get_node_names_and_namespaces.return_value = []
         self.running: Any = NodeLoop(node, configured, lambda each: each, lambda: ship.now, False)
         self.running._log = ship
-        self.running.inputs = SimpleNamespace(fetch=lambda late: None, numbers=numbers, piled=False, lanes=[])
+        self.running.inputs = SimpleNamespace(
+            fetch=lambda late: None, take_numbers=take_numbers, piled=False, lanes=[]
+        )
 
     def turn(self, *waiting: Waits, after: float = 0.05) -> None:
         """A turn so long [s] after the one before; there it finds what waits."""
