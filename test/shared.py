@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from stickslip_monitor.links.nmea import parse, sentence
+from stickslip_monitor.links.nmea import format_sentence, parse_sentence
 from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -171,12 +171,12 @@ class Bus:
 
     def say(self, *bodies: str) -> None:
         for body in bodies:
-            self.display.sendto(sentence(body).encode(), ('127.0.0.1', self.port))
+            self.display.sendto(format_sentence(body).encode(), ('127.0.0.1', self.port))
 
     def listen(self) -> None:
         while True:
             try:
-                parsed = parse(self.display.recv(1000).decode())
+                parsed = parse_sentence(self.display.recv(1000).decode())
             except BlockingIOError:
                 return
             _, formatter, fields = parsed or ('', '', [])

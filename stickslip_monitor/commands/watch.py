@@ -25,10 +25,9 @@ from urllib.parse import urlsplit
 from stickslip_monitor import jit
 from stickslip_monitor.commands import dashboard, options
 from stickslip_monitor.errors import ConfigurationError, LinkError
-from stickslip_monitor.host import ServiceManager, end_signals, unblocked
+from stickslip_monitor.host import ServiceManager, end_signals, unblocked_log
 from stickslip_monitor.links.buses import (
     NMEA,
-    SECTION,
     SIGNALK,
     LinksConfig,
     LiveMonitor,
@@ -39,7 +38,7 @@ from stickslip_monitor.links.buses import (
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
 from stickslip_monitor.monitor.config_questions import write_questions
 from stickslip_monitor.monitor.configuration import bearing_names, build_config
-from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters, load_section
+from stickslip_monitor.monitor.parameter_file import LINKS, NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.parameters import ASSUMED_LOADS, MonitorConfig
 from stickslip_monitor.monitor.session import Log, Sink
 from stickslip_monitor.monitor.severity import Severity
@@ -98,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     """
     if find_spec('aiohttp') is None:
         raise LinkError("watch needs the extra 'links': pip install 'stickslip_monitor[links]'")
-    with unblocked(), jit.interpreted():
+    with unblocked_log(), jit.interpreted():
         logging.basicConfig(level=logging.INFO, format='%(asctime)s %(levelname)s %(message)s')
         config, links = load_watch(args.config, args.node)
         if args.request_token:
@@ -122,7 +121,7 @@ def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]
     Raises:
         ConfigurationError: It cannot be read or breaks a rule; the text names the file.
     """
-    with_node, section = node is not None, load_section(path, SECTION)
+    with_node, section = node is not None, load_section(path, LINKS)
     parameters = load_parameters(path, node)
     try:
         if not with_node:
@@ -161,7 +160,7 @@ def _name_inputs(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
         for place in sorted(places):
             if (bearing.name, place) not in labels:
                 raise ConfigurationError(
-                    f"{SECTION}: '{bearing.name}.{place.name.lower()}' is missing: without --node"
+                    f"{LINKS}: '{bearing.name}.{place.name.lower()}' is missing: without --node"
                     ' every input comes from a bus'
                 )
         inputs: dict[str, Any] = {'speed': replace(bearing.speed, topic=labels[bearing.name, Input.SPEED])}

@@ -33,7 +33,6 @@ from stickslip_monitor.monitor.session import Log, Moment, Session, Sink, Store
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.monitor.value_check import REQUIRED, require_rule
 
-SECTION = LINKS
 SIGNALK, NMEA = 'signalk', 'nmea'
 UNITS = {Input.SPEED: 'Hz', Input.LOAD: 'N', Input.WATER_TEMPERATURE: 'K'}
 """Of the inputs, as Signal K has them."""
@@ -58,8 +57,8 @@ class SignalKLink:
     accept_actions: bool = parameter(False, 'Carry out acknowledgements and silencing from there.')
 
 
-def _parameter_period(default: float, text: str) -> Any:
-    """Return the field of a parameter that is a time [s] between two sendings."""
+def _period_parameter(default: float, text: str) -> Any:
+    """Return the field of a parameter that is a time [s], of 1 to 600, between two sendings."""
     return parameter(default, text, 's', within=(1.0, 600.0))
 
 
@@ -72,8 +71,8 @@ class NmeaLink:
     talker: str = parameter('II', 'Our talker identifier.')
     manufacturer: str = parameter('', 'Our manufacturer code.')
     first_alert: int = parameter(10001, 'Identifier of our first alert.', within=(1, 999994))
-    list_period: float = _parameter_period(30.0, 'Time between two lists of alerts.')
-    heartbeat: float = _parameter_period(60.0, 'Time between two heartbeats.')
+    list_period: float = _period_parameter(30.0, 'Time between two lists of alerts.')
+    heartbeat: float = _period_parameter(60.0, 'Time between two heartbeats.')
     accept_actions: bool = parameter(False, 'Carry out acknowledgements and silencing by ACN.')
 
 
@@ -166,7 +165,7 @@ def build_links(values: Mapping[str, Any], config: MonitorConfig) -> LinksConfig
         if any(key.startswith(f'{bearing.name}.{quantity}.') for key in values)
     )
     if not (settings['signalk.url'] or settings['nmea.listen'] or settings['nmea.alerts'] or inputs):
-        raise ConfigurationError(f'{SECTION} uses no bus: give signalk.url, nmea.listen or nmea.alerts')
+        raise ConfigurationError(f'{LINKS} uses no bus: give signalk.url, nmea.listen or nmea.alerts')
     used = {item.bus for item in inputs}
     return LinksConfig(_build_signalk(settings, SIGNALK in used), _build_nmea(settings, NMEA in used), inputs)
 
@@ -182,14 +181,14 @@ def _refuse_unknown(values: Mapping[str, Any], bearings: Iterable[str]) -> None:
     for key, value in values.items():
         if key not in names:
             hint = did_you_mean(key, names)
-            raise ConfigurationError(f"{SECTION}: unknown parameter '{key}' = {value!r}{hint}")
+            raise ConfigurationError(f"{LINKS}: unknown parameter '{key}' = {value!r}{hint}")
 
 
 def _split_url(name: str, value: str, example: str, schemes: Iterable[str]) -> SplitResult:
-    """Split an address of one of some schemes.
+    """Split an address into its parts.
 
     Raises:
-        ConfigurationError: It is not one, or has port 0; the text names the parameter and an example.
+        ConfigurationError: It has none of the schemes, or port 0; the text names parameter and example.
     """
     try:
         url = urlsplit(value)
@@ -255,7 +254,7 @@ def _build_nmea(settings: Mapping[str, Any], used: bool) -> NmeaLink | None:
 
 
 def check_port(name: str, value: str) -> SplitResult:
-    """Split the address of a port (``udp``, ``tcp`` or ``serial``) into its parts.
+    """Split the address of a port (``udp``, ``tcp`` or ``serial``) into its parts, which are checked.
 
     Args:
         name: Name of the parameter, for the error.
@@ -295,7 +294,7 @@ def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mappin
     source = bearing.inputs.get(place.name.lower())
     if source is None:
         raise ConfigurationError(
-            f"parameter '{name}.topic' is missing: {SECTION} brings a {place.name.lower()}"
+            f"parameter '{name}.topic' is missing: {LINKS} brings a {place.name.lower()}"
         )
     times = {'timeout': source.stands_ns * 1e-9, 'hold': source.hold_ns * 1e-9}
     item = build_section(BusInput, '', settings, bearing=bearing.name, place=place, **times)
@@ -359,7 +358,7 @@ class BusInputs:
         self._received_at = {items[0]: now for items, _ in self.groups}
 
     def note_received(self, item: BusInput, now: float) -> None:
-        """Note when an input had a value, by the steady clock [s]; log that of one reported as silent."""
+        """Note when an input had a value, by the steady clock [s]; log a line if it was silent before."""
         self._received_at[item] = now
         if item in self._reported:
             self._reported.discard(item)
@@ -414,6 +413,8 @@ class MonitorSide:
 
 class LiveMonitor:
     """A session whose samples are measured when they come, by the clocks of this machine.
+
+    Bearings and inputs must be configured.
 
     Args:
         store: Keeps the alarms over a restart; ``None`` for a session that forgets them.

@@ -33,8 +33,7 @@ _UNREADABLE = 'unreadable (another baud rate?)'
 _NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)', re.ASCII)
 _UNFIT = re.compile(r'[^A-Z0-9 .+\-%]')
 _TITLE = 16
-_NAME = 5
-"""Characters of a title, and of the bearing's name in it behind the longest kind."""
+"""Characters of the title of an alert."""
 _TITLES = {
     AlarmKind.AMPLITUDE_LIMIT: 'AMPLITUDE',
     AlarmKind.STICK_SLIP: 'STICK-SLIP',
@@ -44,8 +43,8 @@ _TITLES = {
     AlarmKind.INPUT_IMPLAUSIBLE: 'INPUT BAD',
     AlarmKind.VIBRATION: 'VIBRATION',
 }
-# Characters of the text of an alert.
 _TEXT = 48
+"""Characters of the text of an alert."""
 _ORDER = re.compile(r'(\w+) above ([\d.]+ rpm(?: astern)?).* Now (\S+ rpm)[^,]*, (\S+ kN)')
 """What to do and where the bearing is, in the text of an alarm."""
 _ORDERS = {'speed': 'ABOVE {} OR STOP', 'stay': 'STAY ABOVE {}', 'Clears': 'CLEARS ABOVE {}'}
@@ -60,17 +59,17 @@ _COMMANDS = {'A': (Action.ACKNOWLEDGE, 'VSU'), 'S': (Action.SILENCE, 'V')}
 """What a display may do, and in which states."""
 
 
-def sentence(body: str) -> str:
-    """Return a whole sentence: ``$``, the body, its checksum (without the end of line)."""
+def format_sentence(body: str) -> str:
+    """Return a whole sentence without the end of line: ``$``, the body, ``*`` and its checksum."""
     return f'${body}*{_xor_checksum(body):02X}'
 
 
 def _xor_checksum(body: str) -> int:
-    """Return the exclusive or of all characters between ``$`` and ``*``."""
+    """Return the exclusive or of all characters of a body, which stands between ``$`` and ``*``."""
     return reduce(xor, map(ord, body), 0)
 
 
-def parse(text: str) -> tuple[str, str, list[str]] | None:
+def parse_sentence(text: str) -> tuple[str, str, list[str]] | None:
     """Return talker, formatter and fields of the first sentence of a text.
 
     ``None`` without a sentence, or with a wrong checksum. What stands before the ``$`` (an IEC 61162-450
@@ -107,7 +106,7 @@ class SentenceStream:
         for number, piece in enumerate(pieces):
             match = _SENTENCE.match(piece)
             if match is not None:
-                good = parse(match[0]) is not None
+                good = parse_sentence(match[0]) is not None
                 sentences += [match[0]] if good else []
                 self.unused['bad checksum'] += not good
             elif number == len(pieces) - 1 and not re.search('[\r\n]', piece):
@@ -138,7 +137,7 @@ def read_numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
 
 
 def describe_unused(item: BusInput, formatter: str, fields: Sequence[str]) -> str:
-    """Describe a sentence that brings an input nothing, for the log; '' if it is of another formatter."""
+    """Describe a sentence without a number for an input, for the log; '' if it is of another formatter."""
     if formatter != item.sentence:
         return ''
     if formatter == 'RPM':
@@ -149,12 +148,12 @@ def describe_unused(item: BusInput, formatter: str, fields: Sequence[str]) -> st
 
 
 def _split_transducers(fields: Sequence[str]) -> list[Sequence[str]]:
-    """Split an XDR sentence into its transducers: type, value, unit, name."""
+    """Split an XDR sentence into its transducers: type, value, unit, name; drop an incomplete last one."""
     return [fields[i : i + 4] for i in range(0, len(fields) - 3, 4)]
 
 
 def _parse_number(text: str) -> float:
-    """Parse a decimal number; NaN for anything else."""
+    """Parse a decimal number without an exponent, spaces around it allowed; NaN for anything else."""
     return float(text) if _NUMBER.fullmatch(text.strip()) else math.nan
 
 
@@ -171,7 +170,7 @@ class NmeaInputs(BusInputs):
         ``now`` is of a steady clock [s]. What a sentence brings in place of an input's number is
         counted, for :meth:`log_silent`.
         """
-        parsed = parse(text)
+        parsed = parse_sentence(text)
         if parsed is None:
             return
         talker, formatter, fields = parsed
@@ -190,7 +189,7 @@ class NmeaInputs(BusInputs):
                     yield from ((item.bearing, item.place, value) for item in items)
 
     def log_silent(self, now: float, unused: Mapping[str, int]) -> None:
-        """Log, once for each input that has become silent, what was received in its place.
+        """Log, once for each input that has become silent, the four commonest things received in its place.
 
         Args:
             now: Of a steady clock [s].
@@ -211,13 +210,13 @@ class NmeaInputs(BusInputs):
 class _Alert:
     """One alarm as the displays know it."""
 
-    identifier: int
-    instance: int
-    priority: str
+    identifier: int  # of the kind of alarm
+    instance: int  # place of the bearing in the file, from 1
+    priority: str  # A alarm, W warning, C caution
     title: str
-    letter: str = 'N'
-    revision: int = 0
-    utc: str = ''
+    letter: str = 'N'  # its state: see :func:`_state_letter`
+    revision: int = 0  # counts its changes: 1 to 99, then 1 again
+    utc: str = ''  # when it changed: hhmmss.ss
     text: str = ''
 
 
@@ -227,6 +226,7 @@ class Alerts:
     Args:
         bearings: Names of the bearings in the order of the file, which numbers them.
         first_alert: Identifier of the first kind of alarm.
+        accept_actions: Whether a display may acknowledge and silence.
     """
 
     def __init__(
@@ -248,9 +248,9 @@ class Alerts:
         self._sequence = self._list_sequence = self._beat_sequence = 0
 
     def take_alarms(self, record: dict[str, Any]) -> list[str]:
-        """Return ALF sentences for the alarms of a list that differ from the last call; store their states.
+        """Return ALF sentences for the alarms of a list whose state changed; store their states.
 
-        One that is raised anew has a second sentence, with its text.
+        One that was normal has a second sentence, with its text. Alarms of unknown bearings are left out.
         """
         times = {(c['bearing'], c['alarm']): c['time'] for c in record['changes']}
         lines = []
@@ -267,15 +267,18 @@ class Alerts:
         return lines
 
     def standing_sentences(self) -> list[str]:
-        """Return two ALF sentences, the second with text, for each alert not normal, and count them."""
+        """Return two ALF sentences, the second with text, for each alert that is not normal.
+
+        Their sequence number is advanced.
+        """
         return [
             line for alert in self._standing_alerts() for line in self._alf_sentences(alert, with_text=True)
         ]
 
     def make_list(self) -> list[str]:
-        """Return the ALC sentences of a list of the alerts that are not normal, and count the lists.
+        """Return the ALC sentences of a list of the alerts that are not normal, of three alerts each.
 
-        Without such alerts it is one sentence.
+        Without such alerts it is one sentence. The number of the list is advanced.
         """
         entries = [f',{self._alert_id(alert)},{alert.revision}' for alert in self._standing_alerts()]
         # Four entries of the longest kind would not fit into one sentence.
@@ -288,7 +291,7 @@ class Alerts:
         ]
 
     def make_heartbeat(self, period: float, is_present: bool) -> str:
-        """Return an HBT sentence, and count them.
+        """Return an HBT sentence, and advance its number.
 
         Args:
             period: Time to the next one [s].
@@ -301,13 +304,14 @@ class Alerts:
     def handle_acn(self, line: str, now_ns: int) -> tuple[list[str], ActionRequest | None]:
         """Read an ACN sentence: a display acknowledges, silences, or asks for all alerts.
 
-        No alert changes by it. ``now_ns`` is the time in UTC [ns since 1970].
+        No alert changes by it: a request is to be carried out by the caller. ``now_ns`` is the time in UTC
+        [ns since 1970].
 
         Returns:
             The sentences that answer, ARC for a refusal; and the request that it makes, or ``None``. No
             sentence and ``None`` for another sentence, and for an ACN to another device.
         """
-        parsed = parse(line)
+        parsed = parse_sentence(line)
         if parsed is None or parsed[1] != 'ACN' or len(parsed[2]) != 6:
             return [], None
         _, manufacturer, identifier, instance, command, flag = parsed[2]
@@ -334,7 +338,10 @@ class Alerts:
         return f'{self._manufacturer},{alert.identifier},{alert.instance}'
 
     def _alf_sentences(self, alert: _Alert, with_text: bool) -> list[str]:
-        """Return the ALF sentence of an alert, and a second one with its text where wanted; count them."""
+        """Return the ALF sentence of an alert, and a second one with its text where wanted.
+
+        Their sequence number is advanced; a text too long for the second is cut after a whole word.
+        """
         self._sequence = (self._sequence + 1) % 10
         end = f'{self._alert_id(alert)},{alert.revision},0,'
         total = 2 if with_text else 1
@@ -343,12 +350,14 @@ class Alerts:
         if with_text:
             start = f'ALF,2,2,{self._sequence},,,,,{end}'
             room = MAX_SENTENCE - len(self._make_sentence(start)) - 2
-            lines.append(self._make_sentence(start + _truncate_words(clean(alert.text), min(room, _TEXT))))
+            lines.append(
+                self._make_sentence(start + _truncate_words(clean_display_text(alert.text), min(room, _TEXT)))
+            )
         return lines
 
     def _make_sentence(self, body: str) -> str:
-        """Return a whole sentence from our talker."""
-        return sentence(self._talker + body)
+        """Return a whole sentence from our talker, with its checksum."""
+        return format_sentence(self._talker + body)
 
 
 def _order_text(text: str) -> str:
@@ -362,26 +371,33 @@ def _order_text(text: str) -> str:
 
 
 def shorten_names(bearings: Sequence[str]) -> list[str]:
-    """Shorten the names of bearings to ``_NAME`` upper-case characters, in whole words where these fit.
+    """Shorten the names of bearings to five upper-case characters, in whole words where these fit.
 
     Names that would be alike end in their position in the list, from 1.
     """
-    short = [_truncate_words(clean(name), _NAME) for name in bearings]
+    room = _TITLE - max(map(len, _TITLES.values())) - 1
+    short = [_truncate_words(clean_display_text(name), room) for name in bearings]
     return [
-        name if short.count(name) == 1 else f'{name[: _NAME - len(str(number)) - 1]} {number}'
+        name if short.count(name) == 1 else f'{name[: room - len(str(number)) - 1]} {number}'
         for number, name in enumerate(short, 1)
     ]
 
 
 def _truncate_words(text: str, room: int) -> str:
-    """Return the whole words of a text that fit into ``room`` characters; of a longer word the start."""
+    """Return the whole words of a text that fit into ``room`` characters, without a dot at the end.
+
+    A text that fits stays as it is; of a first word that is too long the start is returned.
+    """
     if len(text) <= room:
         return text
     return text[: text.rfind(' ', 0, room + 1)].rstrip(' .') if ' ' in text[: room + 1] else text[:room]
 
 
-def clean(text: str) -> str:
-    """Return a text in capitals, with single spaces for what a display may lack or a rule reserves."""
+def clean_display_text(text: str) -> str:
+    """Return a text in capitals, with single spaces for all but letters, digits and ``.+-%``.
+
+    A display may lack other characters, or a rule reserves them.
+    """
     return ' '.join(_UNFIT.sub(' ', text.upper()).split())
 
 
@@ -397,5 +413,5 @@ def _state_letter(alarm: dict[str, Any], priority: str) -> str:
 
 
 def _format_utc(time_ns: int) -> str:
-    """Format a time [ns since 1970] as hhmmss.ss."""
+    """Format a time [ns since 1970] as hhmmss.ss in UTC, rounded down."""
     return f'{datetime.fromtimestamp(time_ns / 1e9, timezone.utc):%H%M%S.%f}'[:9]

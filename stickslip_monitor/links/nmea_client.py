@@ -43,7 +43,7 @@ class Port:
         name: The parameter that has the address.
         on_line: Called with each whole sentence received.
         on_link: Called with whether the port works (``None``: unknown) and why not, when it is opened or
-            fails, and with each receipt.
+            fails, and with each receipt. :meth:`run` calls it with False after each failure.
         listens: Whether datagrams are received; a UDP port either receives or sends.
         silent: Time without data after which the port is reopened; infinite where none need come [s].
 
@@ -307,9 +307,9 @@ class NmeaClient(Sink):
         return Port(f'nmea.{role}', address, self._on_line, on_link, listens, silent)
 
     def _report_link(self, name: str, works: bool | None, why: str) -> None:
-        """Report the state of a link; of one that works anew, have the next tick send list and heartbeat.
+        """Report the state of a link; have the next tick send list and heartbeat if it was down before.
 
-        ``works`` is None where nobody can know; ``why`` is '' where it is True.
+        ``works`` is None where nobody can know, which counts as not down; ``why`` is '' where it is True.
         """
         if works is not False and self._down.get(name, True):
             self._listed_at = self._beat_at = -math.inf

@@ -37,7 +37,7 @@ _KNOWN = (AlarmState.ACKNOWLEDGED.value, AlarmState.LATCHED.value)
 
 
 def to_camel_case(name: str) -> str:
-    """Return a name as a part of a path: ``aft_stern`` becomes ``aftStern``."""
+    """Return a name as a part of a path: ``aft_stern`` becomes ``aftStern``, ``aft_B2`` ``aftB2``."""
     head, *rest = name.split('_')
     return head + ''.join(part.capitalize() for part in rest)
 
@@ -54,7 +54,10 @@ def is_hello(frame: object) -> bool:
 
 
 def _parse_stamp(stamp: object) -> float:
-    """Parse a time stamp to seconds of the epoch; NaN where that is not possible."""
+    """Parse an ISO 8601 time stamp to seconds since 1970; NaN where that is not possible.
+
+    Without a time zone it is taken as UTC.
+    """
     try:
         time = datetime.fromisoformat(str(stamp).replace('Z', '+00:00'))
     except ValueError:
@@ -65,8 +68,12 @@ def _parse_stamp(stamp: object) -> float:
 def _own_values(frame: object, vessel: str, kind: str = 'values') -> Iterator[tuple[Update, str, str, Any]]:
     """Yield update, source, path and value of each value of the own vessel in a delta.
 
-    What is malformed is skipped; a value left out is None. ``kind`` is the list that is read: ``values`` or
-    ``meta``.
+    What is malformed is skipped; a value left out is None; a delta without a vessel is of the own one.
+
+    Args:
+        frame: Any JSON document.
+        vessel: The own vessel, as the server's greeting names it.
+        kind: The list that is read: ``values`` or ``meta``.
     """
     # Some servers greet without the word vessels.
     ours = vessel, f'vessels.{vessel}', 'vessels.self'
@@ -131,9 +138,10 @@ class SignalKInputs(BusInputs):
                     yield item.bearing, item.place, number, stamp_ns
 
     def _take_units(self, frame: object) -> None:
-        """Note how to convert the paths whose meta data give another unit; log each change of unit.
+        """Note how to convert the paths whose meta data give another unit than before.
 
-        A path whose unit cannot be converted has NaN for all its numbers from then on.
+        A path whose unit cannot be converted has NaN for all its numbers from then on. A unit that is
+        converted or cannot be is logged when it comes first.
         """
         inputs = {items[0].path: items[0] for items, _ in self.groups}
         for _, _, path, meta in _own_values(frame, self._own, 'meta'):
@@ -216,7 +224,7 @@ class SignalKValues:
         return {'$source': SOURCE, 'values': values}
 
     def make_meta(self, bearing: str) -> Update:
-        """Return the update with unit and description of the values of a bearing.
+        """Return the update with unit, description and time-out (5 s) of the values of a bearing.
 
         It has no zones, by which the server would raise alarms of its own.
         """
@@ -264,6 +272,9 @@ class Notifications:
 
     Raises:
         ConfigurationError: Two bearings have one path.
+
+    Attributes:
+        pattern: The path of all of them, to subscribe to their echo.
     """
 
     def __init__(self, bearings: Iterable[str], prefix: str, run: str) -> None:

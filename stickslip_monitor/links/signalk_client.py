@@ -57,8 +57,11 @@ class _Unusable(LinkError):
 def make_ssl_context(ca_file: str) -> ssl.SSLContext:
     """Make the context that checks a server's certificate; there is no way not to.
 
+    Args:
+        ca_file: Certificate of its CA; '' for the CAs of the system.
+
     Raises:
-        LinkError: The file has no certificate.
+        LinkError: The file cannot be read, or has no certificate.
     """
     try:
         return ssl.create_default_context(cafile=ca_file or None)
@@ -374,7 +377,7 @@ async def _send_update(socket: aiohttp.ClientWebSocketResponse, update: Update) 
 
 
 def failure_reason(error: BaseException) -> str:
-    """Return why a connection failed, in the words of the system; 'no answer' where there are none."""
+    """Return why a connection failed, in the words of the system; 'no answer' where it has none."""
     inner = getattr(error, 'os_error', None) or error
     text = getattr(inner, 'strerror', None) or re.sub(r'ssl:(<[^>]*>|\S+) ?', '', str(inner))
     return text or 'no answer'

@@ -43,7 +43,7 @@ async def save_requested_token(link: SignalKLink | None, log: Callable[[str], ob
 
     Args:
         link: The Signal K link, ``None`` where none is configured.
-        log: Given the instruction for the officer, and where the token is.
+        log: Given the instruction for the officer, and then the place of the token.
 
     Raises:
         LinkError: No server or file is configured, the file holds something else, or the request fails.

@@ -20,9 +20,9 @@ from stickslip_monitor.links.nmea import (
     Alerts,
     NmeaInputs,
     SentenceStream,
-    clean,
-    parse,
-    sentence,
+    clean_display_text,
+    format_sentence,
+    parse_sentence,
     shorten_names,
 )
 from stickslip_monitor.monitor.alarm_list import Action
@@ -71,7 +71,7 @@ RPM = '$RCRPM,S,1,74.6,30.0,A'  # its checksum is 56
     ],
 )
 def test_what_a_sentence_brings(body: str, expected: list[float]) -> None:
-    for line in (sentence(body), f'UdPbC\0\\s:RC0001,n:12*39\\{sentence(body)}\r\n'):
+    for line in (format_sentence(body), f'UdPbC\0\\s:RC0001,n:12*39\\{format_sentence(body)}\r\n'):
         found = list(samples([SPEED, LOAD], line))
         assert [value for *_, value in found] == pytest.approx(expected, nan_ok=True)
         assert {item[:2] for item in found} <= {('aft', 0), ('aft', 1)}
@@ -79,17 +79,19 @@ def test_what_a_sentence_brings(body: str, expected: list[float]) -> None:
 
 def test_a_talker_is_chosen() -> None:
     port = replace(SPEED, talker='RC')
-    assert list(samples([port], sentence('IIRPM,S,1,74.6,30.0,A'))) == []
-    assert list(samples([port], sentence('RCRPM,S,1,74.6,30.0,A'))) == [('aft', 0, 74.6)]
+    assert list(samples([port], format_sentence('IIRPM,S,1,74.6,30.0,A'))) == []
+    assert list(samples([port], format_sentence('RCRPM,S,1,74.6,30.0,A'))) == [('aft', 0, 74.6)]
 
 
 @pytest.mark.parametrize('line', [f'{RPM}*00', RPM, RPM[:10], '', '$', '\xff\xfe$$$***'])
 def test_a_line_without_its_checksum_is_nothing(line: str) -> None:
-    assert parse(line) is None
+    assert parse_sentence(line) is None
     assert list(samples([SPEED], line)) == []
 
 
-TWO = f'{sentence("RCRPM,S,1,74.6,30.0,A")}\r\n{sentence("IIXDR,N,998.4,N,AFTLOAD")}\r\n'.encode()
+TWO = (
+    f'{format_sentence("RCRPM,S,1,74.6,30.0,A")}\r\n{format_sentence("IIXDR,N,998.4,N,AFTLOAD")}\r\n'.encode()
+)
 
 
 @pytest.mark.parametrize('cut', range(1, len(TWO)))
@@ -118,7 +120,7 @@ def test_what_is_not_used_is_counted() -> None:
         assert stream.take(noise) == []
         assert stream.unused == {'unreadable (another baud rate?)': 1}
     # A maker's own sentence has a name of another length.
-    assert len(stream.take(f'{sentence("PFEC,GPatt,12.0")}\r\n$PFEC,GPatt\r\n'.encode())) == 1
+    assert len(stream.take(f'{format_sentence("PFEC,GPatt,12.0")}\r\n$PFEC,GPatt\r\n'.encode())) == 1
     assert stream.unused['no checksum'] == 1
 
 
@@ -127,7 +129,7 @@ def test_a_silent_input_is_logged_with_what_was_received_instead() -> None:
     inputs = NmeaInputs([SPEED, LOAD], said.append)
     inputs.log_silent(0.0, {})
     for body in ('RCRPM,E,1,700,,A', 'RCRPM,E,1,700,,A', 'IIXDR,N,1.2,K,AFTLOAD', 'RCRPM,S,1,74.6,30.0,V'):
-        assert not [value for *_, value in inputs.take(sentence(body), 1.0) if value == value]
+        assert not [value for *_, value in inputs.take(format_sentence(body), 1.0) if value == value]
     inputs.log_silent(4.9, {})
     assert said == []
     for _ in range(2):
@@ -138,11 +140,11 @@ def test_a_silent_input_is_logged_with_what_was_received_instead() -> None:
         'NMEA XDR AFTLOAD: no valid number for 5 s; received instead: bad checksum (16),'
         ' XDR AFTLOAD as type N in K, and only type N in N is used (1)',
     ]
-    assert list(inputs.take(sentence('RCRPM,S,1,74.6,30.0,A'), 6.0))
+    assert list(inputs.take(format_sentence('RCRPM,S,1,74.6,30.0,A'), 6.0))
     assert said[2:] == ['NMEA RPM S 1: values again']
     for _ in range(3):
-        assert not list(inputs.take(sentence('HEHDT,12.0,T'), 12.0))
-    assert list(inputs.take(sentence('IIXDR,N,1.2,N,AFTLOAD'), 12.0))
+        assert not list(inputs.take(format_sentence('HEHDT,12.0,T'), 12.0))
+    assert list(inputs.take(format_sentence('IIXDR,N,1.2,N,AFTLOAD'), 12.0))
     inputs.log_silent(17.0, {})
     # What came before the last number is not heard any more.
     what = 'no valid number for 5 s'
@@ -183,7 +185,7 @@ def test_the_text_of_an_alert_says_what_to_do(rpm: float, kind: AlarmKind) -> No
     goal = f'ABOVE {clear} RPM{astern}'
     order = f'CLEARS {goal}' if kind is AlarmKind.MARGIN_LOW else f'{goal} OR STOP'
     expected = f'{order}. NOW {abs(rpm):.0f} RPM 1 KN'
-    assert parse(lines[1])[2][-1] == expected
+    assert parse_sentence(lines[1])[2][-1] == expected
     assert len(expected) <= 48
 
 
@@ -191,14 +193,14 @@ def test_the_text_of_another_alert_is_cut_at_a_word() -> None:
     panel = Panel()
     lost = 'aft: No valid value on /a/very/long/topic/name/indeed for 5 s: is its sensor connected?'
     lines = panel.show(AlarmKind.INPUT_LOST, 'unacknowledged', '06:00:55.50', text=lost)
-    text = parse(lines[1])[2][-1]
+    text = parse_sentence(lines[1])[2][-1]
     assert len(text) <= 48
-    assert clean(lost.partition(': ')[2]).startswith(f'{text} ')
+    assert clean_display_text(lost.partition(': ')[2]).startswith(f'{text} ')
 
 
 @given(st.text(max_size=100))
 def test_any_line_is_survived(line: str) -> None:
-    assert parse(line) is None or line.count('*')
+    assert parse_sentence(line) is None or line.count('*')
     alerts = Alerts(['aft'], 'II', '', 10001, True)
     assert alerts.handle_acn(line, 0) == ([], None)
 
@@ -244,7 +246,7 @@ def test_the_life_of_an_alarm_in_golden_sentences() -> None:
         ['$IIALF,1,1,4,060130.00,B,A,A,XXX,10002,1,4,0,STICK-SLIP AFT*7B'],
         ['$IIALF,1,1,5,060210.00,B,A,N,XXX,10002,1,5,0,STICK-SLIP AFT*75'],
     ]
-    assert lines[5][0] == sentence('IIALF,2,1,6,060300.00,B,A,V,XXX,10002,1,6,0,STICK-SLIP AFT')
+    assert lines[5][0] == format_sentence('IIALF,2,1,6,060300.00,B,A,V,XXX,10002,1,6,0,STICK-SLIP AFT')
     assert lines[6:] == [
         ['$IIALF,1,1,7,060310.00,B,A,U,XXX,10002,1,7,0,STICK-SLIP AFT*6F'],
         ['$IIALF,1,1,8,060320.00,B,A,N,XXX,10002,1,8,0,STICK-SLIP AFT*77'],
@@ -271,7 +273,7 @@ def test_the_life_of_an_alarm_in_golden_sentences() -> None:
 def test_every_kind(kind: AlarmKind, identifier: int, priority: str, states: list[str], letters: str) -> None:
     panel = Panel()
     for state, letter in zip(states, letters, strict=True):
-        parsed = parse(panel.show(kind, state, '06:00:00.00')[0])
+        parsed = parse_sentence(panel.show(kind, state, '06:00:00.00')[0])
         assert parsed[2][4:9] == ['B', priority, letter, 'XXX', f'{identifier}']
 
 
@@ -282,7 +284,7 @@ def test_the_cyclic_list_and_the_heartbeat() -> None:
     panel.show(AlarmKind.BISTABLE, 'acknowledged', '06:00:01.00')
     listed = panel.alerts.make_list()
     assert listed == ['$IIALC,01,01,00,2,XXX,10002,1,1,XXX,10003,1,2*7E']
-    assert Panel().alerts.make_list() == [sentence('IIALC,01,01,00,0')]
+    assert Panel().alerts.make_list() == [format_sentence('IIALC,01,01,00,0')]
     assert panel.alerts.make_heartbeat(60.0, True) == '$IIHBT,60.0,A,0*1B'
     assert panel.alerts.make_heartbeat(60.0, False) == '$IIHBT,60.0,V,1*0D'
 
@@ -321,17 +323,17 @@ NOW = 6 * 3600 * 10**9 + 91 * 10**9  # 06:01:31
         ('unacknowledged', SILENCE, Action.SILENCE, []),
         ('returned_unacknowledged', ACKNOWLEDGE, Action.ACKNOWLEDGE, []),
         ('acknowledged', ACKNOWLEDGE, None, ['$IIARC,060131.00,XXX,10002,1,A*4C']),
-        ('normal', SILENCE, None, [sentence('IIARC,060131.00,XXX,10002,1,S')]),
+        ('normal', SILENCE, None, [format_sentence('IIARC,060131.00,XXX,10002,1,S')]),
         (
             'unacknowledged',
             '$BNACN,060059.00,XXX,10002,1,O,C*32',
             None,
-            [sentence('IIARC,060131.00,XXX,10002,1,O')],
+            [format_sentence('IIARC,060131.00,XXX,10002,1,O')],
         ),
-        ('unacknowledged', sentence('BNACN,060130.00,XXX,10002,1,A,'), None, []),
-        ('unacknowledged', sentence('BNACN,060130.00,YYY,10002,1,A,C'), None, []),
-        ('unacknowledged', sentence('BNACN,060130.00,XXX,10002,2,A,C'), None, []),
-        ('unacknowledged', sentence('BNACN,060130.00,XXX,99999,1,A,C'), None, []),
+        ('unacknowledged', format_sentence('BNACN,060130.00,XXX,10002,1,A,'), None, []),
+        ('unacknowledged', format_sentence('BNACN,060130.00,YYY,10002,1,A,C'), None, []),
+        ('unacknowledged', format_sentence('BNACN,060130.00,XXX,10002,2,A,C'), None, []),
+        ('unacknowledged', format_sentence('BNACN,060130.00,XXX,99999,1,A,C'), None, []),
         ('unacknowledged', ACKNOWLEDGE.replace('*32', '*33'), None, []),
     ],
 )
@@ -353,11 +355,11 @@ def test_a_display_asks_for_everything_again() -> None:
 def test_a_caution_is_not_acknowledged_and_without_leave_nothing_is() -> None:
     panel = Panel()
     panel.show(AlarmKind.MARGIN_LOW, 'unacknowledged', '06:00:00.00')
-    caution = sentence('BNACN,060130.00,XXX,10004,1,A,C')
-    refused = [sentence('IIARC,060131.00,XXX,10004,1,A')]
+    caution = format_sentence('BNACN,060130.00,XXX,10004,1,A,C')
+    refused = [format_sentence('IIARC,060131.00,XXX,10004,1,A')]
     assert panel.alerts.handle_acn(caution, NOW) == (refused, None)
     deaf = Alerts(['aft'], 'II', 'XXX', 10001, False)
-    refused = [sentence('IIARC,060131.00,XXX,10002,1,A')]
+    refused = [format_sentence('IIARC,060131.00,XXX,10002,1,A')]
     assert deaf.handle_acn(ACKNOWLEDGE, NOW) == (refused, None)
 
 
@@ -365,9 +367,9 @@ def test_a_caution_is_not_acknowledged_and_without_leave_nothing_is() -> None:
 def test_reserved_characters_are_never_sent(text: str) -> None:
     lines = Panel().show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:00.00', text=text)
     for line in lines:
-        assert parse(line) is not None
+        assert parse_sentence(line) is not None
         assert len(line) + 2 <= MAX_SENTENCE
-    assert set(clean(text)) <= set('ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .+-%')
+    assert set(clean_display_text(text)) <= set('ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .+-%')
 
 
 def test_another_reader_reads_them_all() -> None:
@@ -375,6 +377,6 @@ def test_another_reader_reads_them_all() -> None:
     panel = Panel()
     lines = panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50', text=STUCK)
     lines += [*panel.alerts.make_list(), panel.alerts.make_heartbeat(60.0, True)]
-    lines += panel.alerts.handle_acn(sentence('BNACN,060059.00,XXX,10002,1,O,C'), NOW)[0]
+    lines += panel.alerts.handle_acn(format_sentence('BNACN,060059.00,XXX,10002,1,O,C'), NOW)[0]
     read = [reader.parse(f'{line}\r\n', validate=1) for line in lines]
     assert [message.msgID for message in read] == ['ALF', 'ALF', 'ALC', 'HBT', 'ARC']

@@ -22,11 +22,11 @@ from shared import wait_until
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import nmea_client
 from stickslip_monitor.links.buses import BusInput, MonitorSide, NmeaLink
-from stickslip_monitor.links.nmea import sentence
+from stickslip_monitor.links.nmea import format_sentence
 from stickslip_monitor.links.nmea_client import NmeaClient, Port
 from stickslip_monitor.monitor.signals import Input
 
-RPM = sentence('RCRPM,S,1,74.6,30.0,A')
+RPM = format_sentence('RCRPM,S,1,74.6,30.0,A')
 
 
 @pytest.fixture(autouse=True)
@@ -310,7 +310,7 @@ async def test_sentences_in_alerts_out_and_acknowledgements_back(caplog: pytest.
     assert [line[3:6] for line in display.got] == [b'ALF', b'ALF', b'ALC', b'HBT']
     display.say(RPM)
     for command in 'SAO':
-        display.say(sentence(f'BNACN,060130.00,,10005,1,{command},C'))
+        display.say(format_sentence(f'BNACN,060130.00,,10005,1,{command},C'))
     await wait_until(lambda: len(display.got) == 5, lambda: (display.got, requests))
     assert display.got[4][3:6] == b'ARC'
     await client.finish()
