@@ -56,27 +56,27 @@ class Access:
     # The sessions that were ended, the oldest first.
     ended: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_ENDED))
 
-    def knows(self, token: str) -> bool:
-        """Return whether a text is the token; takes as long whatever is wrong with it."""
+    def is_token(self, token: str) -> bool:
+        """Return whether a text is the token, in a time that does not depend on how much of it is right."""
         return hmac.compare_digest(token.encode('utf-8', 'replace'), self.token.encode())
 
-    def session(self, number: str = '') -> str:
-        """Return the content of the cookie of a session; of a new one, with a random number, for ``''``."""
+    def make_cookie(self, number: str = '') -> str:
+        """Return the content of the cookie of a session by its number; of a new, random one for ``''``."""
         number = number or secrets.token_urlsafe(16)
         text = f'stickslip dashboard {number}'.encode('utf-8', 'replace')
         return f'{number}.{hmac.new(self.token.encode(), text, hashlib.sha256).hexdigest()}'
 
-    def end(self, request: web.Request) -> None:
-        """End the session of a request: its cookie is not accepted any more."""
+    def end_session(self, request: web.Request) -> None:
+        """End the session of a request: its cookie is not accepted any more, until a restart."""
         self.ended.append(request.cookies.get(cookie_name(request), ''))
 
-    def signed_in(self, request: web.Request) -> bool:
+    def is_signed_in(self, request: web.Request) -> bool:
         """Return whether a request has the cookie of a session that was not ended.
 
         Where there is no token, the page needs no session: see :meth:`admits`.
         """
         cookie = request.cookies.get(cookie_name(request), '')
-        session = self.session(cookie.partition('.')[0] or '-')
+        session = self.make_cookie(cookie.partition('.')[0] or '-')
         same = hmac.compare_digest(cookie.encode('utf-8', 'replace'), session.encode('utf-8', 'replace'))
         return same and cookie not in self.ended
 
@@ -85,11 +85,11 @@ class Access:
         if not self.token:
             return True
         kind, _, token = request.headers.get('Authorization', '').partition(' ')
-        bearer = kind.lower() == 'bearer' and self.knows(token.strip())
-        return bearer or self.signed_in(request)
+        bearer = kind.lower() == 'bearer' and self.is_token(token.strip())
+        return bearer or self.is_signed_in(request)
 
     def is_ours(self, host: str) -> bool:
-        """Return whether a Host header names this machine: an address, or a name it is known by."""
+        """Return whether a Host header names this machine: any IP address, or a name it is known by."""
         try:
             name = (urlsplit(f'//{host}').hostname or '').rstrip('.')
             return name in ('localhost', *self.names) or bool(ipaddress.ip_address(name))
@@ -117,7 +117,7 @@ class Access:
 
 
 def cookie_name(request: web.Request) -> str:
-    """Return the name of the page's cookie: browsers keep those of a host's ports in one place."""
+    """Return the name of the page's cookie, which ends in our port: browsers share cookies among ports."""
     address = request.transport and request.transport.get_extra_info('sockname')
     return f'stickslip_session_{address[1]}' if address else 'stickslip_session'
 
@@ -135,16 +135,21 @@ def is_same_origin(request: web.Request) -> bool:
 
 
 async def add_headers(_: web.Request, response: web.StreamResponse) -> None:
-    """Add the headers to an answer that keep other pages out of its page; those it has stay."""
+    """Add the headers to an answer, in place, that keep other pages out of its page; those it has stay."""
     for name, value in _HEADERS.items():
         response.headers.setdefault(name, value)
 
 
 class Connections:
-    """Ends connections on which nothing is asked: idle for too long, or the idlest of too many."""
+    """Ends connections on which nothing is asked: idle for too long, or the idlest of too many.
 
-    def __init__(self, max_connections: int, idle: float) -> None:
-        self._most, self._idle = max_connections, idle
+    Args:
+        max_connections: How many may be open.
+        max_idle: How long one may be idle [s].
+    """
+
+    def __init__(self, max_connections: int, max_idle: float) -> None:
+        self._max_connections, self._max_idle = max_connections, max_idle
         # Since when nothing is asked on each; infinite while a request is being answered.
         self._since: dict[Any, float] = {}
 
@@ -167,7 +172,7 @@ class Connections:
             connection: self._since.get(connection, now) for connection in connections if connection.transport
         }
         self._since = open_since
-        too_many = len(open_since) - self._most
+        too_many = len(open_since) - self._max_connections
         for number, (connection, since) in enumerate(sorted(open_since.items(), key=lambda item: item[1])):
-            if now - since > self._idle or (number < too_many and since < math.inf):
+            if now - since > self._max_idle or (number < too_many and since < math.inf):
                 connection.transport.abort()

@@ -41,7 +41,12 @@ _STATES = (
 
 
 class Metrics(Collector):
-    """Reads the board; ``nan`` is never exposed: what has no value is left out."""
+    """Reads the board; ``nan`` is never exposed: what has no value is left out.
+
+    Args:
+        board: What is read.
+        readers: The pages that are open, whose number is a metric.
+    """
 
     def __init__(self, board: DashboardState, readers: Sized) -> None:
         self._board, self._readers = board, readers
@@ -49,7 +54,7 @@ class Metrics(Collector):
         self._registry.register(self)
 
     def text(self, accept: str) -> tuple[bytes, str]:
-        """Return the exposition and its content type, in the form that the scraper asks for."""
+        """Return the present metrics, encoded as an ``Accept`` header asks, and their content type."""
         encode, kind = choose_encoder(accept)
         return encode(self._registry), kind
 
@@ -58,7 +63,7 @@ class Metrics(Collector):
         return ()
 
     def collect(self) -> Iterator[Metric]:
-        """Yield every metric, of the board as it is now; of monitors without data only that."""
+        """Yield every metric of the board as it is now; of monitors without data only that they have none."""
         board = self._board
         yield _make_metric('dashboard_readers', 'Pages that are open.', [], [([], len(self._readers))])
         if board.links:
@@ -66,7 +71,7 @@ class Metrics(Collector):
             yield _make_metric('link_up', text, ['link'], [([name], up) for name, up in links])
         missing = {key for monitor in board.monitors for key in monitor.missing()}
         yield from _presence_metrics(board, missing)
-        receiving = [m for m in board.monitors if m.receiving and not board.finished]
+        receiving = [m for m in board.monitors if m.is_receiving and not board.finished]
         records = [
             ((m.namespace, name), bearing.record)
             for m in receiving
@@ -78,7 +83,10 @@ class Metrics(Collector):
 
 
 def _presence_metrics(board: DashboardState, missing: set[str]) -> Iterator[Metric]:
-    """Yield whether each monitor and bearing sends data, and for how long a monitor was silent."""
+    """Yield whether each monitor and bearing sends data, and for how long a monitor was silent.
+
+    ``missing`` are the keys of the bearings without data.
+    """
     monitors = board.monitors
     ups = [((m.namespace,), not (m.faults() or board.finished)) for m in monitors]
     yield _make_metric('monitor_up', _UP, _SPACE, ups)
@@ -94,12 +102,15 @@ def _presence_metrics(board: DashboardState, missing: set[str]) -> Iterator[Metr
     )
 
 
+# Of each bearing with data its labels (namespace and name), and its record.
 _Known = list[tuple[tuple[str, str], dict[str, Any]]]
-# Of each bearing with data its labels, and its record.
 
 
 def _bearing_metrics(records: _Known) -> Iterator[Metric]:
-    """Yield the state of the bearings that there are data of."""
+    """Yield numbers, order, condition and inputs of the bearings with data.
+
+    Where no cycle exists, a missing number that :data:`.WITHOUT_CYCLE` has gets that value.
+    """
     for key, (name, text) in GAUGES.items():
         none = WITHOUT_CYCLE.get(key)
         # The record of a monitor of another version may lack a field.

@@ -60,18 +60,18 @@ def _read_finite(value: Any) -> float | None:
 
 
 def _read_count(value: Any) -> int:
-    """Return a count that JavaScript can hold, 0 for anything else."""
+    """Return a count that JavaScript can hold, 0 for anything else, as for a negative one."""
     return value if isinstance(value, int) and 0 <= value <= _LATEST else 0
 
 
 def _read_milliseconds(time_ns: Any) -> int | None:
-    """Convert a time [ns] to ms; ``None`` for no integer, or a time that JavaScript does not have."""
+    """Convert a time [ns] to ms, rounded down; ``None`` for no integer, or one beyond JavaScript's dates."""
     time = time_ns // 1_000_000 if isinstance(time_ns, int) else None
     return None if time is None or abs(time) > _LATEST else time
 
 
 def _read_time(time_ns: Any) -> int:
-    """Convert a required time [ns] to ms; raise ``ValueError`` where there is none."""
+    """Convert a required time [ns] to ms; raise ``ValueError`` for what :func:`_read_milliseconds` drops."""
     return int(_require_type(int)(_read_milliseconds(time_ns)))
 
 
@@ -240,14 +240,15 @@ class EventLog:
         return self._store.fault if self._store is not None else ''
 
     def extend(self, entries: Iterable[Any]) -> None:
-        """Add entries; skip invalid and known ones; have the log saved, where it is kept, if any was new."""
+        """Add entries, as :meth:`_add_entries`; if any was new, have the log saved, where it is kept."""
         if self._add_entries(entries) and self._store is not None:
             self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
 
     def _add_entries(self, entries: Iterable[Any]) -> bool:
-        """Add entries, texts cut to :data:`_MAX_TEXT`; drop the oldest beyond :data:`MAX_ENTRIES`.
+        """Add entries, texts cut to :data:`_MAX_TEXT` characters; return whether any was new.
 
-        What is no dictionary, or is there already, is left out. Return whether any was new.
+        What is no dictionary, or is there already, is left out; a time that is no integer becomes ``None``.
+        Beyond :data:`MAX_ENTRIES` the oldest are dropped.
         """
         before = len(self._entries)
         for entry in entries:
@@ -262,17 +263,17 @@ class EventLog:
         return new
 
     def clear(self) -> None:
-        """Remove all entries, before a recording restarts; a saved log stays as it is."""
+        """Remove all entries; a saved log stays as it is."""
         self._entries.clear()
 
     def latest(self) -> list[dict[str, Any]]:
         """Return the :data:`MAX_SHOWN` entries that came last, in order of time, for the page."""
         return _in_order(list(self._entries.values())[-MAX_SHOWN:])
 
-    def csv(self) -> str:
-        """Return all entries as a text of CSV with a head line, times in UTC by ISO 8601.
+    def to_csv(self) -> str:
+        """Return all entries, in order of time, as a text of CSV with a head line; times are ISO 8601 in UTC.
 
-        Of a cell that a spreadsheet would compute an apostrophe goes first.
+        An apostrophe is put before a cell that a spreadsheet would compute.
         """
         text = io.StringIO()
         table = csv.writer(text)

@@ -41,11 +41,12 @@ class Replay:
     monitor can.
 
     Args:
+        path: The recording.
         rate: How much faster than recorded.
         board: What is fed; its one monitor is that of the recording.
 
     Raises:
-        BagError: It cannot be read, or lacks a topic.
+        BagError: It cannot be read, lacks an input, or has no sample of any.
     """
 
     def __init__(self, path: str, config: MonitorConfig, rate: float, board: DashboardState) -> None:
@@ -83,8 +84,8 @@ class Replay:
         passed = 0.0 if self._paused else (time.monotonic() - self._since) * self._rate
         return min(self._from_ns + round(passed * 1e9), self._start_ns + self._length_ns)
 
-    def hold(self, paused: bool) -> None:
-        """Pause or resume the replay at the place it has reached; one that waits at the end is woken."""
+    def set_paused(self, paused: bool) -> None:
+        """Pause or resume the replay at the place it should have reached; wake :meth:`run` if it waits."""
         self._go_from(self._wanted_ns())
         self._paused = paused
         self._changed.set()
@@ -92,13 +93,13 @@ class Replay:
     def seek(self, seconds: float) -> None:
         """Go to a time since the beginning [s], limited to the recording; a pause stays one.
 
-        A step back, and any step after the end, clears all results and plays from the beginning up to there
-        with a new session.
+        A step back, and any step after the end, clears all results and the log, and plays from the beginning
+        up to there with a new session. :meth:`play` does the playing.
         """
         place = self._start_ns + round(min(max(seconds, 0.0), self._length_ns * 1e-9) * 1e9)
         if place < self._log_ns or self._board.finished:
             self._log_ns = self._start_ns
-            self._board.begin_again(self._replay_place())
+            self._board.restart(self._replay_place())
             self._restart_session()
         self._go_from(place)
         self._changed.set()

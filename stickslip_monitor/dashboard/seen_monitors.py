@@ -134,10 +134,11 @@ class Watched:
         return bool(abs(mapped - record['load']) > _OTHER_MAP * mapped)
 
     def widen(self) -> bool:
-        """Enlarge the map where the point has been beyond it for some time; return whether it was enlarged.
+        """Replace the view by one with a larger map where that is needed; return whether it was replaced.
 
-        A single wrong sample does not make a map on which nothing can be seen. The first points
-        make a map of their own size.
+        It is needed where the last rows of the history, :data:`_BEYOND` of them, are all beyond the map: a
+        single wrong sample does not make a map on which nothing can be seen. The first rows make a map of
+        their own size, which may be smaller.
         """
         wider, rows = self.view.wider, list(self.history)[-_BEYOND:]
         lately = [row for row in rows if row[1] is not None and row[2] is not None]
@@ -164,6 +165,7 @@ class WatchedMonitor(Sink):
         clock: Time that never steps [s].
 
     Attributes:
+        bearings: The bearings by their names.
         alarms: The newest list of alarms for the page; ``None`` before it came.
         act: Forwards a request to it; the changes that answer it arrive by :meth:`take_alarms`.
         send: Called with what is new for the page: kind, document and key.
@@ -190,7 +192,10 @@ class WatchedMonitor(Sink):
         self.forget()
 
     def forget(self) -> None:
-        """Forget all that was received, as before the first record; maps get their first size."""
+        """Forget the records, alarms and health received; maps get their first size.
+
+        Other monitors and open requests stay known.
+        """
         self.bearings = {view.name: Watched(self.key(view.name), view) for view in self._views}
         self.alarms: dict[str, Any] | None = None
         self._health: tuple[int, str] = (0, '')
@@ -200,7 +205,7 @@ class WatchedMonitor(Sink):
 
     @property
     def namespace(self) -> str:
-        """The namespace of its node, as ROS has it."""
+        """The namespace of its node, with a slash before it."""
         return f'/{self.space}'
 
     def key(self, bearing: str) -> str:
@@ -209,12 +214,12 @@ class WatchedMonitor(Sink):
 
     @property
     def silent_for(self) -> float | None:
-        """Time since its last message [s]; ``None`` before it was."""
+        """Time since its last record of a bearing that is shown [s]; ``None`` before the first."""
         return None if self._received_at is None else self._clock() - self._received_at
 
     @property
-    def receiving(self) -> bool:
-        """Whether anything comes from it."""
+    def is_receiving(self) -> bool:
+        """Whether a record came from it within :data:`SILENT`."""
         silent = self.silent_for
         return silent is not None and silent < SILENT
 
@@ -236,7 +241,7 @@ class WatchedMonitor(Sink):
             return [f'No data from the monitor {name} yet.{hint}']
         if self._is_idle():
             return [f'Not monitoring: {name} is not active; its bearings are not watched.']
-        if not self.receiving:
+        if not self.is_receiving:
             return [f'The monitor {name} has been silent for {about(self.silent_for)}.']
         return list(self._gap_sentences(name))
 
@@ -255,11 +260,11 @@ class WatchedMonitor(Sink):
             yield f'The list of alarms of {name} is {about(late)} old: newer alarms are missing.'
 
     def notice(self) -> str:
-        """Return the node's own faults, and the bearings whose map is of another file, as one text.
+        """Return a text on the node's own faults, and on bearings whose map is of another parameter file.
 
         Empty without any, and while the monitor is silent or not active.
         """
-        if not self.receiving or self._is_idle():
+        if not self.is_receiving or self._is_idle():
             return ''
         level, text = self._health
         sentences = [f'{self.source}: {text}'] if level else []
@@ -328,18 +333,18 @@ class WatchedMonitor(Sink):
         self._remember_name(self._others, f'/{node}')
 
     def _name_fully(self, record: dict[str, Any]) -> None:
-        """Put the namespace, if any, before the name of the bearing in a record and in its text, in place."""
+        """Put the namespace, if any, before the bearing's name in a record and at the head of its text."""
         if self.space and record['text'].startswith(f'{record["bearing"]}: '):
             record['text'] = f'{self.space}/{record["text"]}'
         record['bearing'] = self.key(record['bearing'])
 
     def _remember_name(self, names: dict[str, float], name: str) -> None:
-        """Store in ``names``, in place, when a name was received last [s]; none beyond :data:`MAX_NAMES`."""
+        """Store in ``names`` when a name came last [s]; ignore a new one beyond :data:`MAX_NAMES`."""
         if name in names or len(names) < MAX_NAMES:
             names[name] = self._clock()
 
-    def concerned(self, request: ActionRequest) -> bool:
-        """Return whether a request could change an alarm here; also while the alarms are unknown."""
+    def is_concerned(self, request: ActionRequest) -> bool:
+        """Return whether a request is about a bearing here, and could change an alarm as far as is known."""
         if request.bearing not in (None, *(bearing.key for bearing in self.bearings.values())):
             return False
         return self.alarms is None or any(
@@ -453,8 +458,8 @@ class DashboardState:
             self.playing = place
             self.send('replay', place, '')
 
-    def begin_again(self, place: dict[str, Any]) -> None:
-        """Clear all results and the log before a recording restarts, and send the page its whole new state.
+    def restart(self, place: dict[str, Any]) -> None:
+        """Clear all results and the log, as before a recording, and send the page its whole new state.
 
         ``place`` is the place of the replay, as for :meth:`show_place`.
         """
@@ -465,7 +470,7 @@ class DashboardState:
         self.send('state', self.state(), '')
 
     def finish(self) -> None:
-        """Mark the recording as over, and send that to the page."""
+        """Mark the recording as over, and send the page the state of the monitors."""
         self.finished = True
         self._send_monitor()
 
@@ -489,13 +494,17 @@ class DashboardState:
             self.send('monitor', monitor, '')
 
     def monitor(self) -> dict[str, Any]:
-        """Return the presence of the monitors, and the faults and notices on what is shown, for the page."""
+        """Return the presence of the monitors, and the faults and notices on what is shown, for the page.
+
+        ``silent`` is the longest silence [s]; ``None`` while one of them has sent nothing. At the end of a
+        recording none is present, and no fault is named.
+        """
         silences = [monitor.silent_for for monitor in self.monitors]
         known_silences = [round(silent, 1) for silent in silences if silent is not None]
         watched = () if self.finished else self.monitors
         log = f'The log is not kept: {self.log.fault}' if self.log.fault else self.log.damage
         return {
-            'there': any(monitor.receiving for monitor in watched),
+            'there': any(monitor.is_receiving for monitor in watched),
             'finished': self.finished,
             'silent': max(known_silences) if len(known_silences) == len(silences) else None,
             'faults': [text for monitor in watched for text in monitor.faults()],
@@ -522,7 +531,10 @@ class DashboardState:
         }
 
     def history(self, bearing: str) -> dict[str, Any] | None:
-        """Return columns and rows of the last ten minutes, oldest first; ``None`` for an unknown bearing."""
+        """Return columns and rows of the last ten minutes of a bearing, by its key, oldest first.
+
+        ``None`` for an unknown bearing.
+        """
         watched = self.bearings.get(bearing)
         return None if watched is None else {'columns': COLUMNS, 'rows': list(watched.history)}
 
@@ -533,10 +545,10 @@ class DashboardState:
             The number of alarms that were changed.
 
         Raises:
-            DashboardError: There is nothing to do, or no answer came in time.
-            StickslipError: It cannot be handed on.
+            DashboardError: There is nothing to do, or a monitor did not answer in time.
+            StickslipError: It cannot be handed on; the other monitors were asked all the same.
         """
-        concerned = [monitor for monitor in self.monitors if monitor.concerned(request)]
+        concerned = [monitor for monitor in self.monitors if monitor.is_concerned(request)]
         if not concerned:
             raise DashboardError(f'there is nothing to {request.action}')
         answers = [monitor.ask(request, patience) for monitor in concerned]

@@ -240,7 +240,7 @@ class Server:
             await self.close()
 
     async def _log_in(self, request: web.Request) -> web.Response:
-        """Answer the right token with the page and the cookie of a session, a wrong one with the form again.
+        """Redirect the right token, with the cookie of a session, to the page, a wrong one back to the form.
 
         The answer is 303, or 408 where the form does not come whole in time.
         """
@@ -248,16 +248,16 @@ class Server:
             form = await asyncio.wait_for(request.post(), REQUEST_TIMEOUT)
         except asyncio.TimeoutError:
             return web.Response(status=408, text='The form did not come whole in time.\n')
-        if not self._access.knows(str(form.get('token', ''))):
+        if not self._access.is_token(str(form.get('token', ''))):
             return web.Response(status=303, headers={'Location': 'login?wrong'})
         response = web.Response(status=303, headers={'Location': './'})
         rules: dict[str, Any] = {'httponly': True, 'samesite': 'Strict', 'secure': request.secure}
-        response.set_cookie(cookie_name(request), self._access.session(), max_age=SESSION, **rules)
+        response.set_cookie(cookie_name(request), self._access.make_cookie(), max_age=SESSION, **rules)
         return response
 
     async def _log_out(self, request: web.Request) -> web.Response:
-        """End the session of a request; answer 204, which deletes its cookie."""
-        self._access.end(request)
+        """End the session of a request; answer 204, and have the browser delete its cookie."""
+        self._access.end_session(request)
         response = web.Response(status=204)
         response.del_cookie(cookie_name(request))
         return response
@@ -268,7 +268,7 @@ class Server:
         A heartbeat fills pauses. The answer is 503 where there are too many readers.
         """
         try:
-            reader = self.hub.join(not self._access.token or self._access.signed_in(request))
+            reader = self.hub.join(not self._access.token or self._access.is_signed_in(request))
         except DashboardError as error:
             return web.Response(status=503, text=f'{error}\n')
         # nginx would keep events until its buffer is full.
@@ -277,7 +277,7 @@ class Server:
         try:
             await response.prepare(request)
             # One that comes back needs no history: it gets all that is shown, which is bounded.
-            state = self._board.state() | {'signed_in': self._access.signed_in(request)}
+            state = self._board.state() | {'signed_in': self._access.is_signed_in(request)}
             event = b'retry: 1000\n\n' + encode_event('state', state)
             while not reader.closed:
                 await asyncio.wait_for(response.write(event), MAX_STALL)
@@ -326,7 +326,7 @@ class Server:
         assert self._player is not None
         paused, place = await _read_request(request, _parse_course)
         if paused is not None:
-            self._player.hold(paused)
+            self._player.set_paused(paused)
         if place is not None:
             self._player.seek(place)
         return _make_answer(200, '')
@@ -341,7 +341,7 @@ class Server:
     async def _send_log(self, _: web.Request) -> web.Response:
         """Answer with the whole log of events as a file of CSV."""
         headers = {'Content-Disposition': 'attachment; filename="stickslip_alarms.csv"'}
-        text, kind = self._board.log.csv(), 'text/csv'
+        text, kind = self._board.log.to_csv(), 'text/csv'
         return web.Response(text=text, content_type=kind, charset='utf-8', headers=headers)
 
     async def _send_metrics(self, request: web.Request) -> web.Response:
@@ -365,7 +365,8 @@ async def _read_request(request: web.Request, read: Callable[[Any], T]) -> T:
 
     Raises:
         web.HTTPException: The answer to a request that is not JSON (415 by its type, else 400), that ``read``
-            refuses with a ``ValueError`` (400), or that does not come whole in time (408).
+            refuses with a ``ValueError`` (400), that is too large (413), or that does not come whole in time
+            (408).
     """
     if request.content_type != 'application/json':
         raise web.HTTPUnsupportedMediaType(text='a request must be application/json\n')

@@ -429,7 +429,7 @@ class Player:
     def __init__(self) -> None:
         self.asked: list[Any] = []
 
-    def hold(self, paused: bool) -> None:
+    def set_paused(self, paused: bool) -> None:
         self.asked.append(paused)
 
     def seek(self, seconds: float) -> None:

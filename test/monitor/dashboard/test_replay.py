@@ -79,7 +79,7 @@ def test_a_replay_stands_still_goes_back_and_comes_to_the_same(played: Any) -> N
     async def work() -> tuple[Any, Any]:
         task = asyncio.create_task(player.run())
         await reach(lambda: board.playing is not None and board.playing['at'] > 60.0)
-        player.hold(True)
+        player.set_paused(True)
         await reach(lambda: board.playing['paused'])
         at, since = board.playing['at'], now[0]
         await reach(lambda: now[0] > since + 5.0)
@@ -88,18 +88,18 @@ def test_a_replay_stands_still_goes_back_and_comes_to_the_same(played: Any) -> N
         player.seek(90.0)
         await reach(lambda: board.playing['at'] == 90.0)
         assert board.playing['paused']
-        player.hold(False)
+        player.set_paused(False)
         await reach(lambda: board.finished)
-        ends = [(board.alarms, board.log.csv())]
+        ends = [(board.alarms, board.log.to_csv())]
         # Backwards forgets what came later, and plays to the same end.
         player.seek(30.0)
         assert not board.finished
         await reach(lambda: board.playing['at'] >= 30.0)
         assert board.playing['at'] < 60.0
-        assert len(board.log.csv()) < len(ends[0][1])
+        assert len(board.log.to_csv()) < len(ends[0][1])
         await reach(lambda: board.finished)
         task.cancel()
-        return ends[0], (board.alarms, board.log.csv())
+        return ends[0], (board.alarms, board.log.to_csv())
 
     first, second = asyncio.run(work())
     assert first == second

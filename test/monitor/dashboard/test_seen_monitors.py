@@ -127,7 +127,7 @@ def test_memory_is_bounded(board: DashboardState) -> None:
     assert [c['time'] for c in board.state()['log']] == list(
         range(MAX_ENTRIES + MAX_SHOWN, MAX_ENTRIES + 2 * MAX_SHOWN)
     )
-    assert len(board.log.csv().splitlines()) == 1 + MAX_ENTRIES
+    assert len(board.log.to_csv().splitlines()) == 1 + MAX_ENTRIES
 
 
 def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
@@ -257,7 +257,7 @@ def test_entries_of_two_nodes_are_in_order_of_time_and_those_of_one_in_their_own
     log.extend({'node': '/b', 'time': t, 'text': str(t)} for t in (20, 40, None, 60))
     texts = [entry['text'] for entry in log.latest()]
     assert texts == ['10', '20', '30', '40', 'None', '50', '5', '60', '70']
-    rows = list(csv.reader(io.StringIO(log.csv())))
+    rows = list(csv.reader(io.StringIO(log.to_csv())))
     assert [row[-1] for row in rows[1:]] == texts
 
 
@@ -277,7 +277,7 @@ def test_the_log_outlives_a_restart_and_has_everything_once(tmp_path: Path) -> N
     second.extend([alarm_change(k, what=f'{k}') for k in range(2, 5)])
     assert [entry['what'] for entry in second.latest()] == ['0', '1', '2', '3', '4']
     store.close()
-    rows = list(csv.reader(io.StringIO(log()[0].csv())))
+    rows = list(csv.reader(io.StringIO(log()[0].to_csv())))
     assert [row[5] for row in rows] == ['what', '0', '1', '2', '3', '4']
     assert rows[1][0] == '1970-01-01T00:00:00.000Z'
 
