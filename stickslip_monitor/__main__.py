@@ -8,7 +8,11 @@ from stickslip_monitor import interruption
 
 
 def main() -> int:
-    """Run the command line, which is imported only when signals are handled; return the exit code."""
+    """Run the command line, which is imported only when signals are handled; return the exit code.
+
+    Raises:
+        SystemExit: The help or the version was printed.
+    """
     interruption.end_at_once()
     code: int = importlib.import_module('stickslip_monitor.cli').main()
     return code

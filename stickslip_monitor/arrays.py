@@ -29,7 +29,13 @@ def flatten(*inputs: ArrayLike) -> tuple[tuple[int, ...], list[NDArray[np.float6
 def in_blocks(
     function: Callable[..., tuple[NDArray[Any], ...]], *arrays: NDArray[Any]
 ) -> tuple[NDArray[Any], ...]:
-    """Apply a function of flat arrays, element by element, to parts of ``_BLOCK`` elements after another.
+    """Apply a function of flat arrays that works element by element to one part after another.
+
+    A part has up to :data:`_BLOCK` elements.
+
+    Args:
+        function: Returns arrays of the size of its own.
+        arrays: Flat arrays of one size.
 
     Returns:
         Its results, each put together to the size of the arrays.
@@ -48,15 +54,16 @@ def in_blocks(
 
 
 def restore(flat: NDArray[Any], shape: tuple[int, ...]) -> Any:
-    """Give a flat array its shape back; a 0-d array becomes a Python number."""
+    """Return a flat array in a shape; its one element as a Python number for the shape ``()``."""
     return flat.reshape(shape) if shape else flat[0].item()
 
 
 def mapped(function: Callable[..., NDArray[np.float64]], *inputs: ArrayLike) -> Any:
     """Apply a function of flat arrays to broadcast inputs; ``nan`` where one is not finite.
 
-    A result too large for a float is ``inf``. Scalars give a Python number, else the result has the
-    broadcast shape.
+    The function works element by element, and is called for parts (:func:`in_blocks`). A result too large
+    for a float is ``inf``, without a warning. Scalars give a Python number, else the result has the broadcast
+    shape.
     """
     shape, arrays = flatten(*inputs)
 

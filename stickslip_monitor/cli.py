@@ -84,6 +84,7 @@ class _Paragraphs(argparse.HelpFormatter):
     """Fills each paragraph of a description to the width of the terminal."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
+        """Return a text with each paragraph filled by itself; empty lines divide them."""
         paragraphs = text.split('\n\n')
         return '\n\n'.join(super(_Paragraphs, self)._fill_text(p, width, indent) for p in paragraphs)
 
@@ -190,7 +191,10 @@ def main(
         package: Where their modules are.
 
     Returns:
-        The exit code.
+        The exit code: see the head of this module, and 130 after a signal.
+
+    Raises:
+        SystemExit: The help or the version was printed.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     if argv is None:
@@ -206,7 +210,11 @@ def main(
 def _run_reporting_errors(
     arguments: list[str], commands: Mapping[str, str], package: str, *, takes_signals: bool
 ) -> int:
-    """Run a command and return its exit code; print an error as one sentence and return the code for it."""
+    """Run a command and return its exit code; print an error as one sentence and return the code for it.
+
+    A reader of the output that has gone counts as a warning (1), and a signal is not printed (130).
+    ``takes_signals`` says whether signals are to raise in this process from now on.
+    """
     try:
         if takes_signals:
             interruption.raise_on_signals()
@@ -242,7 +250,7 @@ def _run_command(arguments: list[str], commands: Mapping[str, str], package: str
         SystemExit: The help or the version was printed.
         Exception: Any error of the command passes through.
     """
-    arguments = _with_negative_values(arguments)
+    arguments = _join_negative_values(arguments)
     if '_ARGCOMPLETE' in os.environ:
         _complete_line()
     command = _asked_command(arguments)
@@ -276,8 +284,8 @@ def _complete_line() -> None:
     argcomplete.autocomplete(_make_parser(command if command in COMMANDS else None))
 
 
-def _with_negative_values(arguments: list[str]) -> list[str]:
-    """Return arguments with ``--speed -20rpm`` as ``--speed=-20rpm``: argparse takes -20rpm for an option."""
+def _join_negative_values(arguments: list[str]) -> list[str]:
+    """Join ``--speed -20rpm`` to ``--speed=-20rpm`` in a copy: argparse takes -20rpm for an option."""
     joined: list[str] = []
     for argument in arguments:
         last = joined[-1] if joined else ''
@@ -312,7 +320,7 @@ def _open_streams() -> None:
 
 
 def _escape_unprintable() -> None:
-    """Have standard output and error write letters that their encoding lacks as escapes."""
+    """Have standard output and error write characters that their encoding lacks as escapes."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')

@@ -30,7 +30,7 @@ __all__ = [
     'StickslipError',
     'cause',
     'did_you_mean',
-    'no_ros',
+    'missing_ros_error',
     'plural',
     'program_fault',
     'require_finite',
@@ -87,8 +87,8 @@ class LinkError(StickslipError):
     """One of the ship's buses cannot be used as configured."""
 
 
-def no_ros(error: ImportError) -> RosError:
-    """Return, not raise, the error for a missing ROS 2."""
+def missing_ros_error(error: ImportError) -> RosError:
+    """Return the error for a missing ROS 2, to be raised by the caller."""
     return RosError(
         f'ROS 2 is not available ({error}): source its setup file, or install this package with'
         " the extra 'ros'"

@@ -45,7 +45,6 @@ MAX_TOKEN_BYTES = 4096
 _HEAD = 4096
 # Characters of a text that is printed whole; of a longer one a quarter of them at each end.
 _MAX_TEXT = 4000
-_ENDS = _MAX_TEXT // 4
 
 
 def read_json(path: str | Path, max_bytes: int) -> Any:
@@ -62,10 +61,10 @@ def read_json(path: str | Path, max_bytes: int) -> Any:
 
 
 def read_token(path: str) -> str:
-    """Return the token in a file that holds nothing else.
+    """Return the token in a file that holds nothing else, without white space around it.
 
     Raises:
-        ConfigurationError: It cannot be read, is too short to keep anybody out, or is open to others.
+        ConfigurationError: It cannot be read, is too large or too short, or every user can read or write it.
     """
     try:
         mode = Path(path).stat().st_mode
@@ -84,7 +83,7 @@ def read_token(path: str) -> str:
 
 
 def is_same(one: str | Path, second: str | Path) -> bool:
-    """Return whether two paths are one file, by any name, link or case."""
+    """Return whether two paths are one file, by any name, link or case; also where neither is there yet."""
     try:
         return Path(one).samefile(second)
     except (OSError, ValueError):
@@ -121,7 +120,7 @@ def check_replaceable(path: str | Path, mark: bytes | None, *, force: bool = Fal
 
 
 def holds_mark(path: str | Path, mark: bytes) -> bool:
-    """Return whether the beginning of a file has the mark of one of ours; False where it cannot be read."""
+    """Return whether the first :data:`_HEAD` bytes of a file have a mark; false where it cannot be read."""
     try:
         with open_file(path) as file:
             return mark in (file.read(_HEAD) or b'')
@@ -158,7 +157,7 @@ def write_whole(path: str | Path, data: bytes, mark: bytes, *, force: bool = Fal
 
 
 def replace_file(target: Path, data: bytes) -> None:
-    """Put data in the place of a file, with its mode, only when all of it is on the disk.
+    """Put data in the place of a file, with its mode, only when all of it is on the disk; or make the file.
 
     Drafts beside it that killed processes left are removed.
 
@@ -197,8 +196,11 @@ def redirect_to_null(descriptor: int) -> None:
 
 
 def printable(text: str) -> str:
-    """Replace control characters in a text; of more than :data:`_MAX_TEXT` only both ends stay."""
+    """Replace what cannot be printed, as line ends, in a text; of a long one only both ends stay.
+
+    A long one has more than :data:`_MAX_TEXT` characters.
+    """
     if len(text) > _MAX_TEXT:
-        left = len(text) - 2 * _ENDS
-        text = f'{text[:_ENDS]} ... ({left} characters) ... {text[-_ENDS:]}'
+        end = _MAX_TEXT // 4
+        text = f'{text[:end]} ... ({len(text) - 2 * end} characters) ... {text[-end:]}'
     return ''.join(c if c.isprintable() else '\N{REPLACEMENT CHARACTER}' for c in text)

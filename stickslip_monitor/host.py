@@ -71,8 +71,8 @@ def end_signals() -> list[signal.Signals]:
     return [one for one in ends if signal.getsignal(one) is not signal.SIG_IGN]
 
 
-LINES_KEPT = 1000
-"""The latest lines that wait for the reader; more are lost, and counted."""
+MAX_LINES = 1000
+"""The latest lines that wait for the reader; older ones are lost, and counted."""
 MAX_LAST_PAUSE = 0.5
 """Pause of the reader [s] beyond which the end of the program no longer waits for it."""
 # What a pipe takes at once, and never in part (POSIX).
@@ -84,7 +84,7 @@ class _LineForwarder:
 
     def __init__(self, source: int, target: int) -> None:
         self._source, self._target = source, target
-        self._lines: deque[bytes] = deque(maxlen=LINES_KEPT)
+        self._lines: deque[bytes] = deque(maxlen=MAX_LINES)
         self._rest, self._lost = b'', 0
 
     def run(self) -> None:
@@ -104,18 +104,18 @@ class _LineForwarder:
                 is_open = self._read_available()
 
     def _read_available(self) -> bool:
-        """Queue the lines that can be read, and count those dropped; return whether the source goes on."""
+        """Queue the lines that can be read, and count those dropped; return False at the source's end."""
         data = os.read(self._source, 1 << 16)
         *lines, self._rest = (self._rest + data).split(b'\n')
         if self._rest and not data:
             lines.append(self._rest)
         for line in lines:
-            self._lost += len(self._lines) == LINES_KEPT
+            self._lost += len(self._lines) == MAX_LINES
             self._lines.append(line + b'\n')
         return bool(data)
 
     def _write_available(self) -> None:
-        """Write the first :data:`_CHUNK` bytes that wait, a line on those dropped before them.
+        """Write up to :data:`_CHUNK` bytes of the first line that waits, after a line on those dropped.
 
         A failure is ignored, and the bytes are lost.
         """
@@ -131,11 +131,11 @@ class _LineForwarder:
 
 
 @contextmanager
-def unblocked() -> Iterator[int]:
+def unblocked_log() -> Iterator[int]:
     """Have a thread write standard error in the block, so that a slow reader keeps no writer waiting.
 
-    Lines beyond :data:`LINES_KEPT` are lost. The stream is standard output instead where ROS 2 logs there
-    (``RCUTILS_LOGGING_USE_STDOUT=1``). A closed standard error becomes the null device for good.
+    Of more than :data:`MAX_LINES` that wait the oldest are lost. The stream is standard output instead where
+    ROS 2 logs there (``RCUTILS_LOGGING_USE_STDOUT=1``). A closed standard error becomes the null device.
 
     Yields:
         A descriptor of the reader, for what is written when the program breaks.

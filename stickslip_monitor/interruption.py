@@ -36,7 +36,7 @@ def raise_on_signals() -> None:
 
 
 def is_stopped() -> bool:
-    """Return whether a signal has told the process to stop."""
+    """Return whether a signal has raised KeyboardInterrupt since :func:`raise_on_signals`."""
     return bool(_received)
 
 

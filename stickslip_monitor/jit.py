@@ -31,7 +31,7 @@ _live = threading.Event()
 
 @contextmanager
 def interpreted() -> Iterator[None]:
-    """Run a block without loading numba: what answers live has no seconds to compile."""
+    """Run a block in which no thread loads numba: what answers live has no seconds to compile."""
     before = _live.is_set()
     _live.set()
     try:
@@ -69,8 +69,7 @@ def compiled(
         entry: Name of the function.
         modules: The module that defines it, and those whose functions it calls.
         law: The module of a friction law, whose functions it calls in place of those of the same names
-            (``_OF_A_LAW``). numba keeps no code of a function that is
-            handed another, but it keeps this.
+            (``_OF_A_LAW``). numba keeps no code of a function that is handed another, but it keeps this.
         inline: Whether to copy functions into their callers: right for short ones.
 
     Returns:

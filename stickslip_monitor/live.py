@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 
 from stickslip_monitor import jit
-from stickslip_monitor.errors import no_ros
+from stickslip_monitor.errors import missing_ros_error
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.parameters import ClipConfig
 
@@ -36,7 +36,7 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         from stickslip_monitor.ros import process
     except ImportError as error:
-        print(f'ERROR: {no_ros(error)}', file=sys.stderr)  # noqa: T201
+        print(f'ERROR: {missing_ros_error(error)}', file=sys.stderr)  # noqa: T201
         return 2
     with jit.interpreted():
         return process.main(args, clip_store)

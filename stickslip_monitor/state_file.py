@@ -82,7 +82,7 @@ class StateFile:
         self._lock: int | None = None
 
     def check(self) -> None:
-        """Refuse a readable file of somebody else; one that is damaged, or not there, is no obstacle.
+        """Refuse a readable file of somebody else; pass one that is ours, damaged, empty or not there.
 
         Raises:
             RosError: It is somebody else's: nothing is written.
@@ -153,7 +153,7 @@ class StateFile:
         return document
 
     def set_aside(self) -> str:
-        """Rename a damaged file, so that somebody can look at it.
+        """Rename a damaged file, so that somebody can look at it; an earlier one of that name is replaced.
 
         Returns:
             The clause on where it is now, or on why it could not be renamed.
@@ -178,7 +178,7 @@ class Background(Generic[T]):
     Args:
         name: What the thread is called.
         write: Writes one thing; whatever it raises is survived.
-        max_waiting: How many things wait, the newest of all.
+        max_waiting: How many things wait; of more the newest stay.
 
     Attributes:
         fault: Why the last thing is not written yet; empty otherwise.

@@ -26,7 +26,7 @@ from rich.console import Console
 from stickslip_monitor import jit
 from stickslip_monitor.commands import options
 from stickslip_monitor.drawing.map import boundaries, map_ranges
-from stickslip_monitor.errors import ConfigurationError, DashboardError, no_ros
+from stickslip_monitor.errors import ConfigurationError, DashboardError, missing_ros_error
 from stickslip_monitor.files import read_token
 from stickslip_monitor.links.buses import is_loopback
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_config
@@ -268,7 +268,7 @@ def listen_to_nodes(listeners: Mapping[str, Sink], diagnostics: str) -> Iterator
     try:
         from stickslip_monitor.ros.other_nodes import open_watcher
     except ImportError as error:
-        raise no_ros(error) from error
+        raise missing_ros_error(error) from error
     hand_over = asyncio.get_running_loop().call_soon_threadsafe
     with open_watcher(listeners, diagnostics, hand_over) as watcher:
         yield watcher

@@ -15,7 +15,7 @@ import time
 from typing import Any
 
 from stickslip_monitor.commands import options
-from stickslip_monitor.errors import DashboardError, RosError, cause, no_ros
+from stickslip_monitor.errors import DashboardError, RosError, cause, missing_ros_error
 from stickslip_monitor.files import printable, read_token
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Severity
 from stickslip_monitor.monitor.value_check import refused
@@ -52,7 +52,9 @@ def run(args: argparse.Namespace) -> int:
     try:
         from stickslip_monitor.ros.other_nodes import receive_health
     except ImportError as error:
-        raise RosError(f'{no_ros(error)}; without ROS ask the page: stickslip health --page URL') from error
+        raise RosError(
+            f'{missing_ros_error(error)}; without ROS ask the page: stickslip health --page URL'
+        ) from error
     node = None if args.node is None else f'/{args.node.strip("/")}'
     results: dict[str, tuple[int, str]] = {}
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Recording
 from stickslip_monitor.commands import options, output
-from stickslip_monitor.errors import BagError, RosError, no_ros, plural
+from stickslip_monitor.errors import BagError, RosError, missing_ros_error, plural
 from stickslip_monitor.files import printable
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         from stickslip_monitor.ros.player import open_player
     except ImportError as error:
-        raise no_ros(error) from error
+        raise missing_ros_error(error) from error
     types = {t.name: t.type for t in bag.topics.values() if t.encoding == 'cdr'}
     with open_player(types) as player:
         _play_recording(player, bag, args)

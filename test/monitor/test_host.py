@@ -148,8 +148,8 @@ def test_watch_follows_the_clock_and_forgives_itself_a_hold_up(days: int, waited
 
 PROGRAM = """
 import sys
-from stickslip_monitor.host import unblocked
-with unblocked():
+from stickslip_monitor.host import unblocked_log
+with unblocked_log():
     for k in range(int(sys.argv[1])):
         print(f'line {k:>100}', file=sys.stderr)
         sys.stderr.flush()
