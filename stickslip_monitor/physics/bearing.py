@@ -88,7 +88,7 @@ class Bearing:
             speed alone.
 
     Raises:
-        PhysicsError: A quantity breaks its rule.
+        PhysicsError: A quantity breaks its rule, or ``friction`` is not a friction law.
 
     >>> law = Stribeck(static=0.30, kinetic=0.10, decay=10.0)
     >>> own = Bearing(mass=50.0, damping=400.0, stiffness=2.0e6, friction=law, journal_diameter=0.1)
@@ -123,7 +123,7 @@ class Bearing:
         friction: FrictionLaw,
         journal_radius: float,
     ) -> Bearing:
-        """Make the bearing from the lining's torsional quantities about the shaft's axis.
+        """Make a bearing without lubrication from the lining's torsional quantities about the shaft's axis.
 
         With ``x = R phi`` the moment balance ``J phi'' + c_t phi' + k_t phi = N mu R`` becomes
         the translational one with ``m = J/R^2``, ``c = c_t/R^2``, ``k = k_t/R^2``.
@@ -177,7 +177,7 @@ class Bearing:
         """Return the deflection of steady sliding ``x_e = N mu(V) / k`` [m], of the broadcast shape.
 
         Args:
-            speed: Journal surface speed ``V`` [m/s].
+            speed: Journal surface speed ``V`` [m/s]; the deflection has its sign.
             load: Bearing load ``N`` [N].
         """
         coefficient = self.friction.coefficient(reference_point(self, speed, load)[0])
@@ -194,7 +194,7 @@ class Bearing:
 
 
 def damping_per_load(damping: float, load: FloatArray) -> FloatArray:
-    """Return ``q = c/N`` [s/m], shape of ``load`` [N]; ``inf`` where it is not positive.
+    """Return ``q = c/N`` [s/m], shape of ``load`` [N]; ``inf`` where the load is not positive.
 
     numpy warns of a division by zero for a load of 0; the caller silences it.
     """

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimates the lining's mass, damping and stiffness from what a drawing and a data sheet say.
 
-Each value comes with its formula, its source and its relative standard deviation, and the
-deviations with what they do to the fold speed: what to measure next.
+Each value comes with its formula, its source and its relative standard deviation. What a deviation does to
+the fold speed tells what to measure next.
 """
 
 from __future__ import annotations
@@ -19,13 +19,10 @@ from stickslip_monitor.physics.lubrication import Lubrication
 
 DENSITY = {'natural': 920.0, 'nitrile': 1000.0, 'chloroprene': 1230.0}
 """Density of the rubbers without fillers [kg/m^3] (Brydson 1988); fillers add up to a fifth."""
-GENT = 0.30
-"""Of a shear modulus from the hardness by Gent's formula; one degree of hardness is 5 %."""
-LOADED_AREA = 0.20
-"""Of the projected area for the loaded one: an arc of 115 degrees has it, 95 to 140 occur."""
-FILLED = 0.20
-"""Of the density of a rubber whose fillers are not known."""
 UNSTATED = {
+    'hardness': 0.30,  # of the modulus by Gent's formula; one degree of hardness is 5 %
+    'length': 0.20,  # of the projected area for the loaded one: an arc of 115 degrees has it, 95 to 140 occur
+    'material': 0.20,  # of a density without the fillers
     'loss_factor': 0.30,
     'damping_ratio': 0.10,
     'shear_modulus': 0.15,
@@ -34,17 +31,14 @@ UNSTATED = {
     'decay': 0.30,
     'load': 0.20,
 }
-"""Of a value that is given without its spread, from how it is known: the scatter of rubber from
-batch to batch, of ring-downs, of handbook friction, of a load from the shaft alignment."""
+"""Relative standard deviation of a value given without its spread, or of what the first three give: the
+scatter of rubber from batch to batch, of ring-downs, of handbook friction, of a load from the alignment."""
 
 
 ELSEWHERE = 1.5
-"""Factor of the load at which a friction curve was measured to that of the ship: pressures of benches and
-bearings differ by more as a rule."""
-# A smaller relative shift of the fold speed is not worth a measurement, and is shown as 0 %.
-_LEAST_SHIFT = 5e-3
+"""Ratio assumed between the load of the friction test and that of the ship: as a rule they differ by more."""
 LOAD_EXPONENT = 'load_exponent'
-"""How friction depends on the load: between 0 and 1, which only a second curve tells."""
+"""Name under which :func:`fold_shifts` lists the load exponent: 0 to 1, which only a second curve tells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +66,12 @@ class FoldShift:
 
     name: str
     spread: float
-    below: float  # of the value one standard deviation lower
-    above: float  # of the value one standard deviation higher
+    below: float  # by the value one standard deviation lower; -1 where the fold is lost
+    above: float  # by the value one standard deviation higher; inf where only it has a fold
 
     @property
     def largest(self) -> float:
-        """The larger of both in magnitude; inf where the bearing has no fold then."""
+        """The larger of both in magnitude."""
         return max(abs(self.below), abs(self.above))
 
 
@@ -99,6 +93,8 @@ def shear_modulus(hardness: float) -> float:
 
 def estimate(given: Mapping[str, Given], material: str = '') -> tuple[Estimate, ...]:
     """Estimate the parameters of the bearing from what is given.
+
+    A value that is given counts more than one that would follow from others.
 
     Args:
         given: By name, in SI: ``journal_diameter``, ``thickness``; ``length`` or ``area``;
@@ -138,7 +134,10 @@ def estimate(given: Mapping[str, Given], material: str = '') -> tuple[Estimate, 
 
 
 def _stated_estimate(name: str, item: Given) -> Estimate:
-    """Return a stated value as an estimate; without a spread it has that of :data:`UNSTATED`, else 0."""
+    """Return a stated value as an estimate, without a unit.
+
+    A spread that is not stated is that of :data:`UNSTATED`; 0 for a name that is not there.
+    """
     spread = UNSTATED.get(name, 0.0) if math.isnan(item.spread) else item.spread
     return Estimate(name, item.value, '', spread, 'ring-down' if name == 'damping_ratio' else 'given')
 
@@ -159,13 +158,13 @@ def _derive_values(values: Mapping[str, Estimate], material: str) -> Iterator[Es
     """
     if length := values.get('length'):
         area = values['journal_diameter'].value * length.value
-        yield Estimate('area', area, 'm^2', LOADED_AREA, 'diameter x length')
+        yield Estimate('area', area, 'm^2', UNSTATED['length'], 'diameter x length')
     if hardness := values.get('hardness'):
         origin = f'Gent 1958, {hardness.value:g} Shore A'
-        yield Estimate('shear_modulus', shear_modulus(hardness.value), 'Pa', GENT, origin)
+        yield Estimate('shear_modulus', shear_modulus(hardness.value), 'Pa', UNSTATED['hardness'], origin)
     if material:
         origin = f'{material} rubber, Brydson 1988'
-        yield Estimate('density', DENSITY[material], 'kg/m^3', FILLED, origin)
+        yield Estimate('density', DENSITY[material], 'kg/m^3', UNSTATED['material'], origin)
     if loss := values.get('loss_factor'):
         origin = f'half the loss factor {loss.value:.3g}, Nashif 1985'
         yield Estimate('damping_ratio', 0.5 * loss.value, '-', loss.spread, origin)
@@ -212,11 +211,14 @@ def bearing_of(values: Sequence[Estimate]) -> Bearing:
 def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
     """Return the shift of the fold speed by one standard deviation of each value, the largest first.
 
-    The fold is the one that decides, at the mean load; an end without a fold counts as -1. Values that move
-    it by less than 0.5 % are left out; :data:`LOAD_EXPONENT` is always among them.
+    The fold is the one that decides, at the mean load. Values that move it by 0.5 % or less are left out;
+    :data:`LOAD_EXPONENT` is always listed.
 
     Args:
         values: As :func:`estimate` returns them.
+
+    Raises:
+        PhysicsError: A deviation is so large that one standard deviation lower breaks the value's rule.
     """
     shifts = []
     nominal = _fold_of_values(values)
@@ -234,9 +236,10 @@ def fold_shifts(values: Sequence[Estimate]) -> list[FoldShift]:
 
 
 def _load_exponent_shift(values: Sequence[Estimate], nominal: float) -> FoldShift:
-    """Return the shift of the fold with a load exponent of 1, where friction was measured at another load.
+    """Return the shift of the fold by a load exponent of 1, where friction was measured at another load.
 
-    ``below`` is that for 1.5 times the load, ``above`` that for its inverse.
+    ``below`` is for a test at :data:`ELSEWHERE` times the load, ``above`` for one at its inverse; the spread
+    is 0.5, as 0 to 1 is possible.
 
     Args:
         values: The estimates.
@@ -254,11 +257,12 @@ def _load_exponent_shift(values: Sequence[Estimate], nominal: float) -> FoldShif
 def _relative_shift(fold: float, nominal: float) -> float:
     """Return the relative change from ``nominal`` to ``fold`` [both m/s; 0 for none].
 
-    ``inf`` where only the new one is a fold; 0 where there is neither, or for a change up to 0.5 %.
+    -1 where only ``nominal`` is a fold, ``inf`` where only the other is; 0 where there is neither, or for a
+    change up to 0.5 %.
     """
     change = fold / nominal - 1.0 if nominal > 0.0 else math.inf if fold > 0.0 else 0.0
-    # Mass and stiffness move the fold only by what averaging leaves out.
-    return change if abs(change) > _LEAST_SHIFT else 0.0
+    # Less is not worth a measurement: mass and stiffness move the fold only by what averaging leaves out.
+    return change if abs(change) > 5e-3 else 0.0
 
 
 def _fold_of_values(values: Sequence[Estimate]) -> float:

@@ -16,8 +16,6 @@ import numpy as np
 from stickslip_monitor.arrays import FloatArray
 
 _Series = tuple[float, ...]
-# Up to so many points each is evaluated alone: an operation on an array costs as much as on ten floats.
-_FEW = 10
 
 
 def _parse_series(text: str) -> _Series:
@@ -79,8 +77,15 @@ def i1e(x: FloatArray) -> FloatArray:
 def _evaluate_series(
     x: FloatArray, near: _Series, far: _Series, factor: FloatArray | float = 1.0
 ) -> FloatArray:
-    """Evaluate the series for ``x`` up to 8, times the factor, and the one beyond."""
-    if x.size <= _FEW:
+    """Evaluate two Chebyshev series at ``x`` >= 0, shape (n,).
+
+    Args:
+        x: The places.
+        near: Series up to ``x`` = 8.
+        far: Series beyond, of which the square root of ``x`` has been taken out.
+        factor: Of the near series; a number or shape (n,).
+    """
+    if x.size <= 10:  # an operation on an array costs as much as on ten floats
         factors = [factor] * x.size if isinstance(factor, float) else factor.tolist()
         points = zip(x.tolist(), factors, strict=True)
         return np.array(

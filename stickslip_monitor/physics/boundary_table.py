@@ -2,13 +2,14 @@
 """The boundaries of a bearing over its load, tabulated once for a rule that must not solve.
 
 Each boundary is a piecewise polynomial in ``ln N`` from the least load at which a stick-slip cycle
-exists. Above the last one the end of sticking is in proportion to the load, as Coulomb's law has it, the
-limit of every law for large loads, and what averaging gives grows by the power of the load by which it
-does there. A smooth law is a cubic spline, right to 1e-7, near
-the onset of one with an exponent to 2e-4, and by lines to 2e-6 where its exact fold is not in
-proportion to the last loads; one in pieces (a measured table) is interpolated
-linearly in many more points, right to 1e-4 where it is smooth and to 2e-3 where it is noisy, but
-where its fold jumps or begins, between two loads a percent apart.
+exists. Above the last load the end of sticking is in proportion to the load, as under Coulomb's law, the
+limit of every law for large loads; an averaged boundary goes on with the power of the load that it has there.
+
+- The boundaries of a smooth law are cubic splines, right to 1e-7; near the onset of a law with an exponent
+  to 2e-4. Where the exact fold is not in proportion to the last loads they are straight lines, to 2e-6.
+- Those of a law in pieces (a measured table) are straight lines between many more points, right to 1e-4 where
+  it is smooth and to 2e-3 where it is noisy; not where its fold jumps or begins, between two loads a percent
+  apart.
 """
 
 from __future__ import annotations
@@ -29,10 +30,8 @@ from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.numerics import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.orbits import law_in_use
 
-# Points in an octave of load: measured, twice as many gain nothing.
-_SMOOTH, _BROKEN = 100, 128
-# Loads from which on whatever gains energy gains it at every load [N].
-_LEAST, _ENDLESS = 1e-9, 8
+# Points in an octave of load, of a smooth law and of one in pieces: measured, twice as many gain nothing.
+_SMOOTH_POINTS, _PIECEWISE_POINTS = 100, 128
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,10 +41,10 @@ class BoundaryTable:
     Attributes:
         first: ``ln N`` of the first point; ``inf`` where no load has a boundary.
         step: Distance of two points in ``ln N``.
-        pieces: Of the fold that decides, the averaged (KBM) fold and the lower end of stick-slip the
-            coefficients of the polynomials in the share of a step, lowest order first, shape
-            (3, points - 1, 4) [m/s].
-        growth: Of the logarithm of each in a step beyond the last point, shape (3,).
+        pieces: Coefficients of the polynomials in the share of a step, lowest power first, shape
+            (3, points - 1, 4) [m/s]: of the fold that decides, the averaged (KBM) fold and the lower end of
+            stick-slip.
+        growth: Growth of the logarithm of each of the three by a step beyond the last point, shape (3,).
     """
 
     first: float
@@ -54,17 +53,18 @@ class BoundaryTable:
     growth: FloatArray
 
     def fold(self, load: FloatArray) -> FloatArray:
-        """Return the fold that decides at loads [N], shape (n,): ``nan`` where there is none [m/s]."""
+        """Return the fold that decides at loads [N], shape (n,) [m/s]; ``nan``: none, ``inf``: no end."""
         return self._read_curve(0, load)
 
     def fold_kbm(self, load: FloatArray) -> FloatArray:
-        """Return the averaged fold at loads [N], shape (n,): ``nan`` where there is none [m/s]."""
+        """Return the averaged fold at loads [N], shape (n,) [m/s]; ``nan``: none, ``inf``: no end."""
         return self._read_curve(1, load)
 
     def highest_fold(self, load: FloatArray) -> FloatArray:
-        """Return the highest fold that decides at any load up to each, shape (n,) [m/s].
+        """Return the highest fold that decides at any tabulated load up to each of ``load`` [N].
 
-        ``nan`` at a load that has no fold itself.
+        Returns:
+            Speeds, shape (n,) [m/s]; ``nan`` at a load that has no fold itself.
         """
         with np.errstate(all='ignore'):
             loads = np.exp(self.first + self.step * np.arange(len(self.pieces[0]) + 1))
@@ -103,8 +103,8 @@ def boundary_at(pieces: Any, growth: float, place: float) -> float:
     """Return one boundary [m/s]: 0 where there is none, ``inf`` where it has no end.
 
     Args:
-        pieces: Coefficients, (points - 1) rows of four.
-        growth: Of its logarithm in a step beyond the last point.
+        pieces: Its rows of :attr:`BoundaryTable.pieces`, (points - 1) of four.
+        growth: Growth of its logarithm by a step beyond the last point.
         place: Where the load lies, by :func:`place_at`.
     """
     if place < 0.0:
@@ -118,10 +118,14 @@ def boundary_at(pieces: Any, growth: float, place: float) -> float:
 
 
 def _averaged_growth(last: FloatArray, step: float) -> float:
-    """Return the growth of the logarithm of the averaged fold in a step beyond its ``last`` piece.
+    """Return the growth of the logarithm of the averaged fold by a step beyond its last piece, 0 to ``step``.
 
     Two thirds of the logarithm of the load where friction falls at slow speeds only, nothing where it
     rises beyond. Up to 8 times the last load that has the fold to 0.5 %, and to 40 % where it rises.
+
+    Args:
+        last: Coefficients of the last piece, lowest power first, shape (4,) [m/s].
+        step: Length of a step in ``ln N``.
     """
     speed = float(last.sum())
     if not 0.0 < speed < math.inf:
@@ -141,17 +145,17 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     if not law_in_use(law).fall > 0.0:
         return _NONE
     if bearing.damping == 0.0:  # whatever gains energy gains it at every load
-        endless = np.zeros((3, _ENDLESS, 4))
+        endless = np.zeros((3, 1, 4))
         endless[:2, :, 0] = np.inf
-        return BoundaryTable(math.log(_LEAST), math.log(2.0), endless, np.zeros(3))
+        return BoundaryTable(math.log(1e-9), 1.0, endless, np.zeros(3))  # from a load of nothing on
     curve = fold_curve(bearing)
     if curve is None:
         return _NONE
     onset = math.log(curve.span.onset)
     octaves = math.log2(curve.span.top / curve.span.onset)
-    points = round(octaves * (_SMOOTH if curve.smooth else _BROKEN)) + 1
+    points = round(octaves * (_SMOOTH_POINTS if curve.smooth else _PIECEWISE_POINTS)) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
-    # Beyond the last load it is not in proportion then.
+    # The exact fold is not in proportion to the load beyond the last one then.
     ends = curve.larger.size > 0 or bearing.damping_ratio >= 1.0 or curve.grazing.rises
     if ends:  # in a step of its own: the line to what is unknown is no fold
         grid = np.append(grid, grid[-1] + grid[1])

@@ -13,11 +13,8 @@ from stickslip_monitor.arrays import FloatArray, mapped
 from stickslip_monitor.physics.averaging import fold_load
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import known_table
-from stickslip_monitor.physics.lubrication import gives_load
+from stickslip_monitor.physics.lubrication import MAX_SURFACE_SPEED, gives_load
 from stickslip_monitor.physics.numerics import root_on_bracket
-
-# Speed beyond that of any journal's surface, up to which the fold is followed over the load [m/s].
-_FASTEST = 1e4
 
 
 @gives_load
@@ -34,11 +31,11 @@ def load_of_fold(bearing: Bearing, speed: ArrayLike) -> Any:
     last_fold = float(table.pieces[0, -1].sum())
     place = np.arange(len(table.pieces[0]) + 1.0)
     if last_fold > 0.0 and table.growth[0] > 0.0:
-        beyond = math.log(max(_FASTEST / last_fold, 1.0)) / float(table.growth[0])
+        beyond = math.log(max(MAX_SURFACE_SPEED / last_fold, 1.0)) / float(table.growth[0])
         place = np.append(place, place[-1] + beyond)
 
     def excess(at: FloatArray, size: FloatArray | float) -> FloatArray:
-        """Return by how much the fold that decides, 0 for none, lies above speeds at places of the table."""
+        """Return the excess of the fold that decides, 0 for none, over speeds [m/s] at table places."""
         return np.nan_to_num(table.fold(np.exp(table.first + table.step * at)), posinf=np.inf) - size
 
     def loads(v: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ That is all a law needs. What runs compiled, long recordings and motions in time
 by number: a law that is to be as fast there gives its parameters as a named tuple ``numbers``, and
 its module has two functions of them, as this one has::
 
-    def friction_drop(law, origin, step): ...  # mu(origin) - mu(origin + step), see below
+    def friction_drop(law, origin, step): ...  # mu(origin) - mu(origin + step)
     def friction_slope(law, speed): ...  # d mu / d|v|
 
 Without them the law's methods are called, at some microseconds a call. Orbits need neither: they take
@@ -31,6 +31,9 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, require_finite, require_not_negative, require_positive
 from stickslip_monitor.physics.friction_table import Tabulated as Tabulated
 from stickslip_monitor.physics.series import INVERSE, LAW, RELATIVE_SPEED, STRIDE
+
+ALMOST_REST = 1e-300
+"""The smallest speed that is not rest, where a law has its coefficient of slow sliding [m/s]."""
 
 
 @runtime_checkable
@@ -58,32 +61,29 @@ class FrictionLaw(Protocol):
         """Return the slope ``d mu / d|v|`` at relative speeds [m/s], an array of their shape [s/m]."""
 
 
-# Speeds at which a law is looked at for its scale [m/s], and the change of slope times speed that is
-# still one, as a share of the coefficient: what is left of Stribeck's law beyond its last breakpoint;
-# and the share of the greatest change from which the first panel counts.
-_SCALES, _STEADY, _BEGINS = np.geomspace(1e-6, 1e4, 51), 1e-12, 1e-2
-
-
 @lru_cache(maxsize=64)
 def speed_scales(law: FrictionLaw) -> tuple[float, ...]:
     """Return the speeds > 0 between which a law is scanned, ascending [m/s]; ``()`` for a constant one.
 
-    They are its breakpoints. For a law that names none they are places where its slope changes, 2.5 times
-    apart, or 1 m/s where it is straight: a law without any would never fall. Results are cached.
+    They are its breakpoints. For a law that names none they are speeds from 1e-6 to 1e4 m/s between which its
+    slope changes, 2.5 times apart, or 1 m/s where it is straight: a law without any would never fall. Results
+    are cached.
 
     >>> speed_scales(Stribeck(0.3, 0.1, 10.0)), speed_scales(Coulomb(0.3, 0.2))
     ((0.1, 0.4, 1.2, 4.0), ())
     """
     named = tuple(v for v in law.breakpoints if v > 0.0)
-    slope = np.asarray(law.slope(_SCALES))
+    speeds = np.geomspace(1e-6, 1e4, 51)
+    slope = np.asarray(law.slope(speeds))
     if named or not np.any(slope):
         return named
-    change = np.abs(np.diff(slope)) * _SCALES[1:]
-    rows = np.flatnonzero(change > _STEADY * np.abs(law.coefficient(_SCALES[1:])))
+    change = np.abs(np.diff(slope)) * speeds[1:]
+    # Less change is left of Stribeck's law beyond its last breakpoint.
+    rows = np.flatnonzero(change > 1e-12 * np.abs(law.coefficient(speeds[1:])))
     if not rows.size:
         return (1.0,)
-    first = np.flatnonzero(change > _BEGINS * np.max(change))[0]
-    return tuple(_SCALES[1:][first : rows[-1] + 2 : 2].tolist())
+    first = np.flatnonzero(change > 1e-2 * np.max(change))[0]
+    return tuple(speeds[1:][first : rows[-1] + 2 : 2].tolist())
 
 
 _Law = TypeVar('_Law')
@@ -295,8 +295,9 @@ _FADED = 1e60
 def friction_drop(law: Exponential, origin: float, step: float) -> float:
     """Return ``mu(v) - mu(v + step)`` of sliding ahead [-], without cancellation for a small step.
 
-    ``(mu_s - mu_k) (exp(-(beta v)^delta) - exp(-(beta (v + step))^delta)) - nu step``; below
-    ``v`` = 0 the law is continued smoothly for a distance of ``1/beta``.
+    ``(mu_s - mu_k) (exp(-(beta v)^delta) - exp(-(beta (v + step))^delta)) - nu step``. Below ``v`` = 0 the
+    exponential goes on for a distance of ``1/beta`` and is level from there; with an exponent ``delta`` other
+    than 1 it is level at once.
 
     Args:
         law: Its numbers.
@@ -333,17 +334,14 @@ def friction_slope(law: Exponential, speed: float) -> float:
     return law.viscous - law.gap * rate * math.exp(-law.decay * v)
 
 
-# Change of the exponent towards rest in which a series of order 16 sees all of what its powers leave out;
-# and the exponent from which nothing is left that could be seen.
-_SEEN, _GONE = 12.0, 40.0
-# Where the series of the falling part begins, and three numbers.
+# Places in the row of work: the series of the falling part, and three numbers for :func:`extend_series`.
 _FALLING, _NUMBERS = LAW + STRIDE, LAW + 2 * STRIDE
 
 
 def begin_series(
     law: Exponential, origin: float, slip: float, unit: float, work: MutableSequence[float]
 ) -> tuple[float, float, float]:
-    """Begin the series of the law, whose exponent is 1 or 2, in the row of work.
+    """Begin the series of a law whose exponent is 1 or 2 in the row of work.
 
     Args:
         law: Its numbers.
@@ -353,8 +351,8 @@ def begin_series(
         work: Written: the falling part, and what :func:`extend_series` needs.
 
     Returns:
-        The speeds between which it holds [m/s], ``-inf`` and ``inf`` for no bound; and
-        :func:`friction_drop` from the origin.
+        The least and the greatest sliding speed at which the series holds [m/s], ``-inf`` and ``inf`` for no
+        bound; and the :func:`friction_drop` from the origin to where it begins [-].
     """
     from_origin, more = law.decay * origin, law.decay * unit * slip
     more = max(more, -1.0 - from_origin)
@@ -371,18 +369,20 @@ def begin_series(
     work[_FALLING] = top - fall
     work[_NUMBERS], work[_NUMBERS + 1], work[_NUMBERS + 2] = at, law.decay * unit, law.viscous * unit
     low = -math.inf
-    if exponent > _SEEN:
-        low = exponent - max(_SEEN, exponent - _GONE)
+    if exponent > 12.0:
+        # Towards rest order 16 sees what its powers leave out while the exponent changes by up to 12; of an
+        # exponent above 40 nothing is left.
+        low = min(exponent - 12.0, 40.0)
         low = (low if law.exponent == 1.0 else math.sqrt(low)) / law.decay
     return low, math.inf, fall - law.viscous * unit * slip
 
 
 def extend_series(law: Exponential, k: int, work: MutableSequence[float]) -> float:
-    """Return the coefficient of ``mu`` of a power of the time.
+    """Return the coefficient of a power of the time in the series of ``mu`` [-].
 
     Args:
         law: Its numbers.
-        k: The power, > 0; all lower ones have been asked for.
+        k: The power, > 0; called after :func:`begin_series`, for 1, 2, 3 ... in turn.
         work: The row of work with the relative speed up to that power; written: the law's own series.
     """
     at, rate, slip = work[_NUMBERS], work[_NUMBERS + 1], work[RELATIVE_SPEED + k]
@@ -394,7 +394,7 @@ def extend_series(law: Exponential, k: int, work: MutableSequence[float]) -> flo
         exponent = 2.0 * at * exponent + rate * rate * total
     work[LAW + k] = k * exponent  # of its derivative
     total = 0.0
-    for j in range(2, k):  # what has long been known first, so that a processor may begin with it
+    for j in range(2, k):  # earlier results first, so that a processor need not wait for the last one
         total += work[LAW + j] * work[_FALLING + k - j]
     total += work[LAW + 1] * work[_FALLING + k - 1] if k > 1 else 0.0
     work[_FALLING + k] = -work[INVERSE + k] * (total + work[LAW + k] * work[_FALLING])
@@ -411,4 +411,4 @@ LAWS: dict[str, tuple[Callable[..., FrictionLaw], tuple[str, ...]]] = {
     'coulomb': (Coulomb, ('static', 'kinetic')),
     'tabulated': (Tabulated, ('speed', 'coefficient')),
 }
-"""What a configuration calls each law, what makes it, and the parameters it is made of."""
+"""By each law's name in a configuration: the function that makes it, and its parameters' names."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any friction law as polynomials in pieces, right to rounding, for the orbits' power series.
 
-A measured table is such a law as it stands. Of any other its coefficient, asked in arrays, is
-fitted between Chebyshev points, and a piece that misses in between is halved until it does not.
+A measured table is such a law as it stands. Of any other the coefficient is evaluated in arrays and fitted
+between Chebyshev points, and a piece that misses in between is halved until it does not.
 """
 
 from __future__ import annotations
@@ -15,20 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.physics.friction import FrictionLaw, speed_scales
+from stickslip_monitor.physics.friction import ALMOST_REST, FrictionLaw, speed_scales
 from stickslip_monitor.physics.friction_table import Cubics
 from stickslip_monitor.physics.series import LAW, RELATIVE_SPEED, STRIDE
 
-# Degree of a fitted piece, and how far it may miss the law, as a share of its coefficient
-# there or of slow sliding.
-_DEGREE, _MISS = 7, 1e-14
-# Halvings of a piece at most: what a law does between neighbouring numbers is left as it is. And pieces that
-# may miss at once: of more it is the law's own rounding, and ten times as much is allowed.
-_HALVINGS, _ROUNDING_PIECES = 60, 500
-# Beyond its scales a law is fitted up to so many times the last, by panels each four times as long.
-_FAR = 4.0 ** np.arange(1, 21)
-# Smallest speed that is not rest [m/s].
-_ALMOST_REST = 1e-300
+# Degree of a fitted piece.
+_DEGREE = 7
+# Halvings of a piece at most: what a law does between neighbouring numbers is left as it is.
+_MAX_HALVINGS = 60
 
 
 class Pieces(NamedTuple):
@@ -36,9 +30,9 @@ class Pieces(NamedTuple):
 
     Attributes:
         begin: Rising speeds, the first 0, shape (n,) [m/s].
-        base: Speeds from which the pieces count, shape (n,) [m/s].
-        width: What they count in, shape (n,) [m/s].
-        degree: Of all.
+        base: Speed at which each polynomial's variable is 0, shape (n,) [m/s].
+        width: Change of speed by which it grows by 1, shape (n,) [m/s].
+        degree: Degree of all polynomials.
         top: The coefficient of slow sliding [-].
         powers: Coefficients of all, constant first, piece by piece, shape (n * (degree + 1),) [-].
     """
@@ -61,7 +55,9 @@ def pieces_of_cubics(cubics: Cubics) -> Pieces:
 
 
 def fit_pieces(law: FrictionLaw) -> Pieces:
-    """Fit pieces to a law by its coefficient, to ``_MISS`` where its own rounding allows it.
+    """Fit pieces to a law's coefficient, to 1e-14 of it where the law's own rounding allows that.
+
+    Beyond 4^20 times its last scale, or where it is not finite, the law goes on as a line.
 
     >>> pieces = fit_pieces(Stribeck(0.3, 0.1, 10.0))
     >>> math.isclose(friction_drop(pieces, 0.0, 0.1), -0.2 * math.expm1(-1.0), rel_tol=1e-14)
@@ -69,31 +65,32 @@ def fit_pieces(law: FrictionLaw) -> Pieces:
     """
 
     def coefficient(v: FloatArray) -> FloatArray:
-        return np.asarray(law.coefficient(np.maximum(v, _ALMOST_REST)), float)
+        """Return ``mu`` of sliding at speeds >= 0 [m/s], of their shape: that of slow sliding at 0."""
+        return np.asarray(law.coefficient(np.maximum(v, ALMOST_REST)), float)
 
     breaks = np.array(speed_scales(law) or [1.0])
-    edges = np.concatenate([[0.0], breaks, breaks[-1] * _FAR])
+    edges = np.concatenate([[0.0], breaks, breaks[-1] * 4.0 ** np.arange(1, 21)])
     t = np.cos(np.pi * np.arange(_DEGREE, -1, -1) / _DEGREE)
     between = np.cos(np.pi * (np.arange(_DEGREE, 0, -1) - 0.5) / _DEGREE)
     fit = np.linalg.inv(np.vander(t, increasing=True)).T
     check = np.vander(between, _DEGREE + 1, increasing=True).T
     with np.errstate(all='ignore'):
         edges = edges[np.cumsum(~np.isfinite(coefficient(edges))) == 0]
-        top, allowed = float(coefficient(edges[:1])[0]), _MISS
+        top, allowed = float(coefficient(edges[:1])[0]), 1e-14
         low, high, fitted = edges[:-1], edges[1:], []
-        for turn in range(_HALVINGS):
+        for turn in range(_MAX_HALVINGS):
             base, width = 0.5 * (low + high), 0.5 * (high - low)
             values = coefficient(base[:, None] + width[:, None] * t)
             powers = values @ fit
             miss = np.abs(powers @ check - coefficient(base[:, None] + width[:, None] * between)).max(axis=1)
             size = np.maximum(np.abs(values).max(axis=1), top)
-            fits = (miss <= allowed * size) | (turn == _HALVINGS - 1)
+            fits = (miss <= allowed * size) | (turn == _MAX_HALVINGS - 1)
             fitted.append(np.column_stack([low, base, width, powers])[fits])
             low, high, base = low[~fits], high[~fits], base[~fits]
             if not low.size:
                 break
             low, high = np.concatenate([low, base]), np.concatenate([base, high])
-            if low.size > _ROUNDING_PIECES:
+            if low.size > 500:  # so many miss by the law's own rounding
                 allowed *= 10.0
         last, slope = float(edges[-1]), float(np.asarray(law.slope(edges[-1])))
     line = np.zeros(_DEGREE + 4)
@@ -105,7 +102,7 @@ def fit_pieces(law: FrictionLaw) -> Pieces:
 
 
 def _piece_coefficient(law: Pieces, speed: float) -> float:
-    """Return ``mu`` at a speed [m/s]; below 0 the first piece goes on as a line."""
+    """Return ``mu`` at a speed [m/s]; below 0 the first piece goes on as its tangent at 0."""
     i = max(bisect_right(law.begin, speed) - 1, 0)
     t, at, value = (max(speed, 0.0) - law.base[i]) / law.width[i], i * (law.degree + 1), 0.0
     for k in range(law.degree, -1, -1):
@@ -114,7 +111,7 @@ def _piece_coefficient(law: Pieces, speed: float) -> float:
 
 
 def friction_drop(law: Pieces, origin: float, step: float) -> float:
-    """``mu(v) - mu(v + step)`` of sliding ahead [-]; below ``v`` = 0 the first piece goes on as a line.
+    """Return ``mu(v) - mu(v + step)`` of sliding ahead [-]; below ``v`` = 0 the law goes on as its tangent.
 
     Args:
         law: Its pieces.
@@ -126,7 +123,7 @@ def friction_drop(law: Pieces, origin: float, step: float) -> float:
 
 
 def friction_slope(law: Pieces, speed: float) -> float:
-    """``d mu / d|v|`` at a relative speed [s/m]; from the right at ``v`` = 0."""
+    """Return ``d mu / d|v|`` at a relative speed [m/s], in s/m; from the right at ``v`` = 0."""
     v = abs(speed)
     i = max(bisect_right(law.begin, v) - 1, 0)
     t, at, value = (v - law.base[i]) / law.width[i], i * (law.degree + 1), 0.0
@@ -138,7 +135,7 @@ def friction_slope(law: Pieces, speed: float) -> float:
 def begin_series(
     law: Pieces, origin: float, slip: float, unit: float, work: MutableSequence[float]
 ) -> tuple[float, float, float]:
-    """Write the law's powers about a speed, in units of speed, into the row of work.
+    """Begin the law's series in the row of work: its powers about a speed, in units of speed.
 
     Args:
         law: Its pieces.
@@ -148,8 +145,8 @@ def begin_series(
         work: Written: the law's first row.
 
     Returns:
-        The speeds between which they hold [m/s], ``-inf`` and ``inf`` for no bound; and
-        :func:`friction_drop` from the origin.
+        The least and the greatest sliding speed of the piece [m/s], ``-inf`` and ``inf`` for no bound; and
+        the :func:`friction_drop` from the origin to where the series begins [-].
     """
     degree, speed = law.degree, origin + unit * slip
     i = max(bisect_right(law.begin, speed) - 1, 0)
@@ -170,15 +167,15 @@ def begin_series(
 
 
 def extend_series(law: Pieces, k: int, work: MutableSequence[float]) -> float:
-    """Return the coefficient of ``mu`` of a power of the time.
+    """Return the coefficient of a power of the time in the series of ``mu`` [-].
 
     Args:
         law: Its pieces.
-        k: The power, > 0; all lower ones have been asked for.
+        k: The power, > 0; called after :func:`begin_series`, for 1, 2, 3 ... in turn.
         work: The row of work with the relative speed up to that power; written: powers of that.
     """
     value = 0.0
-    lower = RELATIVE_SPEED  # of the relative speed less its begin, to the power one below
+    lower = RELATIVE_SPEED  # series of the change of relative speed, to the power one below
     for power in range(2, min(law.degree, k) + 1):
         total, row = 0.0, LAW + (power - 1) * STRIDE
         for j in range(power - 1, k):

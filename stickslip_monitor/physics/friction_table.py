@@ -16,12 +16,12 @@ from stickslip_monitor.errors import PhysicsError, require_finite, require_not_n
 from stickslip_monitor.physics.numerics import hermite_cubics, monotone_slopes
 
 NEVER_OVERFLOWS = True
-"""Sums and products become infinite, where exponentials raise an error."""
+"""The functions of this module raise no ``OverflowError``, as a law's exponentials may."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tabulated:
-    """A measured friction curve, joined by the monotone cubic interpolant of Fritsch and Carlson.
+    """A measured friction curve, joined by a monotone cubic interpolant (:func:`.monotone_slopes`).
 
     Below the first and above the last measured speed the coefficient stays at its end value, so
     nothing is claimed that was not measured.
@@ -31,11 +31,12 @@ class Tabulated:
         coefficient: The coefficients measured there, >= 0, shape (n,) [-].
 
     Attributes:
+        values: The coefficients.
         cubics: The cubic of each interval in the distance from its begin, highest power first,
             shape (4, n - 1).
 
     Raises:
-        PhysicsError: A table breaks its rule.
+        PhysicsError: A column breaks its rule, or the curve is too steep for a finite slope.
 
     >>> Tabulated([0.0, 0.1, 0.4], [0.30, 0.17, 0.11]).coefficient([0.1, 2.0]).tolist()
     [0.17, 0.11]
@@ -85,9 +86,9 @@ class Tabulated:
 
     @property
     def numbers(self) -> Cubics:
-        """The law's parameters for :func:`friction_drop` and :func:`friction_slope`.
+        """The law's parameters for :func:`friction_drop` and :func:`friction_slope`, made anew at each call.
 
-        Of a table that begins above zero speed the first cubic is level, and always the last.
+        The last cubic is level; a table that begins above zero speed has a level one before its first.
         """
         begins, flat = np.array(self.speed), np.zeros((4, 1))
         cubics = np.hstack([self.cubics[::-1], np.vstack([self.values[-1], flat[1:]])])
@@ -145,11 +146,11 @@ def _table_column(name: str, values: Sequence[float]) -> tuple[float, ...]:
     """Return the numbers of a column as a tuple.
 
     Args:
-        name: The column's, for messages.
-        values: What the configuration has.
+        name: The column's name, for messages.
+        values: One number or several.
 
     Raises:
-        PhysicsError: They are not a list of finite numbers.
+        PhysicsError: A number is negative or not finite.
     """
     column = tuple(float(value) for value in np.atleast_1d(np.asarray(values, dtype=float)))
     for index, value in enumerate(column):
@@ -171,14 +172,9 @@ class Cubics(NamedTuple):
     d: Any
 
 
-def _find_piece(law: Cubics, speed: float) -> int:
-    """Return the index of the cubic that holds at a relative speed [m/s]; 0 below the first."""
-    return max(bisect_right(law.begin, speed) - 1, 0)
-
-
 def _cubic_coefficient(law: Cubics, speed: float) -> float:
-    """Return the coefficient [-] at a relative speed [m/s], by the cubic of :func:`_find_piece`."""
-    i = max(bisect_right(law.begin, speed) - 1, 0)  # not by a call: it is asked twelve times a step
+    """Return the coefficient [-] at a relative speed [m/s], by the first cubic below where it begins."""
+    i = max(bisect_right(law.begin, speed) - 1, 0)
     s = speed - law.begin[i]
     return law.a[i] + s * (law.b[i] + s * (law.c[i] + s * law.d[i]))
 
@@ -205,6 +201,6 @@ def friction_slope(law: Cubics, speed: float) -> float:
     -0.5
     """
     v = abs(speed)
-    i = _find_piece(law, v)
+    i = max(bisect_right(law.begin, v) - 1, 0)
     s = v - law.begin[i]
     return law.b[i] + s * (2.0 * law.c[i] + s * 3.0 * law.d[i])

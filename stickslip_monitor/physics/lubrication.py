@@ -32,16 +32,13 @@ from stickslip_monitor.physics.numerics import root_on_bracket
 SEA = 35.0
 """Salinity of the oceans [g/kg]."""
 MIN_TEMPERATURE, MAX_TEMPERATURE = -2.0, 60.0
-"""Temperatures of water in a stern tube [C]: sea water freezes at the one; the formula holds to 180."""
+"""Temperatures of water that are accepted [C]: sea water freezes at the one; the formula holds up to 180."""
 MAX_SALINITY = 100.0
-"""Salinity of no navigable water [g/kg]; the formula holds up to 150."""
-# Reference speeds between which the load of a boundary is sought [m/s]: no journal's surface is beyond, and
-# each of 40 rows an e-fold keeps two crossings apart that a table 1 % wide has.
-_SLOWEST, _FASTEST, _PER_E_FOLD = 1e-9, 1e4, 40
-# A surface speed that stands for rest where a load is sought: its logarithm is finite [m/s].
-_RESTING = 1e-6
+"""Largest salinity that is accepted [g/kg]: no navigable water has it; the formula holds up to 150."""
+MAX_SURFACE_SPEED = 1e4
+"""Speed up to which the load of a boundary is sought: beyond that of any journal's surface [m/s]."""
 # The logarithm of a load beyond any number.
-_FAR = 700.0
+_MAX_LOG_LOAD = 700.0
 
 
 def viscosity(temperature: Any, salinity: float = SEA) -> Any:
@@ -67,16 +64,16 @@ def viscosity(temperature: Any, salinity: float = SEA) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Lubrication:
-    """The load and the water at which the friction of a bearing was measured, and the water of now.
+    """The load and the water at which the friction of a bearing was measured, and the present water.
 
     Args:
         load: ``N0`` > 0 [N]; of no matter without an exponent.
         load_exponent: ``g``, 0 to 1.
         temperature: ``T0`` of the water at the measurement [C]; ``nan`` where it is not known.
         salinity: Of the water at the measurement [g/kg].
-        water_salinity: Of the water of now [g/kg].
-        viscosity_ratio: ``eta(T)/eta(T0)`` of the water of now.
-        water_temperature: ``T`` of the water of now [C]; ``nan`` where it is that of the measurement.
+        water_salinity: Of the present water [g/kg].
+        viscosity_ratio: ``eta(T)/eta(T0)`` of the present water: it counts, and not the temperatures.
+        water_temperature: ``T`` of the present water [C]; ``nan`` where it is that of the measurement.
 
     Raises:
         PhysicsError: A quantity breaks its rule.
@@ -210,7 +207,7 @@ def _without_lubrication(bearing: Any) -> Any:
 
 
 def gives_speed(function: SpeedAtLoad[_Bearing]) -> SpeedAtLoad[_Bearing]:
-    """Return ``function``, a boundary [m/s] over the load, so that it follows the lubrication."""
+    """Decorate ``function``, a boundary [m/s] over the load, so that it follows the lubrication."""
 
     @wraps(function)
     def scaled(bearing: _Bearing, load: ArrayLike) -> Any:
@@ -248,14 +245,13 @@ def at_points(
     """
 
     def decorate(function: AtPoints[_Bearing, _More, _Result]) -> AtPoints[_Bearing, _More, _Result]:
-        """Return ``function``, so that it follows the lubrication."""
+        """Wrap ``function``, so that it follows the lubrication."""
 
         @wraps(function)
         def scaled(
             bearing: _Bearing, speed: ArrayLike, load: ArrayLike, *args: _More.args, **kwargs: _More.kwargs
         ) -> _Result:
-            """Call the function at the reference point and rescale its result."""
-            # A bearing without lubrication effects is its own reference point.
+            """Call the function at the reference point and rescale; unchanged without lubrication."""
             if bearing.lubrication is None:
                 return function(bearing, speed, load, *args, **kwargs)
             v, n, s = reference_point(bearing, speed, load)
@@ -287,7 +283,7 @@ def reference_point(
 
 
 def gives_load(function: LoadAtSpeed[_Bearing]) -> LoadAtSpeed[_Bearing]:
-    """Return ``function``, a boundary's load [N] over the speed, so that it follows the lubrication."""
+    """Decorate ``function``, a boundary's load [N] over the speed, so that it follows the lubrication."""
 
     @wraps(function)
     def scaled(bearing: _Bearing, speed: ArrayLike) -> Any:
@@ -322,13 +318,16 @@ def load_over_speed(
 
     Returns:
         Shape of the broadcast inputs; ``nan`` where no load is within it, 0 where every load is. With a
-        load exponent of 0 the values of ``boundary`` pass through, scaled.
+        load exponent of 0 the values of ``boundary`` pass through, scaled; for others, speeds up to 1e-6 m/s
+        count as that.
     """
     g = lubrication.load_exponent
     if g == 0.0:
         return mapped(lambda v, e: np.asarray(boundary(v * e)) / e, speed, viscosity_ratio)
-    size = math.ceil(math.log(_FASTEST / _SLOWEST) * _PER_E_FOLD)
-    grid = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), size)
+    # Reference speeds: 40 rows an e-fold keep two crossings apart that a table 1 % wide has.
+    lowest, highest = math.log(1e-9), math.log(MAX_SURFACE_SPEED)
+    size = math.ceil((highest - lowest) * 40)
+    grid = np.linspace(lowest, highest, size)
 
     def log_boundary(at: FloatArray) -> FloatArray:
         """Return ``ln N`` of the boundary at ``ln V``, of its shape; ``inf`` where no load is within it."""
@@ -338,14 +337,14 @@ def load_over_speed(
 
     def within(at: FloatArray, log_load: FloatArray) -> FloatArray:
         """Return by how much ``ln N'`` is above the boundary where the reference speed is ``exp(at)``."""
-        return log_load - (1.0 / g - 1.0) * at - np.clip(log_boundary(at), -_FAR, _FAR)
+        return log_load - (1.0 / g - 1.0) * at - np.clip(log_boundary(at), -_MAX_LOG_LOAD, _MAX_LOG_LOAD)
 
-    log_loads = np.clip(log_boundary(grid), -_FAR, _FAR)
+    log_loads = np.clip(log_boundary(grid), -_MAX_LOG_LOAD, _MAX_LOG_LOAD)
 
     def loads(v: FloatArray, ratio: FloatArray) -> FloatArray:
         """Return the least loads [N] at speeds [m/s] and ratios of viscosity, shape (n,) each."""
         # s = V/V', and N = N0 (s ratio)^(1/g): the faster the reference point, the less the load.
-        log_v = np.log(np.maximum(np.abs(v), _RESTING))
+        log_v = np.log(np.maximum(np.abs(v), 1e-6))
         log_load = math.log(lubrication.load) + np.log(ratio) / g + (1.0 / g - 1.0) * log_v
         above = log_load[:, None] - (1.0 / g - 1.0) * grid - log_loads > 0.0
         last = size - 1 - np.argmax(above[:, ::-1], axis=1)

@@ -15,13 +15,6 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import FloatArray, IndexArray
 
-# Steps of a root search at most.
-_MAX_STEPS = 120
-# Widths, as shares of a root, of a bracket and of a last secant step below which only rounding is left.
-_CLOSE, _SECANT_CLOSE = 2e-16, 1e-14
-# Steps by interpolation, after which a function that no parabola follows is bisected.
-_PATIENCE = 12
-
 
 def gauss_rule(order: int) -> tuple[FloatArray, FloatArray]:
     """Return Gauss-Legendre nodes and weights on [0, 1], shape (order,) each."""
@@ -178,8 +171,10 @@ def root_on_bracket(
         parameters: Arrays of shape (n,); ``function`` is given the elements that are still running.
 
     Returns:
-        The roots, shape (n,). Without a change of sign, the end with the smaller value.
+        The roots, shape (n,), to rounding. Without a change of sign, the end whose value is nearer to 0; the
+        upper one where neither is.
     """
+    close = 2e-16  # width of a bracket, as a share of the root, below which only rounding is left
     opposite = np.sign(ends[0]) * np.sign(ends[1]) <= 0.0
     nearer_low = (ends[0] == 0.0) | (~opposite & (np.abs(ends[0]) < np.abs(ends[1])))
     root = np.where(nearer_low, low, high)
@@ -188,7 +183,7 @@ def root_on_bracket(
     b, a, fb, fa = low[running], high[running], ends[0][running], ends[1][running]
     arguments = [argument[running] for argument in parameters]
     share = fb / (fb - fa)
-    for step in range(_MAX_STEPS if running.size else 0):
+    for step in range(120 if running.size else 0):
         x = b + share * (a - b)
         fx = function(x, *arguments)
         same = np.sign(fx) == np.sign(fb)
@@ -200,10 +195,9 @@ def root_on_bracket(
         # A last step along the secant misses by about its length times the one before it, over
         # the bracket: so close it cannot miss by more than rounding.
         miss = np.abs(secant) * np.minimum(np.abs(b - c) / np.abs(a - b), 1.0)
-        is_done = (fb == 0.0) | (miss <= _SECANT_CLOSE * np.abs(b))
-        close = np.abs(a - b) <= _CLOSE * np.abs(b)
+        is_done = (fb == 0.0) | (miss <= 1e-14 * np.abs(b))
         root[running] = np.where(is_done & (fb != 0.0), b - secant, b)
-        keep = ~(is_done | close)
+        keep = ~(is_done | (np.abs(a - b) <= close * np.abs(b)))
         running, a, b, c = running[keep], a[keep], b[keep], c[keep]
         if not running.size:
             break
@@ -215,8 +209,9 @@ def root_on_bracket(
             fits = (phi * phi < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
             ahead = fb / (fa - fb) * fc / (fa - fc)
             share = ahead + (c - b) / (a - b) * fb / (fc - fb) * fa / (fc - fa)
-        fits &= np.isfinite(share) & (step < _PATIENCE)
+        # What no parabola follows within 12 steps is bisected.
+        fits &= np.isfinite(share) & (step < 12)
         share = np.where(fits, share, 0.5)
-        min_share = np.minimum(_CLOSE * np.abs(b) / np.abs(a - b), 0.5)
+        min_share = np.minimum(close * np.abs(b) / np.abs(a - b), 0.5)
         share = np.clip(share, min_share, 1.0 - min_share)
     return root

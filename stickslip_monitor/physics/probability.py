@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """How probable stick-slip is at an operating point of a bearing with uncertain parameters.
 
-A bearing may be another than configured by two factors, ``r`` of all speeds and ``q`` of all
-loads: its boundaries are ``r V_F(q N)`` and ``r V_H(q N)``, of any friction law. What is wrong in
-damping, in the fall of friction or in the load cell is of ``q``; a wrong decay is of both. Both
+A bearing may differ from its configuration by two factors, ``r`` of all speeds and ``q`` of all
+loads: its boundaries are ``r V_F(q N)`` and ``r V_H(q N)``, of any friction law. An error of the
+damping, of the fall of friction or of the load cell is one of ``q``; one of the decay is of both. Both
 are logarithmic normal. At a speed ``V`` a boundary is a load ``N_b(V)``, from which on stick-slip
 can happen or starts by itself, so that with ``x = ln r``
 
@@ -41,31 +41,21 @@ QUANTILES = (0.05, 0.5, 0.95)
 FOLD, HOPF = 0, 1
 """The two boundaries, as places in a table."""
 UNKNOWN_FALL = 0.25
-"""Deviation of ``mu_s - mu_k`` of a law that does not state both."""
+"""Relative standard deviation of ``mu_s - mu_k`` of a law that does not state both."""
 
-# Head of a table: ln V of the first row, rows in one, rows, least and greatest known load [ln N].
-_FIRST, _PER_ROW, _ROWS, _LOW, _HIGH, _TABLE = range(6)
-# A row: the load, the width, and what the probit is off at these whole numbers of widths.
-_LOAD, _WIDTH, _OFF = range(3)
-_WIDEST = 4  # of them, to each side
-_COLUMNS = 2 * _WIDEST + 1
-_PER_BOUNDARY = _OFF + _COLUMNS
-# 768 rows between these speeds [m/s] keep a probability to 5e-4 (test_probability).
-_COUNT, _SLOWEST, _FASTEST = 768, 1e-3, 30.0
-# Nodes of ln r, or of ln q: this many normal kernels, this wide, to this far, in deviations of ln r.
-_NODES, _KERNEL, _REACH = 41, 0.16, 4.0
-_NODES_AT = np.linspace(-_REACH, _REACH, _NODES)
+# Head of a table: ln V of the first row, rows in one of ln V, number of rows, least and greatest known ln N.
+_FIRST, _PER_LOG_SPEED, _ROWS, _LOW, _HIGH, _TABLE = range(6)
+# A row: the load, the width, and the corrections of the probit from -_WIDEST to _WIDEST widths off the load.
+_LOAD, _WIDTH, _CORRECTIONS = range(3)
+_WIDEST = 4
+_PER_ROW = _CORRECTIONS + 2 * _WIDEST + 1
+# Nodes of ln r, or of ln q, in its standard deviations: 41 normal kernels, each 0.16 wide.
+_KERNEL, _REACH = 0.16, 4.0
+_NODES_AT = np.linspace(-_REACH, _REACH, 41)
 _NODE_WEIGHTS = np.exp(-0.5 * _NODES_AT**2 / (1.0 - _KERNEL**2))
 _NODE_WEIGHTS /= _NODE_WEIGHTS.sum()
-# Least standard deviation of a boundary [ln N], which an exact one has.
-_LEAST = 1e-9
-# The logarithm of a load that no ship has [ln N].
-_NOWHERE = 50.0
-# Beyond a fifth from the known loads a boundary is known less well: so much of ln V an octave, at
-# most so much.
-_BEYOND, _PER_OCTAVE, _MOST_BEYOND = math.log(1.2), 0.2, 0.5
-# From this many points on compiling repays its time.
-_MANY_POINTS = 100_000
+# The logarithm of a load that no ship has, for a boundary that no load reaches [ln N].
+_MAX_LOG_LOAD = 50.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +96,13 @@ class Tolerance:
 
     @property
     def of_speed(self) -> float:
-        """Relative standard deviation of a boundary's speed on every passage, by speed, model and scatter."""
+        """Relative standard deviation of a boundary's speed at one passage, by speed, model and scatter."""
         return math.hypot(self.speed, self.model_error, self.scatter)
 
     def of_fall(self, law: FrictionLaw) -> float:
         """Return the relative standard deviation of ``mu_s - mu_k``, the fall of friction with speed.
 
-        A law without a fall has :data:`UNKNOWN_FALL`, or 0 where both coefficients are exact.
+        A law whose coefficients are equal has :data:`UNKNOWN_FALL`, or 0 where both are exact.
         """
         kinetic = _least_coefficient(law)
         fall = abs(law.static - kinetic)
@@ -173,12 +163,13 @@ class Belief:
     Attributes:
         bearing: The one in the middle.
         covariance: Of ``(ln r, ln q)``, shape (2, 2).
-        speed: Relative standard deviation of a boundary's speed besides.
-        load: That of the load besides.
-        loads: The loads that it is known at [N].
-        calibrated: Whether the fold is known far better than either factor, as after a
-            calibration: the factors are then followed along the line that leaves it where it is.
-        table: What :func:`probit` and :func:`boundary_speed` look up.
+        speed: Further relative standard deviation of a boundary's speed, that of a single passage.
+        load: Relative standard deviation of a measured load.
+        loads: Least and greatest load at which the bearing is known [N]; beyond them a probability is
+            nearer to 1/2.
+        calibrated: Whether the fold is known far better than either factor, as after a calibration, which
+            needs ``loads``: the factors are then followed along the line that leaves it where it is.
+        table: What :func:`probit` and :func:`boundary_speed` look up; made with the object.
     """
 
     bearing: Bearing
@@ -201,9 +192,10 @@ class Belief:
         return cls(bearing, covariance, tolerance.of_speed, tolerance.load)
 
     def load_factor(self, p: float) -> float:
-        """Return the factor by which to multiply a load so that the boundary has the probability ``p`` there.
+        """Return the factor of a load by which a nominal boundary becomes that of the probability ``p``.
 
-        To first order, for a boundary whose load grows in proportion to the speed; 1 for ``p = 0.5``.
+        To first order, for a boundary whose load grows in proportion to the speed; 1 for ``p = 0.5``, less
+        for a larger one.
 
         Args:
             p: Probability that a boundary lies above the point; clipped to 1e-9 from 0 and 1.
@@ -220,21 +212,21 @@ class Belief:
         Args:
             speed: Surface speed, of either sign [m/s].
             load: Load [N].
-            share: The fold that decides over the averaged fold, at most 1; all three broadcast.
+            share: The fold that decides over the averaged fold, > 0 and at most 1; all three broadcast.
 
         Returns:
-            Two floats, or two arrays of the broadcast shape; ``nan`` at rest or where an input is not finite,
-            0 without a load.
+            Two floats, or two arrays of the broadcast shape; ``nan`` at rest or where speed or load is not
+            finite, 0 without a load.
         """
         if isinstance(speed, float) and isinstance(load, float) and isinstance(share, float):
             return stick_slip_probabilities(self._numbers, abs(speed), load, share)
         shape, (v, n, part) = flatten(speed, load, share)
         points, out = np.column_stack([np.abs(v), n, part]), np.empty((v.size, 2))
-        _point_loop(fill_chances, v.size)(self.table, points, out)
+        _point_loop(fill_probabilities, v.size)(self.table, points, out)
         return restore(out[:, 0], shape), restore(out[:, 1], shape)
 
     def fold_speed(self, load: ArrayLike, p: float) -> Any:
-        """Return the ``p`` quantile of the averaged fold speed at a load [m/s]; 0 where there is none.
+        """Return the ``p`` quantile of the averaged fold at loads [N], of their shape; 0 for none [m/s].
 
         Raises:
             PhysicsError: ``p`` is not between 0 and 1.
@@ -242,7 +234,7 @@ class Belief:
         return self._boundary_quantile(FOLD, load, p)
 
     def hopf_speed(self, load: ArrayLike, p: float) -> Any:
-        """Return the ``p`` quantile of the Hopf speed at a load [m/s]; 0 where there is none.
+        """Return the ``p`` quantile of the Hopf speed at loads [N], of their shape; 0 for none [m/s].
 
         Raises:
             PhysicsError: ``p`` is not between 0 and 1.
@@ -313,12 +305,13 @@ class Belief:
 
         Returns:
             A flat array: a head of ``_TABLE`` numbers, then for the fold and the Hopf boundary each a row of
-            ``_PER_BOUNDARY`` numbers for each of ``_COUNT`` speeds.
+            ``_PER_ROW`` numbers for each speed.
         """
-        ln_v = np.linspace(math.log(_SLOWEST), math.log(_FASTEST), _COUNT)
+        # 768 rows from 1 mm/s to 30 m/s keep a probability to 5e-4 (test_probability).
+        ln_v = np.linspace(math.log(1e-3), math.log(30.0), 768)
         (low, high), step = self.loads, float(ln_v[1] - ln_v[0])
-        log_loads = [math.log(low) if low > 0.0 else -_NOWHERE, min(math.log(high), _NOWHERE)]
-        parts = [np.array([ln_v[0], 1.0 / step, _COUNT, *log_loads])]
+        log_loads = [math.log(low) if low > 0.0 else -_MAX_LOG_LOAD, min(math.log(high), _MAX_LOG_LOAD)]
+        parts = [np.array([ln_v[0], 1.0 / step, ln_v.size, *log_loads])]
         folds, hopfs = (
             _log_boundary_load(of, as_measured(self.bearing), ln_v)
             for of in (averaging.fold_load, averaging.hopf_load)
@@ -338,16 +331,17 @@ class Belief:
         middle = 0.5 * (math.log(self.loads[0]) + math.log(self.loads[1]))
         log_q = _NODES_AT * math.sqrt(q)
 
-        def fold(log_load: FloatArray) -> FloatArray:
+        def log_fold(log_load: FloatArray) -> FloatArray:
+            """Return ``ln V`` of the fold at ``ln N``, of its shape; the end beyond the table."""
             return np.interp(log_load, folds, ln_v)
 
-        near = fold(middle + np.array([-0.02, 0.0, 0.02]))
+        near = log_fold(middle + np.array([-0.02, 0.0, 0.02]))
         slope = float(near[2] - near[0]) / 0.04
-        # Of u = ln r + slope ln q, by how much the fold is off.
+        # Covariances of u = ln r + slope ln q, by which the fold is off.
         of_u, with_q = r + 2.0 * slope * covariance_rq + slope * slope * q, covariance_rq + slope * q
         mean = with_q / q if q > 0.0 else 0.0
         reach = _REACH * math.sqrt(r)
-        log_r = np.clip(mean * log_q + near[1] - fold(middle + log_q), -reach, reach)
+        log_r = np.clip(mean * log_q + near[1] - log_fold(middle + log_q), -reach, reach)
         rest = max(of_u - mean * with_q, 0.0)
         of_load = self._load_covariance
         return _Nodes(log_r, log_q, rest + self.speed**2 + of_load[0, 0], of_load[1, 1])
@@ -362,25 +356,24 @@ def _log_boundary_load(of: Callable[..., Any], bearing: Bearing, ln_v: FloatArra
         ln_v: Rising ``ln V``, shape (m,).
 
     Returns:
-        Rising; ``_NOWHERE`` where no load has the boundary there. Of a law that falls again, what lies
-        below its highest boundary counts as inside.
+        Never falling; ``_MAX_LOG_LOAD`` where no load has the boundary there. Of a law that falls again, or
+        rises first, all speeds below its highest boundary count as inside.
     """
     with np.errstate(all='ignore'):
         load = np.log(np.asarray(of(bearing, np.exp(ln_v)), float))
-    load = np.where(np.isnan(load), _NOWHERE, np.clip(load, -_NOWHERE, _NOWHERE))
-    # A law that falls again, or rises first: what is below its highest boundary counts as inside.
+    load = np.where(np.isnan(load), _MAX_LOG_LOAD, np.clip(load, -_MAX_LOG_LOAD, _MAX_LOG_LOAD))
     above: FloatArray = np.minimum.accumulate(load[::-1])[::-1]
     return above
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Nodes:
-    """Nodes of ``(ln r, ln q)``, and the variance of each beside them."""
+    """Nodes of ``(ln r, ln q)``, and the variances that remain about each."""
 
     log_r: FloatArray  # shape (nodes,)
     log_q: FloatArray  # shape (nodes,)
-    of_r: float
-    of_q: float
+    r_variance: float
+    q_variance: float
 
 
 def _nodes_along_speeds(total: FloatArray) -> _Nodes:
@@ -405,20 +398,20 @@ def _boundary_rows(total: FloatArray, nodes: _Nodes, ln_v: FloatArray, load: Flo
         load: ``ln N`` of the boundary at each, shape (m,).
 
     Returns:
-        Shape (m, :data:`_PER_BOUNDARY`).
+        Shape (m, ``_PER_ROW``).
     """
     from scipy.special import ndtr, ndtri
 
     (r, covariance_rq), (_, q) = total
-    slope = np.gradient(load, ln_v)
-    width = np.sqrt(np.maximum(slope * slope * r + 2.0 * slope * covariance_rq + q, _LEAST**2))
+    slope, min_variance = np.gradient(load, ln_v), 1e-9**2  # the variance of an exact boundary, to divide by
+    width = np.sqrt(np.maximum(slope * slope * r + 2.0 * slope * covariance_rq + q, min_variance))
     columns = np.arange(-_WIDEST, _WIDEST + 1.0)
     log_load = load[:, None] + width[:, None] * columns
     # At each node the load of the boundary, its slope, and what the node's kernel spreads it.
     at = ln_v[:, None] - nodes.log_r
     load_there, steep = np.interp(at, ln_v, load) - nodes.log_q, np.interp(at, ln_v, slope)
     kernel = np.gradient(load_there, _NODES_AT, axis=1) * _KERNEL
-    spread = np.sqrt(nodes.of_q + steep**2 * nodes.of_r + kernel**2 + _LEAST**2)
+    spread = np.sqrt(nodes.q_variance + steep**2 * nodes.r_variance + kernel**2 + min_variance)
     p = np.zeros(log_load.shape)
     for k, share in enumerate(_NODE_WEIGHTS):
         p += share * ndtr((log_load - load_there[:, k : k + 1]) / spread[:, k : k + 1])
@@ -427,13 +420,13 @@ def _boundary_rows(total: FloatArray, nodes: _Nodes, ln_v: FloatArray, load: Flo
 
 
 def _point_loop(plain: Callable[..., None], size: int) -> Callable[..., None]:
-    """Return a loop of this module: compiled from ``_MANY_POINTS`` on if numba is installed, else as it is.
+    """Return a loop of this module: compiled from 100,000 points on where numba may be used, else as it is.
 
     Args:
         plain: The loop.
         size: Number of points.
     """
-    if size < _MANY_POINTS or not jit.has_compiler():
+    if size < 100_000 or not jit.has_compiler():  # fewer do not repay the time of compiling
         return plain
     from stickslip_monitor.physics import probability  # this module
 
@@ -447,14 +440,14 @@ def probit(table: Sequence[float], which: int, log_speed: float, log_load: float
         table: :attr:`Belief.table`, or the same as a list.
         which: :data:`FOLD` or :data:`HOPF`.
         log_speed: ``ln V``; outside the table its first or last speed counts.
-        log_load: ``ln N``; outside the known loads ``z`` is nearer to 0.
+        log_load: ``ln N``; more than a fifth outside the known loads ``z`` is nearer to 0.
     """
     rows = int(table[_ROWS])
-    place = min(max((log_speed - table[_FIRST]) * table[_PER_ROW], 0.0), rows - 1.000001)
+    place = min(max((log_speed - table[_FIRST]) * table[_PER_LOG_SPEED], 0.0), rows - 1.000001)
     row = int(place)
     share = place - row
-    at = _TABLE + (which * rows + row) * _PER_BOUNDARY
-    after = at + _PER_BOUNDARY
+    at = _TABLE + (which * rows + row) * _PER_ROW
+    after = at + _PER_ROW
     rise = table[after + _LOAD] - table[at + _LOAD]
     load = table[at + _LOAD] + rise * share
     width = table[at + _WIDTH] + (table[after + _WIDTH] - table[at + _WIDTH]) * share
@@ -462,20 +455,23 @@ def probit(table: Sequence[float], which: int, log_speed: float, log_load: float
     along = min(max(z + _WIDEST, 0.0), 2.0 * _WIDEST - 1e-9)
     column = int(along)
     part = along - column
-    at += _OFF + column
-    after += _OFF + column
+    at += _CORRECTIONS + column
+    after += _CORRECTIONS + column
     low = table[at] + (table[at + 1] - table[at]) * part
     high = table[after] + (table[after + 1] - table[after]) * part
     z += low + (high - low) * share
-    off = max(table[_LOW] - log_load, log_load - table[_HIGH]) - _BEYOND
+    off = max(table[_LOW] - log_load, log_load - table[_HIGH]) - math.log(1.2)
     if off > 0.0:
-        beyond = min(_PER_OCTAVE * off / math.log(2.0), _MOST_BEYOND)
-        z /= math.hypot(1.0, rise * table[_PER_ROW] * beyond / width)
+        # More than a fifth off the known loads it is known less well: 0.2 of ln V an octave, up to 0.5.
+        beyond = min(0.2 * off / math.log(2.0), 0.5)
+        z /= math.hypot(1.0, rise * table[_PER_LOG_SPEED] * beyond / width)
     return z
 
 
 def boundary_speed(table: Sequence[float], which: int, load: float, z: float) -> float:
-    """Return the speed that a boundary lies below with the probability ``Phi(z)`` [m/s]; 0 for none.
+    """Return the speed below which a boundary lies with the probability ``Phi(z)`` [m/s]; 0 for none.
+
+    It lies within the table, to a 40th power of 2 of its length in ``ln V``.
 
     Args:
         table: :attr:`Belief.table`, or the same as a list.
@@ -487,7 +483,7 @@ def boundary_speed(table: Sequence[float], which: int, load: float, z: float) ->
         return 0.0
     log_load = math.log(load)
     low = table[_FIRST]
-    high = low + (table[_ROWS] - 1.0) / table[_PER_ROW]
+    high = low + (table[_ROWS] - 1.0) / table[_PER_LOG_SPEED]
     if probit(table, which, low, log_load) <= -z:
         return 0.0
     for _ in range(40):
@@ -508,10 +504,10 @@ def stick_slip_probabilities(
         table: :attr:`Belief.table`, or the same as a list.
         speed: Magnitude of the surface speed [m/s].
         load: Load [N].
-        share: The fold that decides over the averaged fold, at most 1.
+        share: The fold that decides over the averaged fold, > 0 and at most 1.
 
     Returns:
-        Both ``nan`` at rest or where an input is not finite; both 0 without a load.
+        Both ``nan`` at rest or where speed or load is not finite; both 0 without a load.
     """
     if not (0.0 < speed < math.inf and math.isfinite(load)):
         return math.nan, math.nan
@@ -541,7 +537,7 @@ def update_running_probability(before: float, can: float, will: float) -> float:
     return after if math.isnan(can) else min(after, can)
 
 
-def fill_chances(table: Any, points: Any, out: Any) -> None:
+def fill_probabilities(table: Any, points: Any, out: Any) -> None:
     """Fill ``out``, shape (n, 2), with :func:`stick_slip_probabilities` of points.
 
     Args:

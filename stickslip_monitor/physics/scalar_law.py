@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any friction law as plain functions of one speed, for what is followed point by point.
+"""Any friction law as plain functions of one speed, for motions that are followed point by point.
 
-The functions here call a law that runs as it stands. Compiled, they are replaced by those of the
-same name in the law's own module (:func:`stickslip_monitor.jit.compiled`).
+The first four functions call the methods of a law object, for loops that run as they stand. In compiled loops
+they are replaced by those of the same name in the law's own module (:func:`stickslip_monitor.jit.compiled`).
 """
 
 from __future__ import annotations
@@ -18,16 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.physics import friction, friction_pieces
+from stickslip_monitor.physics.friction import ALMOST_REST as ALMOST_REST
 from stickslip_monitor.physics.friction import Exponential, FrictionLaw, computes_as, speed_scales
 from stickslip_monitor.physics.friction_table import Cubics
-
-# The smallest speed that is not rest [m/s].
-ALMOST_REST = 1e-300
-# Of a panel between breakpoints: places in it, and searches, each about the best place and a 32nd
-# as wide as the one before. The fall is level there: three find it to 1e-10 of its change.
-_PLACES, _SEARCHES = 65, 3
-# Of the steepest fall, which rounding must not make too small for a cycle to be possible.
-_ROUNDING = 1e-12
 
 
 def friction_drop(law: Any, origin: float, step: float) -> float:
@@ -45,11 +38,11 @@ def friction_drop(law: Any, origin: float, step: float) -> float:
 
 
 def friction_slope(law: Any, speed: float) -> float:
-    """Return the slope ``d mu / d|v|`` at a relative speed [s/m].
+    """Return the slope ``d mu / d|v|`` at a relative speed [s/m]; from the right at 0.
 
     Args:
         law: :attr:`LawInUse.numbers` of the friction law.
-        speed: Relative speed [m/s].
+        speed: Relative speed, of either sign [m/s].
 
     >>> friction_slope(scalar_law(Stribeck(0.5, 0.25, 10.0)).plain.numbers, 0.0)
     -2.5
@@ -70,34 +63,35 @@ def begin_series(
         work: Written: the law's rows.
 
     Returns:
-        The speeds between which it holds [m/s], ``-inf`` and ``inf`` for no bound; and
-        :func:`friction_drop` from the origin.
+        The least and the greatest sliding speed at which the series holds [m/s], ``-inf`` and ``inf`` for no
+        bound; and the :func:`friction_drop` from the origin to where it begins [-].
     """
-    begun: tuple[float, float, float] = law.begin(origin, slip, unit, work)
-    return begun
+    bounds_and_drop: tuple[float, float, float] = law.begin(origin, slip, unit, work)
+    return bounds_and_drop
 
 
 def extend_series(law: Any, k: int, work: MutableSequence[float]) -> float:
-    """Return the coefficient of ``mu`` of the time to the power ``k`` > 0, after those of all lower powers.
+    """Return the coefficient of a power of the time in the series of ``mu`` [-].
 
     Args:
         law: :attr:`LawInUse.numbers` of :func:`series_law`.
-        k: The power.
+        k: The power, > 0; called after :func:`begin_series`, for 1, 2, 3 ... in turn.
         work: The row of work with the relative speed up to that power; written: the law's rows.
     """
     return law.extend(k, work)
 
 
 class LawInUse(NamedTuple):
-    """Functions of a law for the loops.
+    """A law as the loops take it: what its functions are called with, and bounds.
 
     Attributes:
-        numbers: What :func:`friction_drop` and :func:`friction_slope` take.
+        numbers: What :func:`friction_drop` and :func:`friction_slope` take; of a :func:`series_law` also
+            what :func:`begin_series` and :func:`extend_series` take.
         kinks: Ascending speeds at which the second derivative of ``mu`` jumps [m/s].
         hold: Largest coefficient that sticking can carry [-]: by Filippov's convex hull never less
             than that of slow sliding.
         top: ``mu`` of slow sliding [-].
-        fall: Upper bound of ``-d mu / d|v|`` [s/m]; ``inf`` for a law that falls at once.
+        fall: Upper bound of ``-d mu / d|v|`` [s/m]; ``inf`` for a law that drops from rest to sliding.
         steepest: Upper bound of ``|d mu / d|v||`` while it slides [s/m].
     """
 
@@ -109,8 +103,20 @@ class LawInUse(NamedTuple):
     steepest: float
 
 
-class _Plain:
-    """A law whose two functions are called as they stand."""
+class _LawFunctions:
+    """Functions of a law without its first argument, as the functions of this module call them.
+
+    Args:
+        law: The law.
+        module: Its :func:`own_module`, or that of its series; ``None`` for one whose methods are called.
+        numbers: What the module's functions take, in arrays or numbers; unused without a module.
+
+    Attributes:
+        begin: As :func:`begin_series`; only of a module that has it.
+        drop: As :func:`friction_drop`; ``nan`` where it overflows.
+        extend: As :func:`extend_series`; only of a module that has it.
+        slope: As :func:`friction_slope`.
+    """
 
     __slots__ = ('begin', 'drop', 'extend', 'slope')
 
@@ -142,7 +148,7 @@ def _guard_overflow(drop: Any, law_numbers: Any, origin: float, step: float) -> 
 
 
 def _drop_of(law: FrictionLaw, rise: float, origin: float, step: float) -> float:
-    """Return :func:`friction_drop` of a law without functions of its own.
+    """Return :func:`friction_drop` of a law without functions of its own [-].
 
     Args:
         law: The law.
@@ -180,7 +186,7 @@ class ScalarLaw:
         return len(self.compiled.numbers.begin) if self.compiled and self.module is friction_pieces else 0
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Send a module to another process by its name."""
+        """Return the function and arguments by which pickle makes the law again, the module by its name."""
         return _make_scalar_law, (self.plain, self.compiled, self.module and self.module.__name__)
 
 
@@ -199,10 +205,10 @@ def scalar_law(law: FrictionLaw) -> ScalarLaw:
     module = own_module(law)
     kinks = tuple(getattr(law, 'kinks', ())) if module else ()
     top, fall, rise = float(law.coefficient(ALMOST_REST)), _largest_slope(law, -1.0), _largest_slope(law, 1.0)
-    falls_at_once = law.static > top * (1.0 + 1e-15)
-    bounds = max(law.static, top), top, math.inf if falls_at_once else fall, max(fall, rise)
+    drops_from_rest = law.static > top * (1.0 + 1e-15)
+    bounds = max(law.static, top), top, math.inf if drops_from_rest else fall, max(fall, rise)
     numbers = None if module is None else getattr(law, 'numbers', None)
-    plain = LawInUse(_Plain(law, module, numbers), kinks, *bounds)
+    plain = LawInUse(_LawFunctions(law, module, numbers), kinks, *bounds)
     if module is None:
         return ScalarLaw(plain, None, None)
     return ScalarLaw(plain, LawInUse(numbers, np.array(kinks), *bounds), module)
@@ -210,9 +216,10 @@ def scalar_law(law: FrictionLaw) -> ScalarLaw:
 
 @lru_cache(maxsize=64)
 def series_law(law: FrictionLaw) -> ScalarLaw:
-    """Return a friction law as :func:`scalar_law` does, by functions that have its power series; cached.
+    """Return a friction law as :func:`scalar_law` does, with functions that have its power series; cached.
 
-    Stribeck's law, and the Gaussian one, as they are; a table, and any other law, as polynomials in pieces.
+    An exponential law with an exponent of 1 or 2 stays as it is; a table, and any other law, becomes
+    polynomials in pieces. Of every law there is a compiled form.
     """
     scalar = scalar_law(law)
     numbers = scalar.compiled.numbers if scalar.compiled else None
@@ -223,7 +230,7 @@ def series_law(law: FrictionLaw) -> ScalarLaw:
         module = friction
     else:
         numbers = friction_pieces.fit_pieces(law)
-    plain = scalar.plain._replace(numbers=_Plain(law, module, numbers))
+    plain = scalar.plain._replace(numbers=_LawFunctions(law, module, numbers))
     return ScalarLaw(plain, scalar.plain._replace(numbers=numbers), module)
 
 
@@ -252,18 +259,20 @@ def _largest_slope(law: FrictionLaw, sign: float) -> float:
         sign: 1 for the steepest rise, -1 for the steepest fall.
 
     Returns:
-        A bound, larger by a rounding; 0 where there is no such slope, or no breakpoint.
+        A bound, larger by a rounding, without which no cycle might seem possible; 0 where there is no such
+        slope, or no breakpoint.
     """
     breaks = speed_scales(law)
     if not breaks:
         return 0.0
     edges = np.array([ALMOST_REST, *breaks, 4.0 * breaks[-1]])
     low, width, largest = edges[:-1], np.diff(edges), 0.0
-    share = np.linspace(0.0, 1.0, _PLACES)
-    for _ in range(_SEARCHES):
+    share = np.linspace(0.0, 1.0, 65)
+    # Each search is a 32nd as wide as the one before: three find a maximum to 1e-10 of its height.
+    for _ in range(3):
         places = np.clip(low[:, None] + width[:, None] * share, edges[:-1, None], edges[1:, None])
         slope = sign * np.asarray(law.slope(places))
         largest = max(largest, float(np.max(slope)))
         low = low + width * np.clip(share[np.argmax(slope, axis=1)] - share[1], 0.0, 1.0)
         width = 2.0 * width * share[1]
-    return largest * (1.0 + _ROUNDING)
+    return largest * (1.0 + 1e-12)
