@@ -136,6 +136,11 @@ class TimeCourse:
                 result[begin:end] += shift.add_ns * np.asarray(is_own, np.int64)
         return result
 
+    def move(self, add_ns: int) -> None:
+        """Add a time to all resulting times [ns]; start and end have to be set."""
+        self.shifts.append(_Shift(0, _END, None, add_ns))
+        self.start_ns, self.end_ns = (self.start_ns or 0) + add_ns, (self.end_ns or 0) + add_ns
+
     def notes(self, subject: str, owner: str) -> Iterator[str]:
         """Yield warnings on the order of time; nothing where there is none to report.
 

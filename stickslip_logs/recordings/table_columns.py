@@ -20,12 +20,12 @@ from stickslip_logs.errors import BagError, did_you_mean, listed
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.recordings.recording import DATES_FROM_NS, Findings, Recording, TopicInfo
 from stickslip_logs.tables.bus_log import first_name
-from stickslip_logs.tables.cell_times import Cells
+from stickslip_logs.tables.cell_times import DAY, Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality import find_quality, find_quality_columns, is_quality_of
 from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_column, is_same_key
 from stickslip_logs.tables.table_file import open_table, texts_of
-from stickslip_logs.tables.time_columns import Clock, counted_from
+from stickslip_logs.tables.time_columns import Clock, DayCounter, counted_from
 from stickslip_logs.time_order import TimeOrder
 
 _NAME = re.compile(
@@ -62,6 +62,9 @@ class ColumnRecording(Recording):
         order = TimeOrder()
         for number, clock in enumerate(self.table.clocks):
             timed_rows, times = _drop_untimed(self._ends, clock)
+            if times.size and clock.is_of_day:
+                times = self.day_counter(clock).add(times)
+                times -= times.min() // DAY * DAY
             if times.size:
                 order.add(times, np.full(times.size, number), np.arange(times.size))
         self._may_lack_names = self._may_miss_names(timed_rows)
@@ -74,6 +77,10 @@ class ColumnRecording(Recording):
         self.counts: Counter[str] = Counter()
         """Numbers that were read, by topic."""
         self.start_ns, self.end_ns = course.start_ns, course.end_ns
+
+    def day_counter(self, clock: Clock) -> DayCounter:
+        """Return a counter of the days of a clock, before its first row."""
+        return DayCounter(_drop_untimed(self.table.head, clock)[1])
 
     def _shift_to_zero(self) -> None:
         """Set the clocks of the table to count from the first time in head and tail, where that is negative.

@@ -21,6 +21,7 @@ from stickslip_logs.recordings.recording import Fault, Progress, Request, Scratc
 from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
 from stickslip_logs.senders import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
+from stickslip_logs.tables.cell_times import DAY
 from stickslip_logs.tables.dialect import with_unit
 from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, is_same_key
 from stickslip_logs.tables.table_file import Numbers, Rows, some_cells, texts_of
@@ -130,6 +131,9 @@ class TableReading:
             if recording.is_sent and source.timeout is not None and not source.column.is_other
         }
         self._wanted += [SOURCE] if self._admissions else []
+        self._days = {
+            clock.columns: recording.day_counter(clock) for clock in table.clocks if clock.is_of_day
+        }
         self._buffer = _PartBuffer(recording.path)
         self._course, self._has_whole_lines = self._judge_order()
         for text in self._course.notes('the lines are', 'of the lines'):
@@ -166,6 +170,8 @@ class TableReading:
         # Lines before the first number and behind the last one tell how long the log lasts.
         blank: list[tuple[IntArray, IntArray, IntArray]] = []
         for rows in recording.table.blocks(self._wanted, recording.lose, recording.note):
+            if days := self._days.get(rows.clock.columns):
+                rows.time_ns[rows.is_timed] = days.add(rows.time_ns[rows.is_timed])
             part = self._read_rows(rows)
             self._buffer.add(part)
             time_ns, source = part[0], _filled_columns(part[1])
@@ -198,6 +204,8 @@ class TableReading:
         course = order.course(read_rows=self._read_lines)
         # Lines with a time for each signal are in no order but that of each.
         course.is_unordered &= course.wait_ns is None or len(recording.table.clocks) == 1
+        if self._days and has_numbers:
+            course.move(-DAY * min(days.first_day for days in self._days.values()))
         return course, has_whole_lines
 
     def _read_lines(self, begin: int, end: int, span_ns: tuple[int, int]) -> Iterator[Row]:

@@ -12,7 +12,14 @@ import numpy as np
 
 from stickslip_logs.tables.cell_times import SECOND, Cells, Times
 from stickslip_logs.tables.dialect import parse_number
-from stickslip_logs.tables.time_columns import TIME_WORDS, Clock, TableColumns, clock_of_numbers, find_clock
+from stickslip_logs.tables.time_columns import (
+    TIME_WORDS,
+    Clock,
+    TableColumns,
+    clock_of_numbers,
+    direction_of,
+    find_clock,
+)
 
 # Rows by which columns are compared: as many as their times are found by.
 _MAX_ROWS = 500
@@ -40,13 +47,15 @@ def find_clocks(path: Path, table: TableColumns) -> tuple[Clock, ...]:
 def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
     """Yield clocks of further columns that hold times in the way of the main clock.
 
-    Most of their cells must be times, which hardly ever step back. A column that is empty in head and tail
-    is among them if it is headed as a time: its signal begins later; one of numbers has to be.
+    Most of their cells must be times that go on in the direction of the main ones. A column that is empty in
+    head and tail is among them if it is headed as a time: its signal begins later; one of numbers has to be.
     Nothing is yielded where the columns of the main clock are not adjacent.
     """
     first, rows = main.columns[0], [*table.rows[:_MAX_ROWS], *table.tail]
     if main.columns != tuple(range(first, first + len(main.columns))):
         return
+    main_ns, is_main = _read_rows(main, [row for row in rows if len(row) > main.columns[-1]])
+    direction = direction_of(main_ns[is_main])
     for k in range(len(table.names) - len(main.columns) + 1):
         clock = replace(main, columns=tuple(c - first + k for c in main.columns))
         if set(clock.columns) & set(main.columns):
@@ -62,9 +71,9 @@ def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
                 continue
             clock = counter
         time_ns, is_timed = _read_rows(clock, filled)
-        back = np.count_nonzero(np.diff(time_ns[is_timed]) < 0)
-        is_rising = is_timed.sum() > _MIN_SHARE * len(filled) and back <= _MAX_BACK * is_timed.sum()
-        if is_rising if filled else is_named:
+        back = np.count_nonzero(direction * np.diff(time_ns[is_timed]) < 0)
+        is_steady = is_timed.sum() > _MIN_SHARE * len(filled) and back <= _MAX_BACK * is_timed.sum()
+        if is_steady if filled else is_named:
             yield clock
 
 

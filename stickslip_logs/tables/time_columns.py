@@ -88,6 +88,8 @@ _MAX_ROWS = 500
 _MOSTLY, _NEARLY_ALL = 0.5, 0.9
 _ZERO_DECIMALS = re.compile(r'[.,]0+$')
 _DIGITS_OF_DAY = re.compile(r'(\d{1,6})(?:[.,]\d+)?')
+# The number of the day of a first row without a date, and how late rows come over midnight [ns].
+_FIRST_DAY, _LATE_NS = 10_000, 60 * SECOND
 _EMPTY = '', 'nan', 'null', 'none', '-'
 WITHOUT_ZONE = 'times have no zone: taken as UTC'
 """Remark on a clock whose distance from UTC is not said."""
@@ -124,6 +126,7 @@ class Clock:
         remarks: What was guessed, as sentences.
         values: The places of the columns that are measured at this time; None for all.
         is_count: Whether its cells are plain numbers.
+        is_of_day: Whether its times are of the day, without a date.
         question: What the owner has to answer, as a clause behind the name of an input; else empty.
     """
 
@@ -132,11 +135,49 @@ class Clock:
     remarks: tuple[str, ...] = ()
     values: frozenset[int] | None = None
     is_count: bool = False
+    is_of_day: bool = False
     question: str = ''
 
     def has_column(self, column: int) -> bool:
         """Return whether the cells of a column are measured at this time."""
         return self.values is None or column in self.values
+
+
+def direction_of(time_ns: IntArray) -> int:
+    """Return -1 if more than half of the steps between times [ns] are back (newest first), else 1."""
+    return -1 if np.count_nonzero(np.diff(time_ns) < 0) > _MOSTLY * time_ns.size else 1
+
+
+class DayCounter:
+    """Counts the days of times of the day from row to row, so that they go on over midnight.
+
+    Attributes:
+        first_day: The least number of a day so far.
+
+    Args:
+        head_ns: The times of some first rows, which show whether the newest is first [ns].
+    """
+
+    def __init__(self, head_ns: IntArray) -> None:
+        self._sign = direction_of(head_ns)
+        self._last_ns: int | None = None
+        # Days before the first row have positive numbers, too.
+        self._day = self.first_day = _FIRST_DAY
+
+    def add(self, time_ns: IntArray) -> IntArray:
+        """Return the times of the next rows with their days, shape (n,) [ns].
+
+        A step back by more than half a day leads over midnight; one ahead by nearly a day, which late rows
+        make there, leads back.
+        """
+        if not time_ns.size:
+            return time_ns
+        step = self._sign * np.diff(time_ns, prepend=time_ns[0] if self._last_ns is None else self._last_ns)
+        is_over, is_back = (step < -DAY // 2) & (step > -DAY), (step > DAY - _LATE_NS) & (step < DAY)
+        day = self._day + self._sign * np.cumsum(is_over.astype(np.int64) - is_back)
+        self._last_ns, self._day = int(time_ns[-1]), int(day[-1])
+        self.first_day = min(self.first_day, int(day.min()))
+        return time_ns + day * DAY
 
 
 def counted_from(clock: Clock, start_ns: int) -> Clock:
@@ -305,7 +346,7 @@ def _clock_of_day_times(table: TableColumns, column: int) -> Clock:
         f"has times such as '{cells[0]}', read as hours: write {cells[0]}:00, or 00:{cells[0]} for minutes"
     )
     is_short = all(cell.count(':') == 1 for cell in cells)
-    return Clock((column,), read_time_of_day, (remark,), question=question * is_short)
+    return Clock((column,), read_time_of_day, (remark,), is_of_day=True, question=question * is_short)
 
 
 def _clock_of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
@@ -334,7 +375,7 @@ def _clock_of_layout(columns: tuple[int, ...], layout: StampLayout) -> Clock:
 def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
     """Return the clock of adjacent columns that hold year, month, day, hour, ...; None where none do.
 
-    Joined, nearly all of their cells must be dates with a year of four digits, which hardly ever step back. A
+    Joined, nearly all of their cells must be dates with a year of four digits, in order. A
     last column of seconds belongs to them if it is headed so, or if the rows differ by it alone.
     """
     rows = [row for row in (*rows, *table.tail) if len(row) >= len(table.names)]
@@ -350,8 +391,7 @@ def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
         layout = StampLayout(texts)
         time_ns, is_timed = layout.read([texts])
         steps = np.diff(time_ns[is_timed])
-        is_rising = len(rows) == 1 or (steps.any() and (steps < 0).mean() <= 1.0 - _NEARLY_ALL)
-        if is_timed.mean() <= _NEARLY_ALL or not is_rising:
+        if is_timed.mean() <= _NEARLY_ALL or not (len(rows) == 1 or _are_in_order(steps)):
             continue
         shorter = _join_parts([[row[k] for row in rows] for k in columns[:-1]], day_count)
         is_finest = table.headings[columns[-1]][0] in _SPELLED[SECOND].split()
@@ -365,8 +405,7 @@ def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
 def _clock_of_unit_columns(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
     """Return the clock of adjacent columns that are headed by units of time, as hour, min, sec; None without.
 
-    The units have to be from large to small, and the sum of nearly all rows must be a time that hardly ever
-    steps back.
+    The units have to be from large to small, and the sum of nearly all rows must be a time, in order.
     """
     rows = [row for row in (*rows, *table.tail) if len(row) >= len(table.names)]
     units = [_UNITS.get(words, 0) for words, _ in table.headings]
@@ -381,15 +420,20 @@ def _clock_of_unit_columns(table: TableColumns, rows: Sequence[Cells]) -> Clock 
         read = partial(_read_sum, [number_reader(units[k], 0, table.decimal) for k in columns])
         time_ns, is_timed = read([[row[k] for row in rows] for k in columns])
         steps = np.diff(time_ns[is_timed])
-        if (
-            count
-            and is_timed.mean() > _NEARLY_ALL
-            and steps.any()
-            and (steps < 0).mean() <= 1.0 - _NEARLY_ALL
-        ):
+        if count and is_timed.mean() > _NEARLY_ALL and _are_in_order(steps):
             listed = ', '.join(f"'{table.names[k]}'" for k in columns)
-            return Clock(columns, read, (f'times are the sum of {listed}, without a date',))
+            remark = f'times are the sum of {listed}, without a date'
+            return Clock(columns, read, (remark,), is_of_day=units[first] < DAY)
     return None
+
+
+def _are_in_order(steps: IntArray) -> bool:
+    """Return whether hardly any of some steps between times goes the other way, oldest or newest first.
+
+    False where no two times differ.
+    """
+    back, ahead = np.count_nonzero(steps < 0), np.count_nonzero(steps > 0)
+    return bool(back + ahead) and bool(min(back, ahead) <= (1.0 - _NEARLY_ALL) * steps.size)
 
 
 def _read_sum(reads: Sequence[ReadTimes], columns: Sequence[Cells]) -> Times:

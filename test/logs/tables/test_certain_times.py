@@ -318,3 +318,54 @@ def test_digits_of_two_of_the_year_are_asked_unless_days_tell(
         assert 'the year first?' in question
     else:
         assert (times, question) == ([epoch_ns(T0 + k * every) for k in range(90)], '')
+
+
+DAY = 86_400
+
+
+@pytest.mark.parametrize(
+    ('head', 'form'),
+    [('time', '{:%H:%M:%S}'), ('time', '{:%H%M%S}'), ('hour,min,sec', '{0.hour},{0.minute},{0.second}')],
+)
+@pytest.mark.parametrize('is_newest_first', [False, True])
+@pytest.mark.parametrize('pause', [0, 8 * 3600])
+@pytest.mark.parametrize('every', [20, 1700])
+def test_times_of_the_day_go_on_over_midnight(
+    head: str, form: str, is_newest_first: bool, pause: int, every: int, tmp_path: Path
+) -> None:
+    """From 23:40 on, with a pause over midnight or without: 20 minutes, or over two midnights."""
+    start = T0.replace(hour=23, minute=40)
+    seconds = [k * every + pause * (k > 30) for k in range(90)]
+    rows = [f'{form.format(start + k * EVERY)},{30 + n},900\n' for n, k in enumerate(seconds)]
+    recording = open_log(tmp_path, f'{head},rpm,load\n{"".join(rows[:: -1 if is_newest_first else 1])}')
+    (series,) = recording.read([Request('rpm', 'data')]).values()
+    first = 23 * 3600 + 40 * 60
+    assert (series.log_time_ns // 10**9).tolist() == [first + k for k in seconds]
+    assert series.value.tolist() == [30 + n for n in range(90)]
+    assert recording.start_ns == first * 10**9
+    assert 'set back' not in ' '.join(recording.warnings)
+
+
+def test_rows_that_are_late_over_midnight_are_sorted(tmp_path: Path) -> None:
+    order = [*range(20), *range(21, 27), 20, *range(27, 60)]
+    start = T0.replace(hour=23, minute=59, second=36)
+    text = 'time,rpm,load\n' + ''.join(f'{start + k * EVERY:%H:%M:%S},{30 + k},900\n' for k in order)
+    recording = open_log(tmp_path, text)
+    (series,) = recording.read([Request('rpm', 'data')]).values()
+    assert (series.log_time_ns // 10**9 - DAY).tolist() == list(range(-24, 36))
+    assert series.value.tolist() == list(range(30, 90))
+
+
+@pytest.mark.parametrize('head', ['year,month,day,hour,minute,second', 'date,hour,min,sec'])
+def test_parts_of_a_date_may_come_newest_first(head: str, tmp_path: Path) -> None:
+    form = {'y': '{:%Y,%m,%d,%H,%M,%S}', 'd': '{:%Y-%m-%d,%H,%M,%S}'}[head[0]]
+    rows = log_of(head, form.format).splitlines(keepends=True)
+    assert times_of(tmp_path, rows[0] + ''.join(rows[:0:-1]))[0] == [
+        epoch_ns(T0 + k * EVERY) for k in range(90)
+    ]
+
+
+def test_an_hour_that_comes_again_without_a_date_is_a_clock_set_back(tmp_path: Path) -> None:
+    text = log_of('time', lambda t: f'{t - timedelta(hours=t.second >= 30):%H:%M:%S}', count=60)
+    times, _ = times_of(tmp_path, text)
+    assert times[-1] - times[0] == 59 * 10**9

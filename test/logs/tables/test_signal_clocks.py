@@ -107,3 +107,10 @@ def test_times_of_each_signal_in_parquet(tmp_path: Path) -> None:
     pq.write_table(pa.table(columns), tmp_path / 'voyage.parquet')
     series = times_and_values(open_bag(tmp_path / 'voyage.parquet'), 'rpm', 'load')
     assert series == [(times_after_start(0, 1), [30, 31]), (times_after_start(4, 6), [900, 901])]
+
+
+def test_times_of_each_signal_may_come_newest_first(tmp_path: Path) -> None:
+    rows = [f'@{9 - k},{30 + k},2026-04-13T09:00:0{9 - k}Z,{900 + k}\n' for k in range(10)]
+    recording = open_log(tmp_path, 'Time,rpm,Time,load\n' + ''.join(rows))
+    assert len(recording.table.clocks) == 2
+    assert times_and_values(recording, 'load')[0][1] == list(range(909, 899, -1))
