@@ -302,7 +302,7 @@ class InputFacts:
 
 def input_fault(facts: InputFacts) -> str:
     """Return the sentence on the most fundamental fault of an input; '' where there is none."""
-    topic, publishers = facts.topic, facts.publishers
+    topic = facts.topic
     if facts.without_clock:
         return 'use_sim_time is set, but nothing comes on /clock: no input can be used.'
     if (facts.lost or facts.undecodable) and (fault := _sender_fault(facts)):
@@ -316,21 +316,35 @@ def input_fault(facts: InputFacts) -> str:
         return _silence_text(facts)
     if facts.stuck:
         return f'The level on {topic} never changes: its sensor is stuck.'
-    usable = [one for one in publishers or () if one.type == facts.type and not one.qos_fault and one.sends]
-    if len(usable) > 1:
-        names = ', '.join(sorted({publisher.node for publisher in usable}))
-        return f'{len(usable)} publishers send on {topic} ({names}): their values are mixed.'
+    if fault := _mixed_fault(facts):
+        return fault
     if facts.source:
         return f'On {topic}, {facts.source}.'
     if facts.unfit:
         return f'The {facts.quantity} on {topic} {facts.unfit}.'
-    if facts.receiving and abs(facts.behind) > NEAR * 1e-9:
-        way = 'behind' if facts.behind > 0.0 else 'ahead of'
-        return (
-            f'Stamps on {topic} are {age_text(abs(facts.behind))} {way} their arrival, which counts in'
-            ' their place: late messages, or another clock.'
-        )
-    return ''
+    return _stamp_fault(facts) if facts.receiving else ''
+
+
+def _mixed_fault(facts: InputFacts) -> str:
+    """Return the fault that several usable publishers send on the topic of an input; '' without it."""
+    usable = [
+        one for one in facts.publishers or () if one.type == facts.type and not one.qos_fault and one.sends
+    ]
+    if len(usable) < 2:
+        return ''
+    names = ', '.join(sorted({publisher.node for publisher in usable}))
+    return f'{len(usable)} publishers send on {facts.topic} ({names}): their values are mixed.'
+
+
+def _stamp_fault(facts: InputFacts) -> str:
+    """Return the fault that stamps are far from their arrival; '' if they are near."""
+    if abs(facts.behind) <= NEAR * 1e-9:
+        return ''
+    way = 'behind' if facts.behind > 0.0 else 'ahead of'
+    return (
+        f'Stamps on {facts.topic} are {age_text(abs(facts.behind))} {way} their arrival, which counts in'
+        ' their place: late messages, or another clock.'
+    )
 
 
 def _sender_fault(facts: InputFacts) -> str:
