@@ -178,12 +178,12 @@ def _judge_stretches(
 ) -> Iterator[Stretch]:
     """Run the rule over all parts of a reading, and yield each with its verdicts.
 
-    Extends the span and adds up in the checks. After the parts come values that stand to the end, if any,
-    and always a last stretch without samples.
+    Extends the span, and adds the verdicts up in the checks. After the parts come values that stand to the
+    end, if any, and always a last stretch without samples.
 
     Args:
         reading: The parts as they are to be judged.
-        times: Tells, once a part is read, whether its stamps replace the log times.
+        times: Has, once a part is read, whether its stamps replace the log times.
         span: Start and end of the recording.
         bag: The recording.
         checks: What judges each bearing, by name.
@@ -227,7 +227,10 @@ def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> Non
 
 
 def _is_summer_hour(gap: Gap, usual: float) -> bool:
-    """Return whether a gap leaves out one full hour and at most two usual intervals [s]."""
+    """Return whether a gap is that of an hour skipped by the clock.
+
+    It begins at most one usual interval [s] before a full hour, and lasts an hour and up to two of these.
+    """
     before = -gap.start_ns * 1e-9 % 3600.0
     return before <= usual and 0.0 < gap.seconds - 3600.0 <= 2.0 * usual
 
@@ -242,7 +245,7 @@ class _BearingCheck:
             None if text else request for request, text in zip(requests_of(config), absent, strict=True)
         ]
         """What is read for each input; ``None`` for one that is not in the recording."""
-        self._asked = {of: text for (name, of), text in bound.questions.items() if name == config.name}
+        self._questions = {of: text for (name, of), text in bound.questions.items() if name == config.name}
         self._scan: BearingScan | None = None
         self._held = HeldValues(config)
         self._outliner = Outliner(config) if outlined else None
@@ -320,7 +323,7 @@ class _BearingCheck:
             questions['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
         if self._end.water_doubt:
             questions['water_temperature'] = [f'is in doubt at the end: {self._end.water_doubt}']
-        for quantity, text in self._asked.items():
+        for quantity, text in self._questions.items():
             questions.setdefault(quantity, []).append(text)
         measured = zip(map(str, MEASURED), (self._measured_ns * 1e-9).tolist(), strict=True)
         return BearingReport(

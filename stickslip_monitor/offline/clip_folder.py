@@ -36,12 +36,12 @@ _LABEL = 'stickslip_monitor/clip'
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _NAME = r'\d{8}T\d{6}Z_[a-z0-9_]+(-\d+)?\.mcap'
 _OURS, _DRAFT = re.compile(_NAME), re.compile(rf'\.{_NAME}\.\d+\.draft')
-# Another monitor may be writing into the folder [s].
-_STALE = 3600.0
 
 
 class ClipFolder:
-    """Writes clips into a folder and keeps the newest of them.
+    """Writes clips into a folder and keeps the newest of them; made if it is not there.
+
+    Drafts that were left there over an hour ago are removed at once.
 
     Args:
         config: The folder, and how many clips it holds.
@@ -53,7 +53,7 @@ class ClipFolder:
     def __init__(self, config: ClipConfig) -> None:
         self.path = Path(config.directory).expanduser()
         self._is_new = not self.path.exists()
-        self._most = config.most
+        self._max_clips = config.most
         self.removed = 0
         """How many clips have made room for newer ones."""
         try:
@@ -83,7 +83,7 @@ class ClipFolder:
         """
         while not self._write_clip(clip, self._free_name(clip)):
             pass
-        for path in self.clips()[: -self._most]:
+        for path in self.clips()[: -self._max_clips]:
             with contextlib.suppress(FileNotFoundError):
                 path.unlink()
                 self.removed += 1
@@ -115,7 +115,7 @@ class ClipFolder:
         return True
 
     def clips(self) -> list[Path]:
-        """Return the paths of the folder's clips, the oldest first.
+        """Return the paths of the folder's clips, the oldest file first.
 
         A clip has a name and a label of ours: one that was renamed is not ours to delete.
         """
@@ -142,8 +142,8 @@ class ClipFolder:
             if not _DRAFT.fullmatch(path.name) or not path.is_file():
                 continue
             state = path.stat()
-            ours = state.st_size == 0 or is_labelled(path, _LABEL)
-            if ours and time.time() - state.st_mtime > _STALE:
+            is_ours = state.st_size == 0 or is_labelled(path, _LABEL)
+            if is_ours and time.time() - state.st_mtime > 3600.0:
                 path.unlink(missing_ok=True)
 
 

@@ -24,9 +24,7 @@ from stickslip_monitor.physics.boundary_table import known_table
 from stickslip_monitor.physics.lubrication import as_measured
 
 # Groups of rows at most; of each up to eleven rows stay in an outline.
-_MOST = 600
-# A saved heaviest point serves loads down to this share below it.
-_HEAVIER = 1.1
+_MAX_GROUPS = 600
 _MARGINS = 'hopf_margin', 'fold_margin'
 _STABLE, _BISTABLE, _UNSTABLE = map(REGIMES.index, (Regime.STABLE, Regime.BISTABLE, Regime.UNSTABLE))
 _NO_CODES = np.empty(0, np.int8)
@@ -87,10 +85,10 @@ class Outliner:
             return
         rows = self._new_rows(scan)
         self._count += rows.size
-        while self._count > _MOST * self._length:
+        while self._count > _MAX_GROUPS * self._length:
             self._length *= 2
         rows = np.concatenate([self._rows, self._thin_rows(rows)])
-        self._rows = self._thin_rows(rows) if rows.size > 24 * _MOST else rows
+        self._rows = self._thin_rows(rows) if rows.size > 24 * _MAX_GROUPS else rows
 
     def _new_rows(self, scan: Scan) -> NDArray[np.void]:
         """Return the verdicts of a scan as rows (:data:`_ROW`); store time and end of its last one."""
@@ -122,7 +120,7 @@ class Outliner:
         """
         if self._length == 1 or not rows.size:
             return rows
-        starts = self._stretch_starts(rows)
+        starts = self._group_starts(rows)
         rows_kept = [np.array([0, rows.size - 1]), _first_chosen(rows['opens'], starts)]
         for column in rows['scores'].T:
             for score in (column, -column):
@@ -131,7 +129,7 @@ class Outliner:
                 rows_kept.append(_first_chosen((score == highest) & (score > -np.inf), starts))
         return rows[np.unique(np.concatenate(rows_kept))]
 
-    def _stretch_starts(self, rows: NDArray[np.void]) -> IndexArray:
+    def _group_starts(self, rows: NDArray[np.void]) -> IndexArray:
         """Return the indices at which a new group of rows begins."""
         return np.flatnonzero(np.diff(rows['number'] // self._length, prepend=-1))
 
@@ -150,7 +148,7 @@ class Outliner:
         verdict did.
         """
         time, until = rows['time_ns'], rows['until_ns'].copy()
-        opens = _first_chosen(rows['opens'], self._stretch_starts(rows))
+        opens = _first_chosen(rows['opens'], self._group_starts(rows))
         before = opens[opens > 0] - 1
         interrupted = np.minimum(until[before], time[before + 1] - 1)
         until[:-1] = np.maximum(time[1:], time[:-1])
@@ -267,7 +265,7 @@ class Extreme:
 class Extremes:
     """The time in each regime, the least margins, and the greatest amplitude while stick-slip is predicted.
 
-    Few points are worked out: those that may lie below a boundary, or have a lower margin than is known.
+    Few points are computed: those that may lie below a boundary, or have a lower margin than is known.
 
     Attributes:
         lasting_ns: How long each of :data:`REGIMES` lasted [ns].
@@ -309,7 +307,7 @@ class Extremes:
         load up to this.
         """
         max_load = scan.load.max()
-        if self._top is None or not max_load <= self._top.load[0] <= _HEAVIER * max_load:
+        if self._top is None or not max_load <= self._top.load[0] <= 1.1 * max_load:
             top = scan.assessed(np.array([scan.load.argmax()]))
             table = known_table(as_measured(top.bearing))
             highest: Any = top.scale * table.highest_fold(top.load / top.scale)
@@ -361,6 +359,9 @@ class Extremes:
 
 
 def lasting_ns(codes: NDArray[np.int8], lasting: IntArray, kinds: int) -> IntArray:
-    """Return the total time of each code below ``kinds`` [ns]; ``lasting`` is that of each point [ns]."""
+    """Return the total time [ns] of each code below ``kinds``, shape (kinds,).
+
+    ``codes`` has the code of each point, ``lasting`` how long it counts [ns].
+    """
     # Whole numbers below 2^53, as a stretch of months is, are added up without an error.
     return np.bincount(codes, lasting, minlength=kinds).astype(np.int64)

@@ -49,7 +49,7 @@ class HeldValues:
         stamp_ns, arrival_ns, value = (np.concatenate(parts) for parts in zip(*columns, strict=True))
         inputs = np.repeat(np.array([*self._schedules], np.int8), [stamps.size for stamps, *_ in columns])
         order = np.argsort(arrival_ns, kind='stable')
-        # Times that leap back are left in the order of the recording.
+        # Times that jump back are left in the order of the recording.
         place = np.searchsorted(np.maximum.accumulate(stream.arrival_ns), arrival_ns[order], 'right')
         filled = Stream(
             np.insert(stream.time_ns, place, stamp_ns[order]),

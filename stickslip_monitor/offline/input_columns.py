@@ -25,12 +25,8 @@ from stickslip_monitor.monitor.parameters import (
 from stickslip_monitor.monitor.signals import NO_VALUES, QUANTITIES
 from stickslip_monitor.physics.bearing import TURNING_UNITS
 
-# A value counts for so many intervals, as a lost line is no lost input.
-_TIMEOUT_LINES = 3.0
-# Reports of each hour or noon have a value so many seconds apart, or more: a coast-down takes minutes [s].
-_SLOWEST = 1800.0
-# Of ten years, to which any time of a log can be added [ns].
-_LONGEST_NS = 10 * 31_557_600 * 10**9
+# Ten years, to which any time of a log can be added [ns].
+_MAX_TIMEOUT_NS = 10 * 31_557_600 * 10**9
 # A column is taken by its unit only if its heading has one of these words, or is a unit, and no others than
 # these, those of its bearing and topic, and numbers: what else has the unit is named by its owner.
 _HEADINGS = {
@@ -262,9 +258,10 @@ class ColumnBinding:
         use = _ColumnUse(bearing, quantity, source, column, unit, is_scaled)
         interval = self._log.interval(column)
         timeout_ns = source.timeout_ns
-        # What came over a bus is as old as live, but where a clock that comes seldom gives the times.
+        # What came over a bus is as old as live, but where a clock that comes seldom gives the times. A value
+        # counts for three intervals, because a lost line is no lost input.
         if not self._log.is_sent or self._log.shares_times(column):
-            timeout_ns = max(min(round(_TIMEOUT_LINES * interval * 1e9), _LONGEST_NS), timeout_ns)
+            timeout_ns = max(min(round(3.0 * interval * 1e9), _MAX_TIMEOUT_NS), timeout_ns)
         sent = replace(use.conversion(), timeout=timeout_ns * 1e-9 if self._log.is_sent else None)
         topic = source.topic
         if not topic or self.columns.get(topic, sent) != sent:
@@ -310,7 +307,8 @@ class ColumnBinding:
                 f"has beside it column '{heading}' with {listed(texts)}: write the lines that count, as in"
                 f' where: {{{heading}: {texts[0]}}}'
             )
-        if interval > _SLOWEST and not source.hold_ns:
+        # Reports of each hour or noon: a coast-down takes minutes.
+        if interval > 1800.0 and not source.hold_ns:
             yield (
                 f'has a value each {interval:.4g} s, which cannot judge what a shaft does in minutes: is'
                 ' there a log with one each 10 s or less?'

@@ -34,20 +34,13 @@ from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, S
 from stickslip_monitor.monitor.statements import rounded
 
 # Gaps that are named at most, the longest ones.
-_MOST_NAMED = 5
+_MAX_GAPS = 5
 COARSE = 10.0
 """From this interval on samples are too far apart for short stick-slip [s]."""
-_CHANGES_GAPS, _CHANGES_TIME, _CHANGES_EQUAL = 2, 0.5, 0.01
-"""A source of changes only has at least so many gaps, of at least this share of the time, and outside of gaps
-at most this share of its values are that before: of a sensor of 2 digits a tenth and more."""
 HOLDS = (60, 300, 900, 3600, 14_400, 86_400, 604_800)
 """Times for which a value may stand, of which the next one above the longest gap is named [s]."""
 _CROWD, _CROWD_RATE = 100, 1e4
 """So many messages, or more, of which as many would come in a second, have wrong times."""
-_RHYTHM = 0.3
-"""From this share of the intervals on those beyond the limit are the rhythm: of triples each third is."""
-_STANDS = 10.0
-"""A run of messages with one time that is so many times the usual one shows a clock that stands."""
 FASTEST = 30.0
 """Surface speed above which no water-lubricated bearing runs [m/s]."""
 FAR_ABOVE = 20.0
@@ -132,9 +125,9 @@ class Gaps:
         if not long.size:
             return passed_ns
         begins = stamp_ns[long + stamp_ns.size - interval.size] - lasting_ns
-        order = np.argsort(-lasting_ns, kind='stable')[:_MOST_NAMED]
+        order = np.argsort(-lasting_ns, kind='stable')[:_MAX_GAPS]
         gaps = [Gap(int(begins[k]), float(lasting_ns[k] / 1e9)) for k in order]
-        self.longest = sorted([*self.longest, *gaps], key=lambda gap: -gap.seconds)[:_MOST_NAMED]
+        self.longest = sorted([*self.longest, *gaps], key=lambda gap: -gap.seconds)[:_MAX_GAPS]
         return passed_ns
 
     @property
@@ -147,7 +140,8 @@ class Gaps:
     def rate(self) -> float:
         """Messages a second, between the gaps where these are rare [1/s]; nan for fewer than two."""
         count, passed_ns = self._regular, float(self._regular_ns)
-        if self.count >= _RHYTHM * (self._regular + self.count):
+        # Of lines that come in triples each third interval is long, and belongs to the rhythm.
+        if self.count >= 0.3 * (self._regular + self.count):
             count, passed_ns = count + self.count, passed_ns + self._long_ns
         return count * 1e9 / passed_ns if passed_ns > 0.0 else math.nan
 
@@ -157,7 +151,8 @@ class Gaps:
         remedy = 'were they recorded without a clock (use_sim_time), or are their times in another unit?'
         if count > _CROWD and count > _CROWD_RATE * self._log_passed_ns * 1e-9:
             return f'{count} messages on {topic} have hardly any time between them: {remedy}'
-        if longest > _CROWD and longest * self._times > _STANDS * count:
+        # A run ten times as long as is usual shows a clock that stands.
+        if longest > _CROWD and longest * self._times > 10 * count:
             return f'{longest} messages on {topic} in a row have one time: nothing is predicted from them'
         return ''
 
@@ -346,7 +341,7 @@ class InputCheck:
         """
         used = int(self._counts[Status.ACCEPTED])
         if self._assumed is not None:
-            # It comes with the speed, and what is wrong with that is said there.
+            # An assumed load has the messages of the speed, whose report has their faults.
             low, high = (load / self._source.factor for load in self._assumed)
             of_table = f'{_range_text(low, high)} {self._source.unit} from the alignment table'
             values = of_table if low < high else f'{low:g} {self._source.unit}'
@@ -361,7 +356,7 @@ class InputCheck:
         first, last = self._span if used else (math.nan, math.nan)
         low, high = sorted(float(self._to_si(end)) for end in (first, last))
         counted = {text: int(self._counts[status]) for status, text in STATUS_SENTENCES.items()}
-        # A word of a table is said by its fault.
+        # A word of a table is counted by its own fault.
         counted[STATUS_SENTENCES[Status.NOT_FINITE]] -= sum(fault.count for fault in faults if fault.is_nan)
         counted |= Counter(fault_text(fault, self._source) for fault in self._sources)
         return InputReport(
@@ -379,15 +374,19 @@ class InputCheck:
             values=self._range_of_values(first, last, low, high) if used else 'none',
             without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
             crowd=self._gaps.crowd(self._source.topic),
-            changes_only=self._changes_only(),
+            changes_only=self._stores_changes_only(),
             is_refused=int(self._counts[Status.IMPLAUSIBLE]) >= MOSTLY * max(self._messages, 1),
         )
 
-    def _changes_only(self) -> bool:
-        """Return whether the source sends changes only: gaps have much of the time, few values are equal."""
+    def _stores_changes_only(self) -> bool:
+        """Return whether the source stores changes only, and ``hold`` does not say so already.
+
+        Then two gaps or more have half of the time, and outside of gaps at most 1 % of the values are that
+        before: of a sensor of two digits a tenth and more are.
+        """
         gaps, equal = self._gaps, max(0, self._equal - self._gaps.count)
-        is_sparse = gaps.count >= _CHANGES_GAPS and gaps.share >= _CHANGES_TIME
-        return is_sparse and not self._source.hold_ns and equal <= _CHANGES_EQUAL * self._messages
+        is_sparse = gaps.count >= 2 and gaps.share >= 0.5
+        return is_sparse and not self._source.hold_ns and equal <= 0.01 * self._messages
 
     def _range_of_values(self, first: float, last: float, si_low: float, si_high: float) -> str:
         """Format the range of valid values in the configured unit, in SI, and as sent if scaled.
@@ -423,7 +422,7 @@ class Plausibility:
         self._fastest = self._heaviest = 0.0
         self._loads = np.zeros(_BINS, np.int64)  # how many are of each fourth of a decade
         # The greatest speed of the turning shaft relative to the fold; inf once one has no fold.
-        self._most = -math.inf
+        self._max_ratio = -math.inf
 
     def take(self, speed: FloatArray, load: FloatArray, limit: Callable[[IndexArray], FloatArray]) -> None:
         """Count more operating points; compute fold speeds only while none is fast enough to be plausible.
@@ -444,13 +443,14 @@ class Plausibility:
             self._unloaded += int(np.count_nonzero(turns & (load == 0.0)))
             turns &= load > 0.0
         self._loads += _count_by_size(load if turns.all() else load[turns])
-        if self._most < FAR_BELOW and turns.any():
+        if self._max_ratio < FAR_BELOW and turns.any():
             rows = np.flatnonzero(turns)
-            # As a rule the fastest is fast enough, and no more is to be worked out.
+            # As a rule the fastest is fast enough, and no more is to be computed.
             for chosen in (rows[speed[rows].argmax()][None], rows):
-                if self._most < FAR_BELOW:
+                if self._max_ratio < FAR_BELOW:
                     ratio = speed[chosen] / limit(chosen)
-                    self._most = max(self._most, float(np.where(np.isnan(ratio), np.inf, ratio).max()))
+                    ratio[np.isnan(ratio)] = np.inf
+                    self._max_ratio = max(self._max_ratio, float(ratio.max()))
 
     def questions(self, nearest: float) -> dict[str, list[str]]:
         """Return questions on all points so far: a list by quantity, which is empty without any.
@@ -474,7 +474,7 @@ class Plausibility:
                 f'is exactly 0 in {self._unloaded / self._moving:.0%} of the values while the shaft turns: is'
                 ' the sensor connected, are its topic and field right?'
             )
-        texts['load'] += self._two_levels()
+        texts['load'] += self._level_questions()
         if self._loads.any() and not texts['speed']:
             texts['speed'] += self._distance_questions(nearest)
         return texts
@@ -487,11 +487,11 @@ class Plausibility:
         question = 'are units, scales and topics of speed and load right?'
         if FAR_ABOVE < nearest < math.inf:
             return [f'is never below {nearest:.3g} times the fold speed: {question}']
-        if self._most < FAR_BELOW:
-            return [f'is never above {self._most:.2g} times the fold speed: {question}']
+        if self._max_ratio < FAR_BELOW:
+            return [f'is never above {self._max_ratio:.2g} times the fold speed: {question}']
         return []
 
-    def _two_levels(self) -> list[str]:
+    def _level_questions(self) -> list[str]:
         """Return a question in a list if the loads have two levels, as of N and kN; else an empty list."""
         share = np.cumsum(self._loads) / max(int(self._loads.sum()), 1)
         places = np.flatnonzero(self._loads > 0.001 * self._loads.sum())

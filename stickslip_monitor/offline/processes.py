@@ -28,10 +28,8 @@ Pool = Callable[[int], AbstractContextManager[Executor]]
 """Opens an executor with at most so many workers."""
 _PATIENCE = 10.0
 """How long a scheduler may take to answer [s]."""
-_LOOK = 60.0
+_MAX_WORKERLESS = 60.0
 """A cluster may be without any worker for so long: one that died may be started again [s]."""
-# Calls given to a cluster at a time.
-_MANY = 1000
 
 
 def core_count() -> int:
@@ -94,19 +92,19 @@ def _completed_calls(
     with _ignore_interrupts():
         futures = {workers.submit(function, *call): key for key, call in calls.items()}
     while futures:
-        # As it was called, the time-out is for all: what was lost shows whenever it has passed.
+        # The timeout is for all together: after it the cluster is checked for workers.
         with contextlib.suppress(TimeoutError):
-            for future in as_completed(list(futures), _LOOK):
+            for future in as_completed(list(futures), _MAX_WORKERLESS):
                 try:
                     error = future.exception()
                 except CancelledError:
                     raise FleetError(f'the scheduler was lost with {len(futures)} to do') from None
-                # Whoever takes it decides how long it is kept.
+                # No reference stays here, so that the caller can free the result.
                 yield futures.pop(future), future.result() if error is None else error
                 del future, error
         if futures and (client := getattr(workers, '_client', None)) is not None:
             try:
-                client.wait_for_workers(1, timeout=_LOOK)
+                client.wait_for_workers(1, timeout=_MAX_WORKERLESS)
             except (OSError, TimeoutError):
                 raise FleetError(f'no worker is left, with {len(futures)} to do') from None
 
@@ -201,7 +199,7 @@ def run_on_cluster(
                 )
         try:
             yield from spread(
-                lambda _: contextlib.nullcontext(client.get_executor(pure=False)), function, calls, _MANY
+                lambda _: contextlib.nullcontext(client.get_executor(pure=False)), function, calls, jobs=1000
             )
         except FleetError as error:
             raise FleetError(f'{place}: {error}') from None

@@ -177,7 +177,7 @@ class VerdictMessages:
             bearing.name: _Follower(bearing, start_ns, period_ns, long) for bearing in config.bearings
         }
         self._start_ns = start_ns or 0
-        self._ticked_ns = self._heard_ns = self._start_ns - 1
+        self._ticked_ns = self._received_ns = self._start_ns - 1
         self._due: list[Event] = []
 
     def of(self, stretch: Stretch, spans: TimeSpans = ALWAYS) -> Iterator[MessageColumn]:
@@ -243,8 +243,8 @@ class VerdictMessages:
 
         They follow the ticks of earlier stretches. The last of the arrivals [ns] is stored.
         """
-        times = np.concatenate([[self._heard_ns], arrival_ns, [until_ns + 1]])
-        self._heard_ns = int(times[-2])
+        times = np.concatenate([[self._received_ns], arrival_ns, [until_ns + 1]])
+        self._received_ns = int(times[-2])
         silent = np.flatnonzero(np.diff(times) > SILENCE_NS)
         begins = [self._ticked_ns + 1, *times[silent + 1].tolist()]
         ends = [*(times[silent] + SILENCE_NS).tolist(), until_ns]
@@ -285,7 +285,7 @@ class _Follower:
             return rows, iter(())
         points = scan.assessment
         if rows.size < scan.time_ns.size:
-            # Not points.at: what is worked out of all would be, of those that nobody wants.
+            # points.at would compute the numbers of all points, also of those that are not published.
             points = scan.assessed(rows)
         return scan.time_ns[rows], self._encode_points(points, scan.measured, rows)
 
@@ -364,7 +364,7 @@ class _Follower:
             temperature = None if config.water_temperature is None else water
             together = assess(config.bearing, speed, load, config.belief, table, chances, temperature)
             for name in POINT_NUMBERS:
-                getattr(together, name)  # worked out now, for all
+                getattr(together, name)  # computed and stored, for all points at once
             yield from (together.at(k) for k in range(len(points)))
 
     def _count_samples(self, samples: BearingSamples, ends: IntArray) -> IntArray:

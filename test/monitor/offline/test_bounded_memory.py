@@ -114,7 +114,7 @@ def test_any_blocks_have_the_same_outline_and_it_has_every_extreme(cuts: list[in
     *parts, last = (Stream(times[a:b], place[a:b], values[a:b]) for a, b in pairwise(edges))
     whole = BearingScan(config, START).finish(Stream(times, place, values), None)
     scan = BearingScan(config, START)
-    with patch.object(extremes, '_MOST', 40):
+    with patch.object(extremes, '_MAX_GROUPS', 40):
         one = outline_of(config, [whole])
         other = outline_of(config, [*map(scan.take, parts), scan.finish(last, None)])
     for name in ('time_ns', 'until_ns', 'sticking'):

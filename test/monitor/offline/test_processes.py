@@ -216,7 +216,7 @@ def test_a_scheduler_that_goes_away_is_told() -> None:
 
 
 def test_a_cluster_without_workers_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, '_LOOK', 0.1)
+    monkeypatch.setattr(processes, '_MAX_WORKERLESS', 0.1)
     with (
         distributed.LocalCluster(
             n_workers=0, processes=False, dashboard_address=':0', protocol='tcp'
