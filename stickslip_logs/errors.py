@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 
 
@@ -21,6 +22,12 @@ class FieldError(StickslipError, ValueError):
 
 class OutputError(StickslipError):
     """An output is an input, or would replace a file that this package did not write."""
+
+
+def cause(error: BaseException) -> str:
+    """Return the reason of an error as text, without the system's error number and place in C."""
+    text = getattr(error, 'strerror', None) or str(error) or type(error).__name__
+    return re.sub(r'^\[SSL: \w+\] (.*) \(_ssl\.c:\d+\)$', r'TLS: \1', text)
 
 
 def plural(number: int, noun: str) -> str:

@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 
 from stickslip_monitor import __version__, interruption
 from stickslip_monitor.commands.output import check_files
-from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean, program_fault
+from stickslip_monitor.errors import ConfigurationError, StickslipError, cause, did_you_mean, program_fault
 from stickslip_monitor.files import printable, redirect_to_null
 
 COMMANDS = {
@@ -228,7 +228,7 @@ def _run_reporting_errors(
     except OSError as error:
         # Of what no layer has a sentence for, such as a path that is too long.
         place = f"'{error.filename}': " if error.filename else ''
-        return _print_failure(f'{place}{error.strerror or error}', 2)
+        return _print_failure(f'{place}{cause(error)}', 2)
     except MemoryError:
         return _print_failure('there is not enough memory for this', 2)
     except KeyboardInterrupt:

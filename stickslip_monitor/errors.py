@@ -7,9 +7,16 @@ And the parts that their sentences share, and the rules that a quantity of the m
 from __future__ import annotations
 
 import math
-import re
 
-from stickslip_logs.errors import BagError, FieldError, OutputError, StickslipError, did_you_mean, plural
+from stickslip_logs.errors import (
+    BagError,
+    FieldError,
+    OutputError,
+    StickslipError,
+    cause,
+    did_you_mean,
+    plural,
+)
 
 __all__ = [
     'AlarmStateError',
@@ -93,12 +100,6 @@ def missing_ros_error(error: ImportError) -> RosError:
         f'ROS 2 is not available ({error}): source its setup file, or install this package with'
         " the extra 'ros'"
     )
-
-
-def cause(error: BaseException) -> str:
-    """Return the reason of an error as text, without the system's error number and place in C."""
-    text = getattr(error, 'strerror', None) or str(error) or type(error).__name__
-    return re.sub(r'^\[SSL: \w+\] (.*) \(_ssl\.c:\d+\)$', r'TLS: \1', text)
 
 
 def program_fault(error: BaseException) -> str:

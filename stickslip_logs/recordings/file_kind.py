@@ -9,7 +9,7 @@ import unicodedata
 from pathlib import Path
 from typing import NamedTuple
 
-from stickslip_logs.errors import BagError
+from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.mcap_chunks import MAGIC
 from stickslip_logs.recordings.sqlite_recording import MAGIC as SQLITE_MAGIC
@@ -112,7 +112,7 @@ def read_begin(path: Path) -> bytes:
         if begin is None:
             raise OSError(errno.EAGAIN, 'it has nothing to read yet')
     except OSError as error:
-        raise BagError(f"bag file '{path}' cannot be read: {error.strerror or error}") from None
+        raise BagError(f"bag file '{path}' cannot be read: {cause(error)}") from None
     if begin[_TAR] == b'ustar':
         raise BagError(f"'{path}' is a tar archive: unpack it")
     for magic, kind in _FOREIGN:

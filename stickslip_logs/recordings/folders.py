@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-from stickslip_logs.errors import MOST_NAMED, BagError, listed, plural
+from stickslip_logs.errors import MOST_NAMED, BagError, cause, listed, plural
 from stickslip_logs.files import near_name, read_file
 from stickslip_logs.recordings import file_kind
 from stickslip_logs.recordings.file_kind import (
@@ -302,7 +302,7 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
         paths = sorted(p for p in folder.iterdir() if has_recording_name(p.name))
         present = sorted((p.name for p in paths if p.exists()), key=natural_sort_key)
     except OSError as error:
-        raise BagError(f"bag folder '{folder}' cannot be read: {error.strerror}") from None
+        raise BagError(f"bag folder '{folder}' cannot be read: {cause(error)}") from None
     metadata = read_metadata(folder)
     for path in paths:
         if path.name not in present:
@@ -402,7 +402,7 @@ def read_metadata(folder: Path) -> Metadata | str:
     except FileNotFoundError:
         return f"folder '{folder}' has no {METADATA_NAME}"
     except OSError as error:
-        return f"'{path}' cannot be read: {error.strerror}"
+        return f"'{path}' cannot be read: {cause(error)}"
     except _NOT_METADATA:
         return f"'{path}' is not rosbag2 metadata"
 

@@ -24,7 +24,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.errors import BagError
+from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import open_file
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -155,7 +155,7 @@ def load_block(block: Block) -> bytes:
         with open_file(block.path) as file:
             data = os.pread(file.fileno(), max_bytes, block.offset)
     except OSError as error:
-        raise BagError(f"bag file '{block.path}' cannot be read: {error.strerror}") from None
+        raise BagError(f"bag file '{block.path}' cannot be read: {cause(error)}") from None
     if len(data) < max_bytes:
         raise DamagedBlock('the file became shorter while it was read')
     if not block.is_chunk:

@@ -19,7 +19,7 @@ from mcap.records import Channel, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.errors import BagError, join_names, listed, plural
+from stickslip_logs.errors import BagError, cause, join_names, listed, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.mcap_chunks import (
     HEAD,
@@ -409,5 +409,5 @@ def scan_file(path: Path, findings: Findings) -> McapFile:
                 scanned = McapFile(path, size, findings)
                 scanned.read_all(heads)
     except OSError as error:
-        raise BagError(f"bag file '{path}' cannot be read: {error.strerror}") from None
+        raise BagError(f"bag file '{path}' cannot be read: {cause(error)}") from None
     return scanned

@@ -11,7 +11,7 @@ from typing import IO
 
 import zstandard
 
-from stickslip_logs.errors import BagError
+from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import near_name
 from stickslip_logs.recordings.file_kind import (
     TABLE,
@@ -169,7 +169,7 @@ def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> 
                     is_known = is_recorded or file.tell() > _PIECE or _is_table_so_far(file, path)
                     piece = stream.read(_PIECE) if is_known else b''
         except OSError as error:
-            raise BagError(f"bag '-' cannot be read: {error.strerror or error}") from None
+            raise BagError(f"bag '-' cannot be read: {cause(error)}") from None
         yield path
 
 

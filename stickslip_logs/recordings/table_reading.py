@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.errors import BagError, join_names, listed, plural
+from stickslip_logs.errors import BagError, cause, join_names, listed, plural
 from stickslip_logs.recordings.columns import LogColumn, SourceColumn
 from stickslip_logs.recordings.recording import Fault, Progress, Request, Scratch, Series
 from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
@@ -70,7 +70,7 @@ class _PartBuffer:
                 pickle.dump(part, file, pickle.HIGHEST_PROTOCOL)
         except OSError as error:
             raise BagError(
-                f"log '{self._path}' cannot be read: {error.strerror} in the folder of temporary files"
+                f"log '{self._path}' cannot be read: {cause(error)} in the folder of temporary files"
                 f" '{tempfile.gettempdir()}': free some there, or name another folder by TMPDIR"
             ) from None
 

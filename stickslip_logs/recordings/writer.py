@@ -20,7 +20,7 @@ import yaml
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from numpy.typing import ArrayLike, NDArray
 
-from stickslip_logs.errors import BagError
+from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import hold, open_file, sweep
 from stickslip_logs.recordings.chunk_writer import COMPRESSORS, ChunkWriter, Messages
 from stickslip_logs.recordings.mcap_chunks import HEAD
@@ -278,7 +278,7 @@ class BagWriter:
         try:
             yield
         except OSError as error:
-            raise BagError(f"bag '{self.path}' cannot be written: {error.strerror or error}") from error
+            raise BagError(f"bag '{self.path}' cannot be written: {cause(error)}") from error
 
     def _render_metadata(self) -> str:
         """Return the ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""

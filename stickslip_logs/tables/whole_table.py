@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from stickslip_logs.errors import StickslipError
+from stickslip_logs.errors import StickslipError, cause
 from stickslip_logs.tables.dialect import (
     COMMENTS,
     encoding_of,
@@ -81,8 +81,8 @@ def _read_lines(path: str | Path, max_bytes: int, error: type[StickslipError]) -
             data = file.read(max_bytes + 1)
         if len(data) > max_bytes:
             raise OSError(errno.EFBIG, f'it is larger than {max_bytes} bytes, the limit', str(path))
-    except BROKEN as cause:
-        raise error(f'{path}: {getattr(cause, "strerror", None) or cause}') from None
+    except BROKEN as damage:
+        raise error(f'{path}: {cause(damage)}') from None
     return lines_of(data.decode(encoding_of(data), 'replace'))
 
 
@@ -96,8 +96,8 @@ def _split_rows(lines: Sequence[str], delimiter: str) -> tuple[list[TableRow], d
         try:
             strict = csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=delimiter == ' ')
             (cells,) = strict if line.strip() else ([],)
-        except (csv.Error, ValueError) as cause:
-            cells, damaged[number] = [line], cause
+        except (csv.Error, ValueError) as damage:
+            cells, damaged[number] = [line], damage
         rows.append(TableRow(number, [cell.strip() for cell in cells]))
     return [row for row in rows if any(row.cells)], damaged
 

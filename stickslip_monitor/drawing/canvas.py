@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stickslip_monitor.arrays import IndexArray
-from stickslip_monitor.errors import DrawingError
+from stickslip_monitor.errors import DrawingError, cause
 from stickslip_monitor.files import PICTURES, write_whole
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.severity import Condition
@@ -324,7 +324,7 @@ def _translate_os_errors(path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise DrawingError(f'{path}: {error.strerror or error}') from error
+        raise DrawingError(f'{path}: {cause(error)}') from error
 
 
 _IDS = re.compile(r'(\bid="|href="#|url\(#)')

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
-from stickslip_monitor.errors import LinkError
+from stickslip_monitor.errors import LinkError, cause
 from stickslip_monitor.links.buses import UNHEARD, BusInput, MonitorSide, SignalKLink, is_loopback
 from stickslip_monitor.links.signalk import (
     SAFE_ACTIONS,
@@ -66,8 +66,7 @@ def make_ssl_context(ca_file: str) -> ssl.SSLContext:
     try:
         return ssl.create_default_context(cafile=ca_file or None)
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise LinkError(f"signalk.ca_file = '{ca_file}' has no certificate: {reason}") from error
+        raise LinkError(f"signalk.ca_file = '{ca_file}' has no certificate: {cause(error)}") from error
 
 
 class SignalKClient(Sink):

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.errors import ConfigurationError, cause
 from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import parameters
 from stickslip_monitor.monitor.parameters import InputConfig, LoadConfig, SpeedConfig
@@ -72,7 +72,7 @@ def read_calibration(
     try:
         document = read_json(path, _MAX_BYTES)
     except OSError as error:
-        raise UnusableCalibration(f'{path}: {error.strerror or error}') from error
+        raise UnusableCalibration(f'{path}: {cause(error)}') from error
     except ValueError as error:
         raise UnusableCalibration(f'{path} is not JSON: {error}') from error
     content: dict[str, Any] = document if isinstance(document, dict) else {}

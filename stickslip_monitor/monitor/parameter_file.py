@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from stickslip_monitor.errors import ConfigurationError
+from stickslip_monitor.errors import ConfigurationError, cause
 from stickslip_monitor.files import near_name, read_file
 from stickslip_monitor.monitor.configuration import build_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
@@ -147,9 +147,9 @@ def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> object:
         text = read_file(path, _LARGEST).decode()
         return yaml.load(text, loader)  # a SafeLoader
     except FileNotFoundError as error:
-        raise ConfigurationError(f'{path}: {error.strerror}{near_name(path)}') from error
+        raise ConfigurationError(f'{path}: {cause(error)}{near_name(path)}') from error
     except OSError as error:
-        raise ConfigurationError(f'{path}: {error.strerror or error}') from error
+        raise ConfigurationError(f'{path}: {cause(error)}') from error
     except UnicodeDecodeError as error:
         raise ConfigurationError(f'{path} is not a text file: {error.reason}') from error
     except yaml.MarkedYAMLError as error:

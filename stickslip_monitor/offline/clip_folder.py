@@ -17,7 +17,7 @@ import numpy as np
 
 from stickslip_logs.recordings.recording import Recording, TimeSpans
 from stickslip_logs.recordings.writer import BagWriter, is_labelled
-from stickslip_monitor.errors import BagError
+from stickslip_monitor.errors import BagError, cause
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig
 from stickslip_monitor.offline.check import Stretch, StretchSink, pays_to_compile
@@ -60,7 +60,7 @@ class ClipFolder:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise BagError(
-                f"clips.directory = '{config.directory}' cannot be made: {error.strerror or error};"
+                f"clips.directory = '{config.directory}' cannot be made: {cause(error)};"
                 ' name a folder in which this user may write'
             ) from error
         self._remove_drafts()
