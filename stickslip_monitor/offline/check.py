@@ -221,8 +221,8 @@ def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> Non
             hold = next((nice for nice in HOLDS if nice >= longest), HOLDS[-1])
             bag.note(
                 f'{item.quantity} on {item.topic} seems to be stored only where it changes: no value is that'
-                f' before it, and gaps of up to {about(longest)} have {item.gaps.share:.0%} of the time; let'
-                f' values stand by {name}.{item.quantity}.hold: {hold}'
+                f' before it, and gaps of up to {about(longest)} have {item.gaps.share():.0%} of the time;'
+                f' let values stand by {name}.{item.quantity}.hold: {hold}'
             )
 
 

@@ -31,7 +31,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, Stream
-from stickslip_monitor.monitor.statements import rounded
+from stickslip_monitor.monitor.statements import about, rounded
 
 # Gaps that are named at most, the longest ones.
 _MAX_GAPS = 5
@@ -50,6 +50,11 @@ FAR_BELOW = 0.2
 """Speeds never above this share of the fold speed look like another unit: ships serve above it."""
 APART = 100.0
 """Two levels of a load so far apart, and nothing between, are no bearing's: its unit was changed."""
+_MIN_STANDING, _MIN_STANDING_NS, _MIN_STANDING_RUNS = 60, 60 * 10**9, 10
+"""So many equal values at the end, for so long [ns], and so many times as many as ever before, are no
+sensor's with noise."""
+_NOISE_VALUES = 512
+"""So many values of a part tell noise."""
 _SHARE = 0.05  # of the values of a turning shaft that is worth a question
 _NINES = re.compile(r'-?99+(?:\.9+)?0*')
 _BINS, _A_DECADE = 64, 4  # of the loads from a millionth of a newton on
@@ -130,10 +135,12 @@ class Gaps:
         self.longest = sorted([*self.longest, *gaps], key=lambda gap: -gap.seconds)[:_MAX_GAPS]
         return passed_ns
 
-    @property
-    def share(self) -> float:
-        """Share of the time that the long intervals have, 0 to 1; 0 without any time."""
-        passed_ns = self._regular_ns + self._long_ns
+    def share(self, repeated_ns: int = 0) -> float:
+        """Return the share of the time that the long intervals have, 0 to 1; 0 without any time.
+
+        ``repeated_ns`` is a part of the time that does not count [ns].
+        """
+        passed_ns = self._regular_ns + self._long_ns - repeated_ns
         return self._long_ns / passed_ns if passed_ns > 0 else 0.0
 
     @property
@@ -254,6 +261,61 @@ class FillerSearch:
         return None
 
 
+class StandingValue:
+    """Finds a last value that is repeated to the end, as historians do once its source gives no more.
+
+    Attributes:
+        count: How many values at the end are equal.
+        equal: How many values, without these, are equal to the one before.
+    """
+
+    def __init__(self) -> None:
+        self._last, self._since_ns, self._until_ns = math.nan, 0, 0
+        self._is_noisy, self._longest = False, 0
+        self.count = self.equal = 0
+
+    def take(self, time_ns: IntArray, value: FloatArray) -> None:
+        """Take more values in the order of their times [ns], shape (n,)."""
+        if not value.size:
+            return
+        begins = np.append(value[0] != self._last, value[1:] != value[:-1])
+        starts = np.flatnonzero(begins)
+        if starts.size:
+            # Values at rest repeat as well.
+            runs, of = np.diff(starts, prepend=-self.count), np.append(self._last, value[starts[:-1]])
+            self._longest = max(self._longest, int(runs[of != 0.0].max(initial=0)))
+            self.equal += int(runs.sum()) - runs.size + (self.count == 0)
+            self.count, self._since_ns = 0, int(time_ns[starts[-1]])
+        self.count += value.size - (int(starts[-1]) if starts.size else 0)
+        self._last, self._until_ns = float(value[-1]), int(time_ns[-1])
+        self._is_noisy = self._is_noisy or _is_noisy(value[:_NOISE_VALUES])
+
+    @property
+    def lasting_ns(self) -> int:
+        """How long at least a minute of equal values at the end lasts [ns]; 0 for fewer than sixty."""
+        lasting_ns = self._until_ns - self._since_ns
+        return lasting_ns if self.count >= _MIN_STANDING and lasting_ns >= _MIN_STANDING_NS else 0
+
+    @property
+    def clause(self) -> str:
+        """Question on a value that stands at the end behind those of a sensor, after its name; else ''."""
+        seconds, is_longest = self.lasting_ns * 1e-9, self.count >= _MIN_STANDING_RUNS * self._longest
+        if not (seconds and is_longest and self._is_noisy and self._last):
+            return ''
+        return (
+            f'is exactly {self._last:g} for the last {about(seconds)}, and changed from value to value'
+            ' before: did its source end, and is its last value repeated? Then leave these lines out'
+        )
+
+
+def _is_noisy(value: FloatArray) -> bool:
+    """Return whether most steps between some values are changes, many of which turn back."""
+    steps = np.diff(value)
+    steps = steps[steps != 0.0]
+    turns = int(np.count_nonzero(steps[1:] * steps[:-1] < 0.0))
+    return value.size >= _MIN_STANDING and 2 * steps.size > value.size and 4 * turns > steps.size
+
+
 class InputCheck:
     """Adds up counts, gaps and faults of one input of a bearing."""
 
@@ -266,7 +328,7 @@ class InputCheck:
         self._numbers = settings_of(config).live
         self._counts = np.zeros(len(Status), np.int64)
         self._gaps = Gaps(self._source.stands_ns)
-        self._equal, self._latest = 0, math.nan
+        self._standing = StandingValue()
         self._watch = SourceWatch(least_gap(config, place))
         self._sources: list[SourceFault] = []
         self._span = math.inf, -math.inf
@@ -287,9 +349,7 @@ class InputCheck:
             self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
         self._gaps.take(series.stamp_ns, series.log_time_ns)
         if series.value.size and not self._source.hold_ns:
-            equal = np.count_nonzero(series.value[1:] == series.value[:-1])
-            self._equal += int(equal) + int(series.value[0] == self._latest)
-            self._latest = float(series.value[-1])
+            self._standing.take(series.log_time_ns, series.value)
         self._counts += scan.counts[self._place]
         value, arrival_ns, numbers = series.value, series.log_time_ns, series.value
         if scan.counts[self._place, Status.ACCEPTED] < value.size:
@@ -348,6 +408,9 @@ class InputCheck:
             topic = self._source.topic
             common = self.quantity, topic, self._messages, used, (), self._gaps, (low, high), self._assumed
             return InputReport(*common, questions=questions, is_assumed=True, values=values)
+        changes_only = self._stores_changes_only()
+        if self._place < LEVEL and not changes_only and (standing := self._standing.clause):
+            questions += (standing,)
         if (filler := self._fillers.filler) is not None:
             questions += (
                 f'has {filler:g} far from all other values: leave it out of the recording if it means that'
@@ -374,7 +437,7 @@ class InputCheck:
             values=self._range_of_values(first, last, low, high) if used else 'none',
             without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
             crowd=self._gaps.crowd(self._source.topic),
-            changes_only=self._stores_changes_only(),
+            changes_only=changes_only,
             is_refused=int(self._counts[Status.IMPLAUSIBLE]) >= MOSTLY * max(self._messages, 1),
         )
 
@@ -384,8 +447,8 @@ class InputCheck:
         Then two gaps or more have half of the time, and outside of gaps at most 1 % of the values are that
         before: of a sensor of two digits a tenth and more are.
         """
-        gaps, equal = self._gaps, max(0, self._equal - self._gaps.count)
-        is_sparse = gaps.count >= 2 and gaps.share >= 0.5
+        gaps, equal = self._gaps, max(0, self._standing.equal - self._gaps.count)
+        is_sparse = gaps.count >= 2 and gaps.share(self._standing.lasting_ns) >= 0.5
         return is_sparse and not self._source.hold_ns and equal <= 0.01 * self._messages
 
     def _range_of_values(self, first: float, last: float, si_low: float, si_high: float) -> str:

@@ -24,7 +24,7 @@ from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Status
 from stickslip_monitor.offline.check import check_recording, to_json
-from stickslip_monitor.offline.input_report import FillerSearch, Gap, Gaps, Plausibility
+from stickslip_monitor.offline.input_report import FillerSearch, Gap, Gaps, Plausibility, StandingValue
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
 
 NS = 10**9
@@ -384,3 +384,33 @@ def test_a_level_that_is_cut_at_a_limit_has_no_filler(has_peaks: bool, filler: f
         value[100:150] = 16.0
         search.take(value)
     assert search.filler == filler
+
+
+NOISE = np.random.default_rng(7).normal(0.0, 1.0, 3000)
+COUNTS = np.arange(3000)
+
+
+@pytest.mark.parametrize('cuts', [[], [1, 1500, 2000, 2003]])
+@pytest.mark.parametrize(
+    ('value', 'is_asked'),
+    [
+        (np.where(COUNTS < 2000, (80 + NOISE).round(2), 81.37), True),
+        (np.where(COUNTS < 2950, (80 + NOISE).round(2), 81.37), False),  # too short
+        (np.where(COUNTS < 2000, (80 + NOISE).round(2), 0.0), False),  # at rest
+        (np.where(COUNTS < 2000, (80 + NOISE).round(0), 80.0), True),
+        ((80 + 0.2 * NOISE).round(0), False),  # few digits
+        (np.where(COUNTS < 2000, 0.04 * COUNTS, 80.0), False),  # no noise: commanded
+        (np.where(COUNTS % 1500 < 1000, (80 + NOISE).round(2), 80.0), False),  # as it was before
+        ((80 + NOISE).round(2), False),
+    ],
+)
+def test_a_last_value_that_a_historian_repeats_is_asked_about(
+    value: np.ndarray, is_asked: bool, cuts: list[int]
+) -> None:
+    found = StandingValue()
+    for part in np.split(COUNTS, cuts):
+        found.take(part * NS, value[part])
+    assert ('is its last value repeated?' in found.clause) == is_asked
+    run = value.size - 1 - int(np.flatnonzero(np.append(True, value[1:] != value[:-1]))[-1])
+    assert found.count == run + 1
+    assert found.equal == np.count_nonzero(value[1:] == value[:-1]) - run

@@ -141,7 +141,7 @@ def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> Non
 
 def test_a_column_of_the_topic_is_the_shafts_own(tmp_path: Path) -> None:
     """PlotJuggler writes the field behind the topic, and `data` is no foreign word of it."""
-    text = '__time,/shaft/speed/data,/bearing/aft_stern/load/data\n0.5,30,900\n1.5,31,901\n'
+    text = '__time,/shaft/speed/data,/bearing/aft_stern/load/data\n0.5,30,900\n1.0,31,901\n'
     assert bind(open_log(tmp_path, text), load_config(CONFIG)).questions == {}
 
 
