@@ -106,16 +106,16 @@ class Manoeuvres:
         warned = self._first_time(begin, lambda report: report.condition != 'normal')
         if not warned <= truth.passed_fold - LEAD:
             self._fault(f'warned {truth.passed_fold - warned:.1f} s before the fold, not {LEAD} s')
-        told = self._first_time(begin, lambda report: report.condition in STICKING)
-        if not abs(told - truth.began) <= NEAR_ONSET:
-            self._fault(f'stick-slip is reported {told - truth.began:.1f} s after its onset')
+        warned_at = self._first_time(begin, lambda report: report.condition in STICKING)
+        if not abs(warned_at - truth.began) <= NEAR_ONSET:
+            self._fault(f'stick-slip is reported {warned_at - truth.began:.1f} s after its onset')
         self._judge_sound()
 
     def _judge_sound(self) -> None:
         began = self._truth.began
-        heard = self._first_time(began - NEAR_ONSET, lambda report: bool(report.sounding & STICKING))
-        if not heard <= began + NEAR_ONSET + SOUND_WITHIN:
-            self._fault(f'stick-slip sounds {heard - began:.1f} s after its onset')
+        sounded_at = self._first_time(began - NEAR_ONSET, lambda report: bool(report.sounding & STICKING))
+        if not sounded_at <= began + NEAR_ONSET + SOUND_WITHIN:
+            self._fault(f'stick-slip sounds {sounded_at - began:.1f} s after its onset')
 
     def _mix(self) -> Iterator[None]:
         """Two of three speeds are from a second publisher: no alarm may clear once that is found."""

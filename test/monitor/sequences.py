@@ -146,13 +146,13 @@ class Sequence:
     @property
     def config(self) -> MonitorConfig:
         """Return its configuration, of one bearing :data:`NAME`."""
-        own = {f'{NAME}.{key}': value for key, value in self.parameters.items()}
-        return build_config({'bearings': [NAME]} | own)
+        parameters = {f'{NAME}.{key}': value for key, value in self.parameters.items()}
+        return build_config({'bearings': [NAME]} | parameters)
 
     def samples(self) -> Iterator[Sample]:
         """Yield the samples in order of arrival."""
-        own = self.messages
-        columns = (own.quantity, own.time_ns, own.value, own.arrival_ns)
+        messages = self.messages
+        columns = (messages.quantity, messages.time_ns, messages.value, messages.arrival_ns)
         for quantity, *sample in zip(*(c.tolist() for c in columns), strict=True):
             yield Sample(NAME, QUANTITIES[quantity], *sample)
 
@@ -189,44 +189,44 @@ def sequence(number: int) -> Sequence:
 
 
 def _kinds(bits: Bits, number: int) -> tuple[str, ...]:
-    found = [KINDS[number % len(KINDS)]]
-    found += [bits.pick(KINDS) for _ in range(bits.below(3))]
+    kinds = [KINDS[number % len(KINDS)]]
+    kinds += [bits.pick(KINDS) for _ in range(bits.below(3))]
     if bits.chance(0.4):
-        found.append('level')
-    return tuple(dict.fromkeys(found))
+        kinds.append('level')
+    return tuple(dict.fromkeys(kinds))
 
 
 def _parameters(bits: Bits, bearing: str, rates: tuple[float, float]) -> dict[str, Any]:
-    own = dict(BEARINGS[bearing][0])
-    own |= {'speed.topic': '/n', 'speed.unit': 'rpm', 'load.topic': '/f', 'load.unit': 'N'}
+    parameters = dict(BEARINGS[bearing][0])
+    parameters |= {'speed.topic': '/n', 'speed.unit': 'rpm', 'load.topic': '/f', 'load.unit': 'N'}
     for quantity, rate in zip(QUANTITIES, rates, strict=False):
-        own[f'{quantity}.timeout'] = max(bits.pick((2.0, 5.0, 15.0)), 1.5 / rate)
-    own['speed.maximum'] = 5.0
-    own['load.maximum'] = 1e6
-    own['alarm.minimum_speed'] = bits.pick((0.0, 0.003))
+        parameters[f'{quantity}.timeout'] = max(bits.pick((2.0, 5.0, 15.0)), 1.5 / rate)
+    parameters['speed.maximum'] = 5.0
+    parameters['load.maximum'] = 1e6
+    parameters['alarm.minimum_speed'] = bits.pick((0.0, 0.003))
     if bits.chance(0.5):
-        own['alarm.amplitude_limit'] = bits.pick((0.3e-3, 0.9e-3, 3e-3))
+        parameters['alarm.amplitude_limit'] = bits.pick((0.3e-3, 0.9e-3, 3e-3))
     if bits.chance(0.3):
-        own['alarm.on_delay'] = bits.pick((0.0, 1.0, 4.0))
-        own['alarm.off_delay'] = bits.pick((0.0, 5.0, 30.0))
+        parameters['alarm.on_delay'] = bits.pick((0.0, 1.0, 4.0))
+        parameters['alarm.off_delay'] = bits.pick((0.0, 5.0, 30.0))
     if bits.chance(0.2):
-        own['alarm.onset_growth'] = bits.pick((0.0, 1.0, 2.0))
+        parameters['alarm.onset_growth'] = bits.pick((0.0, 1.0, 2.0))
     if bits.chance(0.2):
-        own['alarm.look_ahead'] = bits.pick((0.0, 60.0))
+        parameters['alarm.look_ahead'] = bits.pick((0.0, 60.0))
     if bits.chance(0.2):
-        own['alarm.caution_margin'] = bits.pick((0.0, 0.1, 0.3))
+        parameters['alarm.caution_margin'] = bits.pick((0.0, 0.1, 0.3))
     if bits.chance(0.2) and bearing in ('reference', 'ship', 'viscous'):
-        own |= {f'tolerance.{k}': 0.05 for k in ('damping', 'static', 'decay', 'load')}
-    return own
+        parameters |= {f'tolerance.{k}': 0.05 for k in ('damping', 'static', 'decay', 'load')}
+    return parameters
 
 
 def _level_parameters(bits: Bits) -> dict[str, Any]:
-    own: dict[str, Any] = {'level.topic': '/v', 'level.timeout': bits.pick((2.5, 5.0, 15.0))}
+    level: dict[str, Any] = {'level.topic': '/v', 'level.timeout': bits.pick((2.5, 5.0, 15.0))}
     kind = bits.pick(('threshold', 'threshold', 'learned', 'dB'))
-    own['level.unit'] = 'dB' if kind == 'dB' else 'mm/s'
+    level['level.unit'] = 'dB' if kind == 'dB' else 'mm/s'
     if kind != 'learned':
-        own['level.threshold'] = 30.0
-    return own
+        level['level.threshold'] = 30.0
+    return level
 
 
 class _Ship:
@@ -314,23 +314,23 @@ def _odd_values(bits: Bits, ship: _Ship, kinds: tuple[str, ...], quantity: int, 
         value[first : first + value.size // 3] = value[first]
     if 'odd_values' in kinds:
         usual = ship.fold if quantity == SPEED else ship.nominal
-        odd = np.array([np.nan, np.inf, -np.inf, 1e9, 0.0, 2.0 * usual, 0.4 * usual, -usual])
+        extremes = np.array([np.nan, np.inf, -np.inf, 1e9, 0.0, 2.0 * usual, 0.4 * usual, -usual])
         rows = bits.uniform(value.size) < bits.pick((0.005, 0.03, 0.2))
-        which = np.asarray(bits.uniform(value.size) * odd.size, np.intp)
-        value = np.where(rows, odd[which], value)
+        which = np.asarray(bits.uniform(value.size) * extremes.size, np.intp)
+        value = np.where(rows, extremes[which], value)
     return value
 
 
 def _gaps(bits: Bits, sent: Messages) -> Messages:
     """Leave out some stretches, from a second to a tenth of all."""
-    kept = np.ones(sent.value.size, bool)
+    is_kept = np.ones(sent.value.size, bool)
     span = int(sent.time_ns[-1] - sent.time_ns[0])
     for _ in range(1 + bits.below(4)):
         begin = int(sent.time_ns[0]) + int(span * bits.between(0.0, 1.0))
         lasting = int(bits.pick((1.5, 4.0, 10.0, 60.0)) * SECOND)
-        kept &= (sent.time_ns < begin) | (sent.time_ns > begin + lasting)
-    kept[:2] = True
-    return sent[kept]
+        is_kept &= (sent.time_ns < begin) | (sent.time_ns > begin + lasting)
+    is_kept[:2] = True
+    return sent[is_kept]
 
 
 def _bursts(bits: Bits, sent: Messages) -> Messages:

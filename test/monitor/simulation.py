@@ -107,8 +107,8 @@ class Sender:
 
     def stamp(self, true_ns: int) -> int:
         """Its stamp for a true time."""
-        own = true_ns + self.ahead_ns
-        return own - own % SECOND if self.whole else own
+        clock_ns = true_ns + self.ahead_ns
+        return clock_ns - clock_ns % SECOND if self.whole else clock_ns
 
 
 @dataclass
@@ -159,9 +159,9 @@ class Run:
         del self.senders[2]  # the first bearing has no level
         # Twice as often as the first, with its clock.
         self.senders += [
-            replace(own, period=own.period / 2.0, second=True)
-            for own in self.senders
-            if own.place is Input.SPEED
+            replace(sender, period=sender.period / 2.0, second=True)
+            for sender in self.senders
+            if sender.place is Input.SPEED
         ]
         self.waiting: list[tuple[float, int, Sender, int, float]] = []
         self.delivered: dict[str, list[Message]] = {name: [] for name in NAMES}
@@ -228,23 +228,23 @@ class Run:
 
     def _manoeuvre(self) -> None:
         """Sail the manoeuvres of both bearings, and judge what is shown meanwhile."""
-        under_way = {name: own.sail() for name, own in self.manoeuvres.items()}
+        under_way = {name: manoeuvre.sail() for name, manoeuvre in self.manoeuvres.items()}
         while under_way:
             self._step()
             alarms = self.ship.published[-1]['alarms']
-            for name, own in self.manoeuvres.items():
+            for name, manoeuvre in self.manoeuvres.items():
                 sounding, active = (
                     frozenset(a['alarm'] for a in alarms if a['bearing'] == name and a[state])
                     for state in ('sounding', 'active')
                 )
-                own.take(Report(self.time, self._told(name), sounding, active))
+                manoeuvre.take(Report(self.time, self._told(name), sounding, active))
             under_way = {name: steps for name, steps in under_way.items() if next(steps, self) is None}
-            for name, own in self.manoeuvres.items():
-                if own.acknowledges:
+            for name, manoeuvre in self.manoeuvres.items():
+                if manoeuvre.acknowledges:
                     self.ship.session.act(ActionRequest(Action.ACKNOWLEDGE, 'Ada', name))
-        for own in self.manoeuvres.values():
-            self.outcome.sounds += own.sounds
-            self.outcome.faults += own.faults
+        for manoeuvre in self.manoeuvres.values():
+            self.outcome.sounds += manoeuvre.sounds
+            self.outcome.faults += manoeuvre.faults
 
     def _send(self, sender: Sender) -> None:
         """Send what is due; a second publisher may send several values in a step."""
@@ -323,16 +323,16 @@ class Run:
         for name in NAMES:
             if self.calm or self.time - self.truth[name].settled_at < SETTLED:
                 continue
-            told, truth = self._told(name), self._truth(name)
+            reported, truth = self._told(name), self._truth(name)
             self.outcome.settled += 1
-            self.outcome.wrong[f'{told} for {truth}'] += told != truth
+            self.outcome.wrong[f'{reported} for {truth}'] += reported != truth
 
     def _judge(self) -> None:
         say = self.outcome.faults.append
         for name in NAMES:
-            told, truth = self._told(name), self._truth(name)
-            if told != truth:
-                say(f'{name}: {told} is told, {truth} is true')
+            reported, truth = self._told(name), self._truth(name)
+            if reported != truth:
+                say(f'{name}: {reported} is told, {truth} is true')
             self._judge_alarms(name, truth)
             offline = self._offline(name)
             if offline[-1:] != [truth] and (offline or truth != 'normal'):

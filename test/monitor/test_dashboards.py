@@ -33,12 +33,12 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     path = tmp_path_factory.mktemp('replay') / 'out.mcap'
     with VerdictWriter(path) as writer:
         check_recording(ROOT / 'bags' / 'coast_down', config, [writer])
-    found: Recording = {}
+    recording: Recording = {}
     with AnyReader([path]) as reader:
         for connection, _, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
-            found.setdefault(connection.topic, []).append(message)
-    return found
+            recording.setdefault(connection.topic, []).append(message)
+    return recording
 
 
 # --- Foxglove ----------------------------------------------------------------------------------
@@ -53,14 +53,14 @@ def values_at_path(path: str, recording: Recording) -> list[Any]:
     """What a message path, with its fields and filters, leads to in all messages of its topic."""
     match = re.fullmatch(r'(/[\w/]+)((?:\.\w+(?:\[:\])?(?:\{\w+=="[^"]*"\})?)+)', path)
     assert match, f'{path} is no message path'
-    found = list(recording[match[1]])
+    values = list(recording[match[1]])
     for name, every, key, wanted in re.findall(r'\.(\w+)(\[:\])?(?:\{(\w+)=="([^"]*)"\})?', match[2]):
-        found = [getattr(item, name) for item in found]
+        values = [getattr(item, name) for item in values]
         if every:
-            found = [item for items in found for item in items]
+            values = [item for items in values for item in items]
         if key:
-            found = [item for item in found if getattr(item, key) == wanted]
-    return found
+            values = [item for item in values if getattr(item, key) == wanted]
+    return values
 
 
 def foxglove_paths(layout: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -77,18 +77,18 @@ def test_foxglove_shows_every_topic_by_paths_that_lead_to_values(
     foxglove: dict[str, Any], recording: Recording
 ) -> None:
     paths = list(foxglove_paths(foxglove))
-    asked = ' '.join(path for _, path in paths)
-    assert all(topic in asked for topic in recording)
+    joined = ' '.join(path for _, path in paths)
+    assert all(topic in joined for topic in recording)
     (alarm,) = [path for _, path in paths if '"reason"' in path]
     assert {'normal', 'caution', 'bistable', 'stick_slip'} <= set(values_at_path(alarm, recording))
     for panel, path in paths:
         if panel == 'DiagnosticSummary':
             assert path in recording
         elif path != '0':  # a plot's line at a number
-            found = values_at_path(path, recording)
-            assert found, path
+            values = values_at_path(path, recording)
+            assert values, path
             kind = str if panel in ('StateTransitions', 'RawMessages') else (int, float)
-            assert all(isinstance(item, kind) for item in found), path
+            assert all(isinstance(item, kind) for item in values), path
 
 
 # --- PlotJuggler -------------------------------------------------------------------------------

@@ -23,20 +23,20 @@ DAY = 86_400 * SECOND
 def test_a_step_is_one_and_a_slew_is_none() -> None:
     steady, wall = 0, T0
     clock = HostClock(lambda: steady, lambda: wall)
-    found = []
+    times = []
     for set_ns in (0, 3600 * SECOND, 0, -DAY, 0):
         for _ in range(1000):
             steady += SECOND
             wall += SECOND + 500_000  # NTP slews by half a millisecond a second
         wall += set_ns
-        found.append(clock.now().set_ns)
-    steps = [after - before for before, after in zip([0, *found], found, strict=False)]
+        times.append(clock.now().set_ns)
+    steps = [after - before for before, after in zip([0, *times], times, strict=False)]
     # The slew of the thousand seconds before, half a second, is told with the step after it.
     assert [round(step / SECOND) for step in steps] == [0, 3600, 0, -86400, 0]
 
 
 @pytest.mark.parametrize(
-    ('days', 'told'),
+    ('days', 'stamp'),
     [
         (300, 'forward by 300 days'),
         (-300, 'back by 300 days'),
@@ -44,7 +44,7 @@ def test_a_step_is_one_and_a_slew_is_none() -> None:
         (0.5, '12.0 h'),
     ],
 )
-def test_an_alarm_has_the_time_of_the_clock_when_it_comes(days: float, told: str) -> None:
+def test_an_alarm_has_the_time_of_the_clock_when_it_comes(days: float, stamp: str) -> None:
     ship = Ship(configured())
     ship.sail(20.0)
     ship.ahead_ns += round(days * DAY)
@@ -55,7 +55,7 @@ def test_an_alarm_has_the_time_of_the_clock_when_it_comes(days: float, told: str
     alarms = {a['alarm']: a for a in ship.published[-1]['alarms']}
     assert alarms['stick_slip']['since'] == since['stick_slip']
     (note,) = [line for line in ship.lines if 'clock was set' in line]
-    assert told in note
+    assert stamp in note
     # The record on the page and in the file, too.
     assert abs(ship.look()['time'] - ship.now.time_ns) < SECOND
 
@@ -63,7 +63,7 @@ def test_an_alarm_has_the_time_of_the_clock_when_it_comes(days: float, told: str
 @pytest.mark.parametrize('days', [300, -300])
 def test_no_delay_is_shorter_or_longer_for_a_step(days: int) -> None:
     """Neither those of an onset, nor the time-out of an input, nor a shelf."""
-    told = []
+    notes = []
     for step in (0, days * DAY):
         ship = Ship(configured())
         ship.sail(10.0)
@@ -78,8 +78,8 @@ def test_no_delay_is_shorter_or_longer_for_a_step(days: int) -> None:
         assert until == ship.now.time_ns - 21 * SECOND + ship.config.shelve_time_ns
         while ship.states().get('stick_slip') == 'shelved':
             ship.sail(10.0, rpm=20.0, rate=1.0)
-        told.append(([event.after for event in ship.events], ship.steady_ns))
-    assert told[0] == told[1]
+        notes.append(([event.after for event in ship.events], ship.steady_ns))
+    assert notes[0] == notes[1]
 
 
 def test_what_a_machine_slept_through_is_no_inputs_fault() -> None:
@@ -87,11 +87,11 @@ def test_what_a_machine_slept_through_is_no_inputs_fault() -> None:
     ship = Ship(configured())
     ship.sail(20.0, rpm=20.0)
     ship.does(Action.SHELVE)
-    told = len(ship.events)
+    event_count = len(ship.events)
     ship.steady_ns += 8 * 3600 * SECOND
     ship.session.excuse(8 * 3600 * SECOND)
     ship.tick()
-    assert ship.events[told:] == []
+    assert ship.events[event_count:] == []
     assert ship.states()['stick_slip'] == 'unacknowledged'
     assert not any('clock was set' in line for line in ship.lines)
 
@@ -187,8 +187,8 @@ def test_a_reader_that_comes_back_reads_how_much_is_lost() -> None:
         lines = pipe.read().decode().splitlines()
     assert program.wait(60.0) == 0
     # More may be lost while that of the first is told.
-    told = [line for line in lines if line.endswith('of the log are lost: nobody read them]')]
-    lost = sum(int(line[1:].split()[0]) for line in told)
+    notes = [line for line in lines if line.endswith('of the log are lost: nobody read them]')]
+    lost = sum(int(line[1:].split()[0]) for line in notes)
     assert lost + sum(line.startswith('line ') for line in lines) == 5_000
     assert lost > 0
     assert lines[-1] == 'the end'

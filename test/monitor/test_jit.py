@@ -23,14 +23,14 @@ def test_compiling_is_told_at_a_terminal_until_it_is_kept(
     spec.loader.exec_module(module)
     monkeypatch.setitem(sys.modules, 'arithmetic', module)
     monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path / 'cache'))
-    told = []
+    notes = []
     for terminal in (False, True, True):
         monkeypatch.setattr(sys.stderr, 'isatty', lambda terminal=terminal: terminal)
         function = jit.compiled.__wrapped__('twice', module)
-        told.append(capsys.readouterr().err)
+        notes.append(capsys.readouterr().err)
         if terminal:
             assert function(2.0) == 4.0
-    assert told == ['', 'compiling for long work: seconds, once for this version\n', '']
+    assert notes == ['', 'compiling for long work: seconds, once for this version\n', '']
 
 
 def test_what_answers_live_never_compiles() -> None:

@@ -22,9 +22,9 @@ SPEED, LOAD = 0.05, 1000.0
 
 def test_it_has_the_cycles_of_stribecks_law() -> None:
     for solve, speed in ((exact_cycle, SPEED), (exact_unstable_cycle, 0.18)):
-        known, own = solve(REFERENCE, speed, LOAD), solve(OWN, speed, LOAD)
-        assert own.amplitude == pytest.approx(known.amplitude, rel=1e-9)
-        assert own.period == pytest.approx(known.period, rel=1e-9)
+        stribeck, unnamed = solve(REFERENCE, speed, LOAD), solve(OWN, speed, LOAD)
+        assert unnamed.amplitude == pytest.approx(stribeck.amplitude, rel=1e-9)
+        assert unnamed.period == pytest.approx(stribeck.period, rel=1e-9)
 
 
 @pytest.mark.parametrize('law', [OwnLaw(*NUMBERS), WithoutFunctions(*NUMBERS)])
@@ -34,12 +34,12 @@ def test_it_has_the_motion_of_stribecks_law(law: OwnLaw, compiled: bool) -> None
         pytest.skip('numba is not installed')
     drive, start = Drive.sampled([0.0, 0.3], [0.03, 0.08], [900.0, 1100.0]), MotionState(0.0, 0.0)
     times = np.linspace(0.0, 0.3, 301)
-    known, own = (
-        integrate(replace(REFERENCE, friction=each), drive, start, times, compiled=compiled)
-        for each in (REFERENCE.friction, law)
+    stribeck, unnamed = (
+        integrate(replace(REFERENCE, friction=friction), drive, start, times, compiled=compiled)
+        for friction in (REFERENCE.friction, law)
     )
-    assert own.transitions.after.tolist() == known.transitions.after.tolist()
-    assert own.displacement == pytest.approx(known.displacement, abs=1e-12)
+    assert unnamed.transitions.after.tolist() == stribeck.transitions.after.tolist()
+    assert unnamed.displacement == pytest.approx(stribeck.displacement, abs=1e-12)
 
 
 def test_a_law_that_computes_otherwise_does_not_use_its_parents_functions() -> None:

@@ -33,12 +33,12 @@ class TrueBearing:
     """
 
     def __init__(self, name: str, share: float) -> None:
-        own, self.fold_rpm, self.load = BEARINGS[name]
-        per_rpm = math.pi * own['journal_diameter'] / 60.0
+        bearing, self.fold_rpm, self.load = BEARINGS[name]
+        per_rpm = math.pi * bearing['journal_diameter'] / 60.0
         self._fold = self.fold_rpm * per_rpm
-        self._mass, self._damping = own['mass'], own['damping']
-        self._decay, self._viscous = own['friction.decay'], own['friction.viscous']
-        self._steepest = (own['friction.static'] - own['friction.kinetic']) * self._decay
+        self._mass, self._damping = bearing['mass'], bearing['damping']
+        self._decay, self._viscous = bearing['friction.decay'], bearing['friction.viscous']
+        self._steepest = (bearing['friction.static'] - bearing['friction.kinetic']) * self._decay
         # N (steepest exp(-decay V) - viscous) = c, in closed form.
         needed = (self._damping / self.load + self._viscous) / self._steepest
         self.hopf = -math.log(needed) / self._decay / self._fold

@@ -42,9 +42,9 @@ def record_one_speed(path: Path, rpm: float, seconds: int = 40) -> Path:
 def config_with(folder: Path, *bearings: str, **changes: object) -> Path:
     """The reference bearing under other names, with other values for some of the node's."""
     node = yaml.safe_load(CONFIG.read_text('utf-8'))['/**']['ros__parameters']
-    own = node.pop('aft_stern') | {'stiffness': 2.0e6}  # to YAML 1.1, 2.0e6 is a text
+    bearing = node.pop('aft_stern') | {'stiffness': 2.0e6}  # to YAML 1.1, 2.0e6 is a text
     names = bearings or ('aft_stern',)
-    node |= {'bearings': [*names], **dict.fromkeys(names, own)}
+    node |= {'bearings': [*names], **dict.fromkeys(names, bearing)}
     for name, change in changes.items():
         node[name] = node[name] | change if isinstance(node.get(name), dict) else change
     path = folder / 'own.yaml'
@@ -79,10 +79,10 @@ def test_a_level_tells_of_the_blow_that_speed_and_load_do_not_show(
     blind, seeing = found(*CHECK, KNOCK[1]), found(*KNOCK)
     assert 'measured' not in {*blind, *blind['events'][0]}
     assert 'stick_slip' not in {event['to'] for event in blind['events']}
-    (told,) = (event for event in seeing['events'] if event['to'] == 'stick_slip')
+    (predicted,) = (event for event in seeing['events'] if event['to'] == 'stick_slip')
     # Struck at 130 s; in the first five minutes what goes on for 15 s is used.
-    assert 145.0 < (told['time'] - 1_778_054_400 * 10**9) * 1e-9 < 146.0
-    assert told['measured'] == 'vibrating'
+    assert 145.0 < (predicted['time'] - 1_778_054_400 * 10**9) * 1e-9 < 146.0
+    assert predicted['measured'] == 'vibrating'
     assert sum(seeing['measured'].values()) == pytest.approx(240.0, abs=0.5)
     text = stickslip(*KNOCK, '--mcap', tmp_path / 'out.mcap').out
     assert 'measured vibration: unknown' in ' '.join(text.split())
@@ -119,11 +119,11 @@ def hostile_bag(folder: Path) -> Path:
 def test_hostile_names_stay_text(tmp_path: Path, stickslip: Stickslip) -> None:
     pytest.importorskip('jinja2')
     bag, out = hostile_bag(tmp_path), tmp_path / 'out.html'
-    said = stickslip(*CHECK, bag, '--report', out).out
-    assert bag.name in said
+    printed = stickslip(*CHECK, bag, '--report', out).out
+    assert bag.name in printed
     # 20 / 40.7231 - 1, and the exact cycle of 0.556755 mm.
-    assert 'worst fold margin: -50.9% at 0.00 s' in said
-    assert 'worst amplitude: 0.5568 mm at ' in said
+    assert 'worst fold margin: -50.9% at 0.00 s' in printed
+    assert 'worst amplitude: 0.5568 mm at ' in printed
     source = out.read_text('utf-8')
     assert '<script' not in source
     assert '<b>' not in source
@@ -210,9 +210,9 @@ def test_in_a_browser_it_fits_a_phone_and_follows_the_night(
 
 def test_two_publishers_and_a_wrong_unit_are_told(tmp_path: Path, stickslip: Stickslip) -> None:
     """60 and 20 rpm in turn, ten a second; the load in kN where N are expected."""
-    time, odd = START + np.arange(200) * 10**8, np.arange(200) % 2
+    time, is_odd = START + np.arange(200) * 10**8, np.arange(200) % 2
     columns = {
-        '/shaft/speed': (time, np.where(odd, 20.0, 60.0)),
+        '/shaft/speed': (time, np.where(is_odd, 20.0, 60.0)),
         '/bearing/aft_stern/load': (time + 1, np.full(200, 1.0)),
     }
     bag = write_recording(tmp_path / 'bag', columns)
@@ -256,10 +256,10 @@ def test_the_report_says_for_how_long_vibration_was_measured(tmp_path: Path, sti
     pytest.importorskip('jinja2')
     page = tmp_path / 'out.html'
     assert stickslip(*KNOCK, '--report', page).code == 1
-    said = re.search(r'vibration measured ([\d.]+) s', text_of(page))
+    sentence = re.search(r'vibration measured ([\d.]+) s', text_of(page))
     # By the truth of the recording it sticks from 130.1 s to 179.6 s; it rings on a little. In
     # the first five minutes what goes on for 15 s is used.
-    assert float(said[1]) == pytest.approx(179.6 - 145.1, abs=6.0)
+    assert float(sentence[1]) == pytest.approx(179.6 - 145.1, abs=6.0)
 
 
 def test_an_absent_topic_costs_its_bearing_and_no_other(tmp_path: Path, stickslip: Stickslip) -> None:
@@ -352,8 +352,8 @@ def test_a_report_has_those_that_need_a_look_most_and_a_row_for_each_other(
     # Two pictures of each bearing, in two widths.
     assert source.count('<svg') == 2 * 4
     assert re.findall(r'<h2[^>]*>Recording (v\d)</h2>', source) == ['v0', 'v3']
-    others = source.partition('id="others"')[2]
-    assert re.findall(r'<tr><td>(v\d)</td>', others) == [f'v{n}' for n in (1, 2, *range(4, 10))]
+    other_bearings = source.partition('id="others"')[2]
+    assert re.findall(r'<tr><td>(v\d)</td>', other_bearings) == [f'v{n}' for n in (1, 2, *range(4, 10))]
 
 
 def test_six_recordings_with_an_alarm_in_one_second_give_six_clips(

@@ -45,16 +45,21 @@ def test_together_and_one_by_one_are_the_same_in_the_order_asked(stickslip: Stic
 def test_a_bag_that_fails_is_named_and_the_others_are_told(tmp_path: Path, stickslip: Stickslip) -> None:
     (tmp_path / 'torn.mcap').write_bytes(b'nothing')
     bags = [BAGS / 'history_above', tmp_path / 'torn.mcap', tmp_path / 'gone', BAGS / 'voyage']
-    said = stickslip(*CHECK, *bags, '--jobs', 2)
-    assert said.code == 2
-    assert said.out.index(str(bags[0])) < said.out.index(str(bags[3]))
-    (torn, gone) = said.err.splitlines()
+    result = stickslip(*CHECK, *bags, '--jobs', 2)
+    assert result.code == 2
+    assert result.out.index(str(bags[0])) < result.out.index(str(bags[3]))
+    (torn, gone) = result.err.splitlines()
     assert torn.startswith(f"ERROR: {bags[1]}: bag file '{bags[1]}' is not an MCAP recording")
     assert gone == f"ERROR: {bags[2]}: bag '{bags[2]}' does not exist"
-    code, found = check_as_json(stickslip, *bags, '--jobs', 2)
+    code, documents = check_as_json(stickslip, *bags, '--jobs', 2)
     assert code == 2
-    assert [document['path'] for document in found] == [str(bag) for bag in bags]
-    assert [bag['error'] is None if 'error' in bag else True for bag in found] == [True, False, False, True]
+    assert [document['path'] for document in documents] == [str(bag) for bag in bags]
+    assert [bag['error'] is None if 'error' in bag else True for bag in documents] == [
+        True,
+        False,
+        False,
+        True,
+    ]
 
 
 def test_one_bag_that_fails_is_an_error_as_ever(tmp_path: Path, stickslip: Stickslip) -> None:
@@ -64,8 +69,8 @@ def test_one_bag_that_fails_is_an_error_as_ever(tmp_path: Path, stickslip: Stick
 
 def test_a_folder_of_bags_is_a_list_even_of_one(tmp_path: Path, stickslip: Stickslip) -> None:
     shutil.copytree(BAGS / 'voyage', tmp_path / 'voyage')
-    code, found = check_as_json(stickslip, tmp_path)
-    assert (code, [document['path'] for document in found]) == (0, [str(tmp_path / 'voyage')])
+    code, documents = check_as_json(stickslip, tmp_path)
+    assert (code, [document['path'] for document in documents]) == (0, [str(tmp_path / 'voyage')])
 
 
 def test_files_beside_recordings_are_named_and_no_all_clear(tmp_path: Path, stickslip: Stickslip) -> None:
@@ -86,8 +91,8 @@ def test_a_log_that_is_named_or_learnt_from_is_not_left_out(tmp_path: Path) -> N
     (tmp_path / 'a.mcap').touch()
     (tmp_path / 'b.csv').touch()
     (tmp_path / 'reports.csv').touch()
-    found = [*find_bags([tmp_path, tmp_path / 'b.csv']), tmp_path / 'reports.csv']
-    assert left_out([tmp_path], found) == ''
+    recordings = [*find_bags([tmp_path, tmp_path / 'b.csv']), tmp_path / 'reports.csv']
+    assert left_out([tmp_path], recordings) == ''
 
 
 @pytest.mark.parametrize('cut', [0, 3000])
@@ -100,13 +105,13 @@ def test_a_recording_on_standard_input_is_checked_as_the_file_is(
     path.write_bytes(data[: len(data) - cut])
     code, expected = check_as_json(stickslip, path)
     monkeypatch.setattr(sys, 'stdin', io.TextIOWrapper(io.BytesIO(path.read_bytes())))
-    found_code, found = check_as_json(stickslip, '-')
-    assert bool(found['cuts']) == bool(cut)
-    for each in (expected, found):
-        each['path'] = None
-        for place in each['cuts']:
+    found_code, documents = check_as_json(stickslip, '-')
+    assert bool(documents['cuts']) == bool(cut)
+    for document in (expected, documents):
+        document['path'] = None
+        for place in document['cuts']:
             place['file'] = None
-    assert (found_code, found) == (code, expected)
+    assert (found_code, documents) == (code, expected)
 
 
 @pytest.mark.slow

@@ -24,15 +24,15 @@ SCRIPTS = sysconfig.get_path('scripts')
 
 
 def test_help_is_a_command_too(capsys: pytest.CaptureFixture[str]) -> None:
-    said = []
+    messages = []
     for line in (['assess', '--help'], ['help', 'assess'], ['--help'], ['help']):
         with pytest.raises(SystemExit) as stop:
             main(line)
         assert stop.value.code == 0
-        said.append(capsys.readouterr().out)
-    assert said[0] == said[1]
-    assert said[2] == said[3]
-    assert 'one operating point' in said[0]
+        messages.append(capsys.readouterr().out)
+    assert messages[0] == messages[1]
+    assert messages[2] == messages[3]
+    assert 'one operating point' in messages[0]
 
 
 @pytest.mark.parametrize(
@@ -69,9 +69,9 @@ def test_a_recording_is_shown_without_a_configuration(stickslip: Stickslip) -> N
     }
     # The scene lasts 280 s and is sampled at 10 Hz.
     assert record['duration'] == pytest.approx(280.0, abs=0.1)
-    said = ' '.join(stickslip('info', BAG).out.split())
-    assert 'from 2026-05-04 06:00:00 to 2026-05-04 06:04:40 UTC' in said
-    assert '/bearing/aft_stern/load' in said
+    printed = ' '.join(stickslip('info', BAG).out.split())
+    assert 'from 2026-05-04 06:00:00 to 2026-05-04 06:04:40 UTC' in printed
+    assert '/bearing/aft_stern/load' in printed
 
 
 @pytest.mark.parametrize(
@@ -89,8 +89,8 @@ def test_milli_is_not_taken_for_mega() -> None:
 
 def test_units_are_understood_in_any_case(stickslip: Stickslip) -> None:
     given = (('-20rpm', '1kN'), ('-20 RPM', '1 kn'), ('-20Rpm', '1e3 n'))
-    said = {stickslip(*POINT[:3], '--speed', speed, '--load', load) for speed, load in given}
-    assert [done.code for done in said] == [1]
+    results = {stickslip(*POINT[:3], '--speed', speed, '--load', load) for speed, load in given}
+    assert [done.code for done in results] == [1]
 
 
 @pytest.mark.parametrize(
@@ -113,12 +113,12 @@ def test_on_a_screen_of_40_columns_nothing_is_cut_off(
 )
 def test_the_tab_key_offers_commands_options_and_files(typed: str, offered: str, tmp_path: Path) -> None:
     """As the shell asks by argcomplete: the answer comes by descriptor 8."""
-    asked = {'_ARGCOMPLETE': '1', 'COMP_LINE': typed, 'COMP_POINT': str(len(typed))}
+    environment = {'_ARGCOMPLETE': '1', 'COMP_LINE': typed, 'COMP_POINT': str(len(typed))}
     answer = tmp_path / 'answer'
     subprocess.run(
         ['bash', '-c', f'{SCRIPTS}/stickslip 8>{answer}'],
         cwd=ROOT,
-        env=os.environ | asked | {'IFS': '\v'},
+        env=os.environ | environment | {'IFS': '\v'},
         check=True,
     )
     assert offered in answer.read_text()

@@ -34,8 +34,8 @@ def start(tmp_path: Path) -> Iterator[Callable[..., str]]:
     def start(*arguments: str) -> str:
         program = Program([*COMMAND, '--port', '0', *arguments], tmp_path / 'log', cwd=ROOT)
         started.append(program)
-        found = program.until(lambda: re.search(r'Dashboard on (http\S+)\n', program.output))
-        return str(found[1])
+        address = program.until(lambda: re.search(r'Dashboard on (http\S+)\n', program.output))
+        return str(address[1])
 
     yield start
     for program in started:

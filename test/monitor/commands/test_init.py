@@ -81,9 +81,9 @@ def test_effects_by_the_closed_form() -> None:
 def test_the_exponent_of_the_load_by_hersey() -> None:
     """Of a curve at 1.5 times the load, with g = 1, the fold is that at 1.5 times the load over 1.5."""
     values = estimate(make_given())
-    own = next(e for e in fold_shifts(values) if e.name == 'load_exponent')
+    exponent = next(e for e in fold_shifts(values) if e.name == 'load_exponent')
     bearing, load = bearing_of(values), values[-1].value
-    for change, factor in ((own.below, 1.5), (own.above, 1.0 / 1.5)):
+    for change, factor in ((exponent.below, 1.5), (exponent.above, 1.0 / 1.5)):
         folds = [end_of_vibration(bearing, n) for n in (factor * load, load)]
         expected = folds[0] / factor / folds[1] - 1.0
         assert change == pytest.approx(expected, rel=1e-9)
@@ -107,7 +107,7 @@ def test_gear_and_load_over_the_speed_are_written(tmp_path: Path, stickslip: Sti
     path, table = tmp_path / 'ship.yaml', '0:32, 60:28, 120:19.5'
     arguments = [*DRAWING[:-2], '--load-over-speed', table, '--gear', '4.2', '--output', path]
     document = stickslip('init', *arguments, '--json').json
-    assert {own['name']: own['value'] for own in document['values']}['load'] == pytest.approx(26.5e3)
+    assert {row['name']: row['value'] for row in document['values']}['load'] == pytest.approx(26.5e3)
     (item,) = load_config(path).bearings
     assert item.load.over_speed == (0.0, 32.0, 60.0, 28.0, 120.0, 19.5)
     assert (item.load.unit, item.speed.gear) == ('kN', 4.2)

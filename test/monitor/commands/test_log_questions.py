@@ -14,7 +14,7 @@ HEAD = 'time,rpm,load [N]'
 
 
 @pytest.mark.parametrize(
-    ('head', 'form', 'every', 'asked'),
+    ('head', 'form', 'every', 'question'),
     [
         (HEAD, '{:%Y-%m-%d %H:%M:%S}', 1, ''),
         (HEAD, '{:%d/%m/%Y %H:%M:%S}', 1, 'or is the month first?'),
@@ -28,7 +28,7 @@ HEAD = 'time,rpm,load [N]'
     ],
 )
 def test_a_question_about_times_is_no_all_clear(
-    head: str, form: str, every: int, asked: str, tmp_path: Path, stickslip: Stickslip
+    head: str, form: str, every: int, question: str, tmp_path: Path, stickslip: Stickslip
 ) -> None:
     times = [(T0 + k * timedelta(seconds=every), 40_000 + k, 40_000 + k / 24, k) for k in range(60)]
     path = tmp_path / 'voyage.csv'
@@ -39,8 +39,8 @@ def test_a_question_about_times_is_no_all_clear(
     questions = [line for line in result.out.splitlines() if line.startswith('question: ')]
     if every == 40_000:
         questions = [line for line in questions if 'which cannot judge' not in line]
-    assert any(asked in line for line in questions) if asked else not questions
-    assert result.code == int(bool(asked) or every > 1)
+    assert any(question in line for line in questions) if question else not questions
+    assert result.code == int(bool(question) or every > 1)
 
 
 @pytest.mark.parametrize(
@@ -61,31 +61,31 @@ def test_a_filler_that_is_not_known_is_asked(
 
 
 @pytest.mark.parametrize(
-    ('filler', 'asked'),
+    ('filler', 'is_asked'),
     [('-555', True), ('555', True), ('-1', True), ('0', False), ('40', False), ('81.5', False)],
 )
 def test_a_number_that_stands_far_from_those_of_a_sensor_is_asked(
-    filler: str, asked: bool, tmp_path: Path, stickslip: Stickslip
+    filler: str, is_asked: bool, tmp_path: Path, stickslip: Stickslip
 ) -> None:
     """A sensor has noise, which a filler has not; a shaft at rest, or a slower one, is none."""
     rows = (f'{k},{filler if 100 <= k < 150 else f"{80 + k % 13 / 10}"},{900 + k % 3}\n' for k in range(600))
     path = tmp_path / 'voyage.csv'
     path.write_text('time [s],rpm,load [N]\n' + ''.join(rows))
-    assert ('far from all other values' in stickslip('check', path, '--config', CONFIG).out) == asked
+    assert ('far from all other values' in stickslip('check', path, '--config', CONFIG).out) == is_asked
 
 
 @pytest.mark.parametrize(
-    ('load', 'asked'), [('60,000', True), ('60.000', True), ('0,900', False), ('60,00', False)]
+    ('load', 'is_asked'), [('60,000', True), ('60.000', True), ('0,900', False), ('60,00', False)]
 )
 def test_thousands_or_decimals_are_asked(
-    load: str, asked: bool, tmp_path: Path, stickslip: Stickslip
+    load: str, is_asked: bool, tmp_path: Path, stickslip: Stickslip
 ) -> None:
     path = tmp_path / 'voyage.csv'
     path.write_text('time [s];rpm;load [N]\n' + ''.join(f'{k};{80 + k % 3};{load}\n' for k in range(60)))
     result = stickslip('check', path, '--config', CONFIG)
     question = f"load on /bearing/aft_stern/load has '{load}', read with decimals: write {load}0 or 60000"
-    assert (question in result.out) == asked
-    assert result.code == 1 or not asked
+    assert (question in result.out) == is_asked
+    assert result.code == 1 or not is_asked
 
 
 def test_a_column_of_an_average_is_asked_about(tmp_path: Path, stickslip: Stickslip) -> None:
@@ -110,9 +110,11 @@ def test_unknown_words_of_a_quality_are_asked(tmp_path: Path, stickslip: Sticksl
     assert 'schlecht' not in stickslip('check', path, '--config', config).out
 
 
-@pytest.mark.parametrize(('zone', 'first', 'asked'), [('', '01:58', 1), ('Z', '01:58', 0), ('', '01:28', 0)])
+@pytest.mark.parametrize(
+    ('zone', 'first', 'exit_code'), [('', '01:58', 1), ('Z', '01:58', 0), ('', '01:28', 0)]
+)
 def test_an_hour_that_summer_time_may_leave_out_is_asked(
-    zone: str, first: str, asked: int, tmp_path: Path, stickslip: Stickslip
+    zone: str, first: str, exit_code: int, tmp_path: Path, stickslip: Stickslip
 ) -> None:
     """On 29 March 2026 clocks went from 02:00 to 03:00; a pause from 01:30 on is none of summer time."""
     start = datetime.fromisoformat(f'2026-03-29T{first}')
@@ -122,4 +124,4 @@ def test_an_hour_that_summer_time_may_leave_out_is_asked(
         HEAD + '\n' + ''.join(f'{t:%Y-%m-%d %H:%M:%S}{zone},{80 + t.second % 3},900\n' for t in times)
     )
     result = stickslip('check', path, '--config', CONFIG)
-    assert ('as when summer time begins' in result.out) == bool(asked)
+    assert ('as when summer time begins' in result.out) == bool(exit_code)

@@ -115,7 +115,7 @@ def test_in_grey_print_trouble_is_darker() -> None:
         REGIME_FILL[Regime.BISTABLE],
         REGIME_FILL[Regime.UNSTABLE],
     ]
-    for colours in (fills, [CONDITION_COLOUR[each] for each in LADDER]):
+    for colours in (fills, [CONDITION_COLOUR[condition] for condition in LADDER]):
         greys = [cie_lightness(colour) for colour in colours]
         assert min(a - b for a, b in pairwise(greys)) > 4.0, greys
     # Printers and viewers that take the luma of BT.601 see steps, too.
@@ -165,8 +165,8 @@ def test_without_its_library_the_extra_is_named(
 ) -> None:
     for name in [library, *(name for name in sys.modules if name.startswith(f'{library}.'))]:
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(error, match=r"extra 'report'.*stickslip_monitor\[report\]") as told:
+    with pytest.raises(error, match=r"extra 'report'.*stickslip_monitor\[report\]") as raised:
         make()
     if library == 'matplotlib':
         # A picture has no .csv of its own everywhere, a report never: the remedy names both.
-        assert str(told.value).endswith('A table (.csv) and --json need none')
+        assert str(raised.value).endswith('A table (.csv) and --json need none')

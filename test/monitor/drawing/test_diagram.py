@@ -33,8 +33,8 @@ def bearing_of(friction: object, damping: float = 400.0) -> Bearing:
 REFERENCE = bearing_of(Stribeck(0.3, 0.1, 10.0))
 
 
-def diagram_of(own: Bearing) -> Diagram:
-    return bifurcation_diagram(own, LOAD, diagram_speeds(own, LOAD), 200)
+def diagram_of(bearing: Bearing) -> Diagram:
+    return bifurcation_diagram(bearing, LOAD, diagram_speeds(bearing, LOAD), 200)
 
 
 @pytest.fixture(scope='module')
@@ -56,8 +56,8 @@ def test_branches_end_exactly_at_hopf_and_fold(reference: Diagram) -> None:
     assert stable.amplitude[at_fold] == threshold.amplitude[at_fold] == fold.speed / 200.0
     assert threshold.amplitude[at_hopf] == 0.0
     for branch, first in ((stable, 0), (threshold, at_hopf)):
-        known = np.flatnonzero(np.isfinite(branch.amplitude))
-        assert known.tolist() == list(range(first, at_fold + 1))
+        finite = np.flatnonzero(np.isfinite(branch.amplitude))
+        assert finite.tolist() == list(range(first, at_fold + 1))
     # The exact end of vibration decides, up to which the exact branch is drawn.
     end = pytest.approx(reference.exact_fold, rel=2e-9)
     assert reference.spans == (
@@ -80,8 +80,8 @@ def test_threshold_amplitude_solves_its_closed_form(reference: Diagram) -> None:
 @pytest.mark.slow
 def test_a_measured_table_has_all_its_branches() -> None:
     """Each is one unbroken curve of stationary cycles between Hopf, fold and the range's ends."""
-    own = bearing_of(TABLE)
-    table = diagram_of(own)
+    bearing = bearing_of(TABLE)
+    table = diagram_of(bearing)
     grid = np.linspace(0.0101, 0.3399, 4000)
     growth = [-LOAD * float(TABLE.slope(v)) - 400.0 for v in grid]
     roots = [
@@ -94,24 +94,24 @@ def test_a_measured_table_has_all_its_branches() -> None:
     marks = {(mark.speed, mark.amplitude) for mark in table.marks}
     ends, last = 0, table.speed.size - 1
     for branch in table.branches:
-        known = np.flatnonzero(np.isfinite(branch.amplitude))
-        assert known.size == known[-1] - known[0] + 1
-        for i, edge in ((known[0], 0), (known[-1], last)):
+        finite = np.flatnonzero(np.isfinite(branch.amplitude))
+        assert finite.size == finite[-1] - finite[0] + 1
+        for i, edge in ((finite[0], 0), (finite[-1], last)):
             at_mark = (table.speed[i], branch.amplitude[i]) in marks
             assert at_mark or i == edge
             ends += at_mark
         # At a mark two solvers' roundings meet under a square root; elsewhere it is exact.
-        own_rows = known[~np.isin(table.speed[known], [mark.speed for mark in table.marks])]
+        own_rows = finite[~np.isin(table.speed[finite], [mark.speed for mark in table.marks])]
         speed, amplitude = table.speed[own_rows], branch.amplitude[own_rows]
-        rate = amplitude_rate(own, speed, LOAD, amplitude)
+        rate = amplitude_rate(bearing, speed, LOAD, amplitude)
         assert np.max(np.abs(rate) / (4.0 * amplitude), initial=0.0) < 1e-6
-        beyond = amplitude_rate(own, speed, LOAD, amplitude * (1.0 + 1e-6))
+        beyond = amplitude_rate(bearing, speed, LOAD, amplitude * (1.0 + 1e-6))
         assert np.all((beyond < rate) == branch.stable)
     assert ends == 2 * (len(table.marks) - len(hopf)) + len(hopf)
 
 
 @pytest.mark.parametrize(
-    ('own', 'regimes'),
+    ('bearing', 'regimes'),
     [
         # Of dry friction only the exact model has a cycle.
         (bearing_of(Coulomb(0.3, 0.1)), [Regime.BISTABLE, Regime.STABLE]),
@@ -120,26 +120,26 @@ def test_a_measured_table_has_all_its_branches() -> None:
     ],
     ids=['coulomb', 'rising', 'damped'],
 )
-def test_without_an_averaged_cycle_there_are_no_branches(own: Bearing, regimes: list[Regime]) -> None:
-    diagram = diagram_of(own)
+def test_without_an_averaged_cycle_there_are_no_branches(bearing: Bearing, regimes: list[Regime]) -> None:
+    diagram = diagram_of(bearing)
     assert diagram.branches == diagram.marks == ()
     assert [regime for *_, regime in diagram.spans] == regimes
-    columns = diagram_columns(own, diagram)
+    columns = diagram_columns(bearing, diagram)
     assert np.isnan(columns['stick_slip_amplitude [m]']).all()
 
 
 def test_a_branch_between_two_speeds_of_the_diagram_is_found() -> None:
     """A Hopf with a fold 0.003 rpm above it: between them there are two small cycles."""
     table = Tabulated([0.1324560, 0.2096268, 0.2281960, 0.4458427], [0.24518, 0.12219, 0.05504, 0.05496])
-    own, load = bearing_of(table, damping=62.65981), 337.7896
-    diagram = bifurcation_diagram(own, load, (0.1, 0.2), 3)
+    bearing, load = bearing_of(table, damping=62.65981), 337.7896
+    diagram = bifurcation_diagram(bearing, load, (0.1, 0.2), 3)
     hopf, fold = diagram.marks[:2]
     assert (hopf.kind, fold.kind) == ('Hopf', 'fold')
     assert 0.0 < fold.speed - hopf.speed < 2e-5
-    rates = amplitude_rate(own, 0.5 * (hopf.speed + fold.speed), load, np.geomspace(1e-6, 5e-5, 400))
+    rates = amplitude_rate(bearing, 0.5 * (hopf.speed + fold.speed), load, np.geomspace(1e-6, 5e-5, 400))
     assert np.count_nonzero(np.diff(np.sign(rates))) == 2
     below, above = (
-        amplitude_rate(own, v, load, np.geomspace(1e-6, 5e-5, 400))
+        amplitude_rate(bearing, v, load, np.geomspace(1e-6, 5e-5, 400))
         for v in (hopf.speed - 1e-5, fold.speed + 1e-5)
     )
     assert [np.count_nonzero(np.diff(np.sign(r))) for r in (below, above)] == [1, 0]
@@ -176,8 +176,8 @@ def test_the_picture_names_its_curves_and_says_where_hopf_and_fold_are() -> None
     lines = {line.get_label(): line for line in axes.lines}
     for name, expected in (('exact', 0.556755), ('averaging', 0.52688)):
         x, y = (np.asarray(column, float) for column in lines[f'stick-slip, {name}'].get_data())
-        known = np.isfinite(y)
-        assert np.interp(20.0, x[known], y[known]) == pytest.approx(expected, rel=1e-3)
+        finite = np.isfinite(y)
+        assert np.interp(20.0, x[finite], y[finite]) == pytest.approx(expected, rel=1e-3)
     assert max(lines['steady sliding, unstable'].get_xdata()) == pytest.approx(30.738, abs=1e-3)
 
 

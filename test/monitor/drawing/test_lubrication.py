@@ -23,17 +23,17 @@ SCALE = 3.0**0.7 * viscosity(15.0) / viscosity(5.0)
 
 
 def test_a_diagram_is_that_of_the_law_written_out() -> None:
-    there = replace(PLAIN, friction=Stribeck(0.3, 0.1, 10.0 / SCALE))
+    equivalent = replace(PLAIN, friction=Stribeck(0.3, 0.1, 10.0 / SCALE))
     speeds = diagram_speeds(OWN, LOAD)
-    assert speeds == pytest.approx(diagram_speeds(there, LOAD), rel=1e-12)
-    found, expected = (bifurcation_diagram(each, LOAD, speeds, 40) for each in (OWN, there))
-    assert [(m.kind, m.speed) for m in found.marks] == [
+    assert speeds == pytest.approx(diagram_speeds(equivalent, LOAD), rel=1e-12)
+    diagram, expected = (bifurcation_diagram(bearing, LOAD, speeds, 40) for bearing in (OWN, equivalent))
+    assert [(m.kind, m.speed) for m in diagram.marks] == [
         (m.kind, pytest.approx(m.speed, rel=1e-12)) for m in expected.marks
     ]
-    assert np.allclose(found.speed, expected.speed, rtol=1e-12)
-    assert np.allclose(found.exact, expected.exact, rtol=1e-9, equal_nan=True)
-    assert np.allclose(found.growth_rate, expected.growth_rate, rtol=1e-9, atol=1e-12)
-    assert [s[2] for s in found.spans] == [s[2] for s in expected.spans]
+    assert np.allclose(diagram.speed, expected.speed, rtol=1e-12)
+    assert np.allclose(diagram.exact, expected.exact, rtol=1e-9, equal_nan=True)
+    assert np.allclose(diagram.growth_rate, expected.growth_rate, rtol=1e-9, atol=1e-12)
+    assert [s[2] for s in diagram.spans] == [s[2] for s in expected.spans]
 
 
 def test_map_and_diagram_name_the_water_of_the_configuration() -> None:
@@ -46,23 +46,25 @@ def test_map_and_diagram_name_the_water_of_the_configuration() -> None:
 
 @pytest.mark.parametrize('exponent', [0.7, 1.0])
 def test_a_map_has_its_boundaries_where_the_speeds_say(exponent: float) -> None:
-    own = replace(PLAIN, lubrication=Lubrication(1000.0, exponent))
-    speeds, loads = map_ranges(own)
+    lubricated = replace(PLAIN, lubrication=Lubrication(1000.0, exponent))
+    speeds, loads = map_ranges(lubricated)
     assert loads[1] > 1000.0
-    curves = boundaries(own, speeds, 0.2, 30)
-    known = curves.fold_load[1:]
-    inside = np.isfinite(known) & (known > 0.0)
+    curves = boundaries(lubricated, speeds, 0.2, 30)
+    fold_load = curves.fold_load[1:]
+    inside = np.isfinite(fold_load) & (fold_load > 0.0)
     assert inside.any()
-    assert np.allclose(end_of_vibration(own, known[inside]), curves.speed[1:][inside], rtol=1e-6)
+    assert np.allclose(end_of_vibration(lubricated, fold_load[inside]), curves.speed[1:][inside], rtol=1e-6)
     hopf = curves.hopf_load[1:]
-    assert np.allclose(hopf_speed(own, hopf[inside]), curves.speed[1:][inside], rtol=1e-9)
+    assert np.allclose(hopf_speed(lubricated, hopf[inside]), curves.speed[1:][inside], rtol=1e-9)
 
 
 def test_corners_of_a_table_lie_at_the_speeds_of_the_load() -> None:
     law = Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1])
-    own = replace(PLAIN, friction=law, lubrication=Lubrication(1000.0, 1.0))
-    there = replace(PLAIN, friction=Tabulated([0.0, 0.3, 0.6, 1.5], law.values))
-    found, expected = (bifurcation_diagram(each, LOAD, (0.0, 2.0), 40) for each in (own, there))
-    assert [m.kind for m in found.marks] == [m.kind for m in expected.marks]
+    lubricated = replace(PLAIN, friction=law, lubrication=Lubrication(1000.0, 1.0))
+    equivalent = replace(PLAIN, friction=Tabulated([0.0, 0.3, 0.6, 1.5], law.values))
+    diagram, expected = (
+        bifurcation_diagram(bearing, LOAD, (0.0, 2.0), 40) for bearing in (lubricated, equivalent)
+    )
+    assert [m.kind for m in diagram.marks] == [m.kind for m in expected.marks]
     speeds = [m.speed for m in expected.marks]
-    assert [m.speed for m in found.marks] == pytest.approx(speeds, rel=1e-6)
+    assert [m.speed for m in diagram.marks] == pytest.approx(speeds, rel=1e-6)

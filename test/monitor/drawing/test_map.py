@@ -52,17 +52,17 @@ DRY = replace(REFERENCE, friction=Coulomb(0.3, 0.1))
 
 
 def test_corners_are_the_break_points_of_the_law_between_two_speeds() -> None:
-    found = corners(TABLE, (0.06, 0.19)).reshape(-1, 3)
-    np.testing.assert_allclose(found[:, 1], [0.1, 0.15], rtol=1e-15)
-    np.testing.assert_allclose(found[:, ::2] / found[:, 1:2] - 1.0, [[-1e-9, 1e-9]] * 2, rtol=1e-6)
+    points = corners(TABLE, (0.06, 0.19)).reshape(-1, 3)
+    np.testing.assert_allclose(points[:, 1], [0.1, 0.15], rtol=1e-15)
+    np.testing.assert_allclose(points[:, ::2] / points[:, 1:2] - 1.0, [[-1e-9, 1e-9]] * 2, rtol=1e-6)
 
 
 @pytest.mark.parametrize(('law', 'factor'), [(None, 1.01), (TABLE.friction, 1.01), (CLIFF, 2.0)])
 def test_the_least_load_with_stick_slip_is_found(law: FrictionLaw | None, factor: float) -> None:
     """Among 20,000 speeds to 1 %; that of a fall at creeping speeds to a factor, as a picture needs it."""
     bearing = replace(REFERENCE, friction=law or REFERENCE.friction)
-    least = float(np.nanmin(fold_load(bearing, np.geomspace(1e-4, 1.0, 20_001))))
-    assert least / 1.01 < onset_load(bearing) < least * factor
+    min_load = float(np.nanmin(fold_load(bearing, np.geomspace(1e-4, 1.0, 20_001))))
+    assert min_load / 1.01 < onset_load(bearing) < min_load * factor
 
 
 def test_speeds_of_the_law_grow_with_the_load_that_the_water_carries() -> None:
@@ -84,34 +84,34 @@ def test_boundaries_are_the_closed_forms() -> None:
     assert float(np.interp(20.0 * RPM, curves.speed, curves.fold_load)) == pytest.approx(498, abs=1)
 
 
-@pytest.mark.parametrize('own', [REFERENCE, TABLE], ids=['stribeck', 'table'])
-def test_the_assessment_changes_across_each_curve(own: Bearing) -> None:
-    curves = boundaries(own, (0.02, 0.3), 0.1, 12)
+@pytest.mark.parametrize('bearing', [REFERENCE, TABLE], ids=['stribeck', 'table'])
+def test_the_assessment_changes_across_each_curve(bearing: Bearing) -> None:
+    curves = boundaries(bearing, (0.02, 0.3), 0.1, 12)
 
     for line, crossed in (
         (curves.fold_load, lambda point: point.regime != 'stable'),
         (curves.hopf_load, lambda point: point.growth_rate > 0.0),
     ):
-        known = np.isfinite(line)
-        speed, load = curves.speed[known][::5], line[known][::5]
-        assert crossed(assess(own, speed, load * (1.0 + 1e-3))).all()
-        assert not crossed(assess(own, speed, load * (1.0 - 1e-3))).any()
+        finite = np.isfinite(line)
+        speed, load = curves.speed[finite][::5], line[finite][::5]
+        assert crossed(assess(bearing, speed, load * (1.0 + 1e-3))).all()
+        assert not crossed(assess(bearing, speed, load * (1.0 - 1e-3))).any()
     speed = np.linspace(0.005, 0.3, 300)
-    load = caution_load(own, speed, 0.1)
-    known = np.isfinite(load)
+    load = caution_load(bearing, speed, 0.1)
+    finite = np.isfinite(load)
     # Where the fold jumps the table has it between two loads a percent apart.
-    speed, load = speed[known][::12], load[known][::12]
-    assert np.all(speed < 1.1 * end_of_vibration(own, load * 1.01))
-    assert not np.any(speed < 1.1 * end_of_vibration(own, load * 0.99))
+    speed, load = speed[finite][::12], load[finite][::12]
+    assert np.all(speed < 1.1 * end_of_vibration(bearing, load * 1.01))
+    assert not np.any(speed < 1.1 * end_of_vibration(bearing, load * 0.99))
 
 
 def test_without_stick_slip_there_are_no_curves() -> None:
-    own = replace(REFERENCE, friction=Coulomb(0.1, 0.1))
-    curves = boundaries(own, map_ranges(own)[0], 0.1, 20)
-    assert math.isnan(onset_load(own))
+    bearing = replace(REFERENCE, friction=Coulomb(0.1, 0.1))
+    curves = boundaries(bearing, map_ranges(bearing)[0], 0.1, 20)
+    assert math.isnan(onset_load(bearing))
     for line in (curves.fold_load, curves.hopf_load, curves.caution_load):
         assert np.isnan(line).all()
-    figure = draw_map(replace(BEARING, bearing=own))
+    figure = draw_map(replace(BEARING, bearing=bearing))
     assert 'no stick-slip in this range' in [text.get_text() for text in figure.axes[0].texts]
 
 
@@ -131,8 +131,8 @@ def test_dry_friction_has_the_fold_that_averaging_does_not_know() -> None:
     ids=['stribeck', 'coulomb'],
 )
 def test_a_map_shows_the_way_out_of_stick_slip(law: FrictionLaw, end: float) -> None:
-    own = replace(REFERENCE, friction=law)
-    low, high = map_ranges(own, loads=(0.0, 1000.0))[0]
+    bearing = replace(REFERENCE, friction=law)
+    low, high = map_ranges(bearing, loads=(0.0, 1000.0))[0]
     assert (low, high / RPM) == (0.0, pytest.approx(1.25 * end, rel=1e-4))
 
 
@@ -155,10 +155,10 @@ class Unnamed(OwnLaw):
 
 
 def test_a_law_that_names_no_breakpoints_has_the_ranges_of_the_same_law_that_does() -> None:
-    own = replace(BEARING, bearing=replace(REFERENCE, friction=Unnamed(0.3, 0.1, 10.0)))
-    assert onset_load(own.bearing) == pytest.approx(200.0, rel=1e-9)
-    for found, known in zip(map_ranges(own.bearing), map_ranges(REFERENCE), strict=True):
-        assert found == pytest.approx(known, rel=1e-6)
+    config = replace(BEARING, bearing=replace(REFERENCE, friction=Unnamed(0.3, 0.1, 10.0)))
+    assert onset_load(config.bearing) == pytest.approx(200.0, rel=1e-9)
+    for actual, expected in zip(map_ranges(config.bearing), map_ranges(REFERENCE), strict=True):
+        assert actual == pytest.approx(expected, rel=1e-6)
 
 
 def legend_texts(legend: Any) -> list[str]:
@@ -191,8 +191,8 @@ def test_the_map_names_regions_and_lines_of_one_amplitude(monkeypatch: pytest.Mo
     checked = 0
     for level, parts in zip(lines.levels, lines.allsegs, strict=True):
         for x, y in np.concatenate([np.empty((0, 2)), *parts])[::9]:
-            found = exact_cycle(REFERENCE, x * RPM, y * 1e3).amplitude * 1e3
-            assert float(found) == pytest.approx(level, rel=5e-3)
+            exact = exact_cycle(REFERENCE, x * RPM, y * 1e3).amplitude * 1e3
+            assert float(exact) == pytest.approx(level, rel=5e-3)
             checked += 1
     assert checked > 10
 
@@ -226,9 +226,9 @@ def test_a_track_shows_which_way_it_goes() -> None:
 def test_the_hopf_line_goes_as_far_as_its_region() -> None:
     # Where the law stops falling there is no Hopf load: the line rises out of the map there.
     axes = draw_map(replace(BEARING, bearing=TABLE), loads=(0.0, 5e4)).axes[0]
-    (line,) = [each for each in axes.lines if each.get_label() == 'Hopf']
+    (line,) = [artist for artist in axes.lines if artist.get_label() == 'Hopf']
     assert np.isfinite(line.get_ydata()).all()
-    (region,) = [each for each in axes.collections if each.get_label() == 'unstable']
+    (region,) = [artist for artist in axes.collections if artist.get_label() == 'unstable']
     corners = {(round(x, 6), round(y, 6)) for x, y in region.get_paths()[0].vertices}
     drawn = {(round(x, 6), round(y, 6)) for x, y in zip(*line.get_data(), strict=True)}
     assert drawn <= corners
@@ -257,25 +257,25 @@ VALUES = arrays(
 
 
 @given(VALUES, st.integers(6, 60))
-def test_thinning_keeps_the_extremes_of_every_stretch(column: np.ndarray, most: int) -> None:
-    kept = envelope(most, column)
-    assert np.all(np.diff(kept) > 0)
-    assert {0, column.size - 1} <= set(kept.tolist())
-    assert kept.size <= max(most, 3) + 2
+def test_thinning_keeps_the_extremes_of_every_stretch(column: np.ndarray, max_count: int) -> None:
+    rows = envelope(max_count, column)
+    assert np.all(np.diff(rows) > 0)
+    assert {0, column.size - 1} <= set(rows.tolist())
+    assert rows.size <= max(max_count, 3) + 2
     # What is kept of a block is as great and as small as anything in it.
-    length = 1 if column.size <= most else -(-column.size // (most // 3))
+    length = 1 if column.size <= max_count else -(-column.size // (max_count // 3))
     for i in np.flatnonzero(np.isfinite(column)):
         block = i // length * length
-        near = column[kept[(kept >= block) & (kept < block + length)]]
+        near = column[rows[(rows >= block) & (rows < block + length)]]
         assert np.nanmin(near) <= column[i] <= np.nanmax(near)
 
 
 def test_one_sample_of_a_day_and_every_interruption_stay() -> None:
     speed, load = np.full(864_000, 1.0), np.zeros(864_000)
     speed[500_001], load[4_321], load[7_777] = -3.0, -1.0, np.nan
-    kept = envelope(900, speed, load)
-    assert {500_001, 4_321, 7_777} <= set(kept.tolist())
-    assert kept.size < 910
+    rows = envelope(900, speed, load)
+    assert {500_001, 4_321, 7_777} <= set(rows.tolist())
+    assert rows.size < 910
     for size in (0, 1, 10):
         assert envelope(10, np.arange(float(size))).tolist() == list(range(size))
 

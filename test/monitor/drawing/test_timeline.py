@@ -66,16 +66,16 @@ def test_one_bad_second_of_a_day_is_seen() -> None:
 
 def test_margins_amplitude_and_limit_are_drawn_in_their_units() -> None:
     figure = draw_timeline(draw_course([60.0] * 20 + [20.0] * 20))
-    found = panels_by_name(figure)
-    assert list(found) == ['speed', 'load', 'margin', 'ampl', 'alarm']
-    lines = {line.get_label(): line for line in found['ampl'].lines}
+    panels = panels_by_name(figure)
+    assert list(panels) == ['speed', 'load', 'margin', 'ampl', 'alarm']
+    lines = {line.get_label(): line for line in panels['ampl'].lines}
     # The exact cycle at 20 rpm: 0.556755 mm.
     assert np.nanmax(lines['predicted'].get_ydata()) == pytest.approx(0.556755, abs=1e-5)
     # At 60 rpm nothing is predicted.
     assert np.all(np.asarray(lines['predicted'].get_ydata())[:10] == 0.0)
-    assert np.nanmax(found['load'].lines[0].get_ydata()) == pytest.approx(1.0)
+    assert np.nanmax(panels['load'].lines[0].get_ydata()) == pytest.approx(1.0)
     assert 'limit' in lines
-    assert legend_of(found['speed']) == ['Hopf', 'fold', 'measured']
+    assert legend_of(panels['speed']) == ['Hopf', 'fold', 'measured']
 
 
 def test_events_are_numbered_as_in_the_table() -> None:
@@ -110,8 +110,8 @@ def test_a_titled_picture_names_its_conditions_beside_the_title_and_above_the_nu
 
 
 def test_without_a_cycle_there_is_no_amplitude_panel() -> None:
-    found = panels_by_name(draw_timeline(draw_course([60.0] * 20)))
-    assert list(found) == ['speed', 'load', 'margin', 'alarm']
+    panels = panels_by_name(draw_timeline(draw_course([60.0] * 20)))
+    assert list(panels) == ['speed', 'load', 'margin', 'alarm']
 
 
 @pytest.mark.parametrize('later', [60, -1000], ids=['an input was lost', 'the clock jumps back'])
@@ -185,11 +185,11 @@ def test_what_the_lining_did_stands_beside_what_was_said() -> None:
     when = np.arange(40) * 10**9
     numbers = (when * 1e-11, when * 2e-11, np.full(40, 5e-4))
     episodes = ((25 * 10**9, 39 * 10**9),)
-    lining = FollowedLining(episodes, *(FollowedNumbers(when, own) for own in numbers))
-    found = panels_by_name(draw_timeline(replace(course, lining=lining)))
-    assert legend_of(found['speed'])[0] == 'lining sticks'
+    lining = FollowedLining(episodes, *(FollowedNumbers(when, values) for values in numbers))
+    panels = panels_by_name(draw_timeline(replace(course, lining=lining)))
+    assert legend_of(panels['speed'])[0] == 'lining sticks'
     # Above the band of the alarm, and over the whole height of the others, which show through.
-    for name, axes in found.items():
+    for name, axes in panels.items():
         (span,) = (
             patch
             for patch in axes.patches
@@ -200,7 +200,7 @@ def test_what_the_lining_did_stands_beside_what_was_said() -> None:
         opaque = name == 'alarm'
         expected = (0.7 if opaque else 0.0, 1.0, 1.0 if opaque else 0.15)
         assert (low, high, span.get_alpha()) == pytest.approx(expected)
-    lines = {line.get_label(): np.array(line.get_data()) for line in found['margin'].lines}
+    lines = {line.get_label(): np.array(line.get_data()) for line in panels['margin'].lines}
     assert lines['Hopf, true'][1].tolist() == pytest.approx(list(range(40)))
-    lines = {line.get_label(): np.array(line.get_data()) for line in found['ampl'].lines}
+    lines = {line.get_label(): np.array(line.get_data()) for line in panels['ampl'].lines}
     assert lines['true'][1].tolist() == pytest.approx([0.5] * 40)

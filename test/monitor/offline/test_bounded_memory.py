@@ -116,9 +116,9 @@ def test_any_blocks_have_the_same_outline_and_it_has_every_extreme(cuts: list[in
     scan = BearingScan(config, START)
     with patch.object(extremes, '_MAX_GROUPS', 40):
         one = outline_of(config, [whole])
-        other = outline_of(config, [*map(scan.take, parts), scan.finish(last, None)])
+        by_parts = outline_of(config, [*map(scan.take, parts), scan.finish(last, None)])
     for name in ('time_ns', 'until_ns', 'sticking'):
-        assert getattr(one, name).tolist() == getattr(other, name).tolist()
+        assert getattr(one, name).tolist() == getattr(by_parts, name).tolist()
     assert one.time_ns.size < size / 2
     for name in ('speed', 'load', 'fold_margin', 'hopf_margin'):
         drawn, all_ = getattr(one.assessment, name), getattr(whole.assessment, name)

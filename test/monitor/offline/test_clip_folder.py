@@ -33,8 +33,8 @@ def make_clip(number: int = 0, count: int = 3) -> Clip:
     return Clip('aft', Condition.STICK_SLIP, T0 + number * NS, tuple(messages), definitions)
 
 
-def make_clip_folder(path: Path, most: int = 3) -> ClipFolder:
-    return ClipFolder(ClipConfig(str(path), most=most))
+def make_clip_folder(path: Path, max_clips: int = 3) -> ClipFolder:
+    return ClipFolder(ClipConfig(str(path), most=max_clips))
 
 
 def test_a_clip_is_a_recording_named_by_time_bearing_and_alarm(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_the_oldest_make_room_and_other_files_stay(tmp_path: Path) -> None:
     (tmp_path / names[2]).write_bytes((tmp_path / names[0]).read_bytes()[:40])
     (tmp_path / names[3]).touch()
     (tmp_path / names[4]).mkdir()
-    store = make_clip_folder(tmp_path, most=3)
+    store = make_clip_folder(tmp_path, max_clips=3)
     store.write(make_clip())
     store.clips()[0].rename(tmp_path / 'kept.mcap')
     others = {path.name for path in tmp_path.iterdir()}
@@ -65,8 +65,8 @@ def test_the_oldest_make_room_and_other_files_stay(tmp_path: Path) -> None:
         store.write(make_clip(number))
         newest = store.clips()[-1]
         os.utime(newest, (1000 + number, 1000 + number))
-    kept = [path.name[:16] for path in store.clips()]
-    assert kept == [f'20260504T06000{i}Z' for i in (2, 3, 4)]
+    remaining = [path.name[:16] for path in store.clips()]
+    assert remaining == [f'20260504T06000{i}Z' for i in (2, 3, 4)]
     assert {path.name for path in tmp_path.iterdir()} == others | {p.name for p in store.clips()}
 
 
@@ -81,16 +81,16 @@ def test_the_same_instant_again_gets_a_number(tmp_path: Path) -> None:
 
 def test_what_a_crash_left_is_swept_when_it_is_old(tmp_path: Path) -> None:
     name = '.20260504T060000Z_aft_stick_slip.mcap.0.draft'
-    old, new, other, foreign = (
+    old, new, other_node, foreign = (
         tmp_path / n for n in (name, name.replace('.0.', '.1.'), '.x.draft', name.replace('.0.', '.2.'))
     )
-    for path in (old, new, other):
+    for path in (old, new, other_node):
         path.touch()
     foreign.write_text('of somebody else')
-    for path in (old, other, foreign):
+    for path in (old, other_node, foreign):
         os.utime(path, (1000, 1000))
     make_clip_folder(tmp_path)
-    assert set(tmp_path.iterdir()) == {new, other, foreign}
+    assert set(tmp_path.iterdir()) == {new, other_node, foreign}
 
 
 # --- the clips of a recorded bag ---------------------------------------------------------------

@@ -76,6 +76,6 @@ def test_the_verdicts_are_equal(
     make: Any, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = ROOT / 'bags' / name
-    found = check_verdict(make(tmp_path / 'log', read_numbers(bag)), capsys)
-    assert found == check_verdict(bag, capsys)
-    assert found['events']
+    verdict = check_verdict(make(tmp_path / 'log', read_numbers(bag)), capsys)
+    assert verdict == check_verdict(bag, capsys)
+    assert verdict['events']

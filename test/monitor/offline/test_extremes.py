@@ -48,16 +48,16 @@ COURSE = [
 
 
 def test_spells_fill_the_recording() -> None:
-    found = condition_intervals(COURSE, 0, 50)
-    assert [s.start_ns for s in found] == [0, 10, 20, 30, 40]
-    assert [s.end_ns for s in found] == [10, 20, 30, 40, 50]
-    assert [s.condition for s in found] == [NORMAL, STICK, AMPLITUDE, CAUTION, STICK]
+    intervals = condition_intervals(COURSE, 0, 50)
+    assert [s.start_ns for s in intervals] == [0, 10, 20, 30, 40]
+    assert [s.end_ns for s in intervals] == [10, 20, 30, 40, 50]
+    assert [s.condition for s in intervals] == [NORMAL, STICK, AMPLITUDE, CAUTION, STICK]
     assert condition_intervals([], 0, 50) == [ConditionInterval(0, 50, NORMAL)]
 
 
 def test_neighbours_of_the_same_kind_are_one() -> None:
-    found = join_spells(condition_intervals(COURSE, 0, 50), (STICK, AMPLITUDE))
-    assert [(s.start_ns, s.end_ns) for s in found] == [(10, 30), (40, 50)]
+    joined = join_spells(condition_intervals(COURSE, 0, 50), (STICK, AMPLITUDE))
+    assert [(s.start_ns, s.end_ns) for s in joined] == [(10, 30), (40, 50)]
 
 
 def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
@@ -67,11 +67,11 @@ def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
         ConditionInterval(500 * NS, 500 * NS + 10**6, STICK),
         ConditionInterval(500 * NS + 10**6, 501 * NS, NORMAL),
     ]
-    found = coarsen_spells([*parts[:500], *brief, *parts[501:]], 100)
-    assert [spell.condition for spell in found] == [CAUTION, STICK, CAUTION]
-    assert (found[0].start_ns, found[-1].end_ns) == (0, 1000 * NS)
-    assert found[1].start_ns <= 500 * NS < found[1].end_ns
-    assert all(a.end_ns == b.start_ns for a, b in pairwise(found))
+    coarse = coarsen_spells([*parts[:500], *brief, *parts[501:]], 100)
+    assert [spell.condition for spell in coarse] == [CAUTION, STICK, CAUTION]
+    assert (coarse[0].start_ns, coarse[-1].end_ns) == (0, 1000 * NS)
+    assert coarse[1].start_ns <= 500 * NS < coarse[1].end_ns
+    assert all(a.end_ns == b.start_ns for a, b in pairwise(coarse))
 
 
 def make_scan(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Any:
@@ -154,6 +154,6 @@ def test_what_is_not_worked_out_changes_neither_regimes_nor_least_margins(law: F
         assert (extremes.lasting_ns - before).tolist() == times_in_regimes(scan, codes)
     points = assess(bearing, speed, load, table=table)
     for name, margins in (('hopf_margin', points.hopf_margin), ('fold_margin', points.fold_margin)):
-        known = margins[(speed != 0.0) & np.isfinite(margins)]
-        found = [extremes.found[name].value] if name in extremes.found else []
-        assert found == ([known.min()] if known.size else [])
+        finite = margins[(speed != 0.0) & np.isfinite(margins)]
+        values = [extremes.found[name].value] if name in extremes.found else []
+        assert values == ([finite.min()] if finite.size else [])

@@ -33,16 +33,16 @@ def message_counts(document: dict[str, dict[str, dict[str, dict[str, dict[str, i
 def test_an_odd_recording_is_told_and_read_as_far_as_it_can_be(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    odd, path = ODD[name], tmp_path / 'odd.mcap'
-    path.write_bytes(odd.make())
+    recording, path = ODD[name], tmp_path / 'odd.mcap'
+    path.write_bytes(recording.make())
     code = main(['check', str(path), '--config', str(CONFIG)])
     printed = ''.join(capsys.readouterr())
-    assert odd.says in printed
+    assert recording.says in printed
     assert '\x1b' not in printed
-    assert (code == 2) == (odd.speed == 0)
+    assert (code == 2) == (recording.speed == 0)
     if code < 2:
         assert main(['check', str(path), '--config', str(CONFIG), '--json']) == code
-        assert message_counts(json.loads(capsys.readouterr().out)) == [odd.speed, odd.load]
+        assert message_counts(json.loads(capsys.readouterr().out)) == [recording.speed, recording.load]
 
 
 def test_json_and_report_tell_of_damage_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,8 +71,8 @@ sys.exit(code)
 @pytest.mark.slow
 @pytest.mark.parametrize('name', LARGE)
 def test_a_file_that_grows_takes_no_memory(name: str, tmp_path: Path) -> None:
-    odd, path = LARGE[name], tmp_path / 'large.mcap'
-    path.write_bytes(odd.make())
+    recording, path = LARGE[name], tmp_path / 'large.mcap'
+    path.write_bytes(recording.make())
     done = subprocess.run(
         [sys.executable, '-c', LIMITED, str(ADDRESS_SPACE), str(path), '--config', str(CONFIG)],
         capture_output=True,
@@ -80,9 +80,9 @@ def test_a_file_that_grows_takes_no_memory(name: str, tmp_path: Path) -> None:
         timeout=200,
         check=False,
     )
-    assert odd.says in done.stdout + done.stderr
+    assert recording.says in done.stdout + done.stderr
     # Without a load, or with numbers of one time only, nothing is predicted.
-    assert done.returncode in ((1,) if odd.load else (0, 1, 2))
+    assert done.returncode in ((1,) if recording.load else (0, 1, 2))
     assert int(done.stderr.split()[-1]) < MEGABYTES
 
 

@@ -53,13 +53,13 @@ def fill_stream(config: MonitorConfig) -> Stream:
 
 def test_three_values_that_stand_are_the_voyage_of_a_sensor() -> None:
     """Each delay runs on by an eighth of it at most: of the sensor's events each comes, and none other."""
-    expected, found = (
+    expected, actual = (
         scan_events(configured(), every_second()),
         scan_events(config_with_hold(), fill_stream(config_with_hold())),
     )
-    assert [name for _, name in found] == [name for _, name in expected]
-    assert {'stick_slip', 'normal'} <= {name for _, name in found}
-    for (at, _), (late, _) in zip(expected, found, strict=True):
+    assert [name for _, name in actual] == [name for _, name in expected]
+    assert {'stick_slip', 'normal'} <= {name for _, name in actual}
+    for (at, _), (late, _) in zip(expected, actual, strict=True):
         since = max(t for t, _ in COURSE if t <= at)
         assert at - 1.0 <= late <= since + 1.125 * (at - since) + 2.0
     assert 'input_stale' in {name for _, name in scan_events(configured(), changes_only())}
@@ -110,12 +110,12 @@ def test_a_number_that_is_none_ends_the_repeats_live_and_offline() -> None:
 
 def test_any_parts_have_the_same_repeats() -> None:
     whole, _ = HeldValues(config_with_hold().bearings[0]).fill(changes_only(), T0 + round(END * SECOND))
-    parts, own, stream = [], HeldValues(config_with_hold().bearings[0]), changes_only()
+    parts, held, stream = [], HeldValues(config_with_hold().bearings[0]), changes_only()
     for low, high in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 4)):
         until = stream.arrival_ns[high - 1] if high > low else T0 + round(END * SECOND)
         columns = (column[low:high] for column in (stream.time_ns, stream.inputs, stream.value))
         part = Stream(*columns, arrival_ns=stream.arrival_ns[low:high])  # type: ignore[misc]
-        parts.append(own.fill(part, int(until))[0])
+        parts.append(held.fill(part, int(until))[0])
     for name in ('time_ns', 'inputs', 'value', 'arrival_ns'):
         joined = np.concatenate([getattr(part, name) for part in parts])
         assert joined.tolist() == getattr(whole, name).tolist()
@@ -147,8 +147,8 @@ def test_the_pattern_is_named_with_the_line_to_write(
     log = tmp_path / 'a.csv'
     log.write_text('time,speed [rpm],load [N]\n' + ''.join(f'{t},{rpm:.2f},1000\n' for t, rpm in rows))
     code, document = check_log(log, '', capsys)
-    (said,) = (text for text in document['warnings'] if 'aft_stern.speed.hold: 900' in text)
-    assert 'seems to be stored only where it changes' in said
+    (warning,) = (text for text in document['warnings'] if 'aft_stern.speed.hold: 900' in text)
+    assert 'seems to be stored only where it changes' in warning
     assert code == 1
     code, document = check_log(log, ', hold: 900', capsys)
     (bearing,) = document['bearings'].values()

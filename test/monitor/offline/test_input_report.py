@@ -32,19 +32,19 @@ NS = 10**9
 
 def find_gaps(stamp_ns: IntArray, limit_ns: int) -> Gaps:
     """The gaps of stamps that come in two parts."""
-    found, cut = Gaps(limit_ns), len(stamp_ns) // 2
+    gaps, cut = Gaps(limit_ns), len(stamp_ns) // 2
     for part in (stamp_ns[:cut], stamp_ns[cut:]):
-        found.take(part, part)
-    return found
+        gaps.take(part, part)
+    return gaps
 
 
 def test_rate_and_gaps() -> None:
     seconds = [0, 1, 2, 3, 13, 14, 15, 115]
-    found = find_gaps(np.array(seconds, np.int64) * NS, 5 * NS)
-    assert found.count == 2
-    assert found.longest == [Gap(15 * NS, 100.0), Gap(3 * NS, 10.0)]
+    gaps = find_gaps(np.array(seconds, np.int64) * NS, 5 * NS)
+    assert gaps.count == 2
+    assert gaps.longest == [Gap(15 * NS, 100.0), Gap(3 * NS, 10.0)]
     # Five intervals of a second, apart from the gaps.
-    assert found.rate == pytest.approx(1.0)
+    assert gaps.rate == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize('copies', [1, 2, 3])
@@ -61,22 +61,22 @@ def test_an_interval_of_just_the_limit_is_no_gap() -> None:
 
 def test_only_the_longest_are_named() -> None:
     stamps = np.cumsum(np.arange(6, 30)) * NS
-    found = find_gaps(stamps.astype(np.int64), 5 * NS)
-    assert found.count == 23
-    assert [gap.seconds for gap in found.longest] == [29.0, 28.0, 27.0, 26.0, 25.0]
+    gaps = find_gaps(stamps.astype(np.int64), 5 * NS)
+    assert gaps.count == 23
+    assert [gap.seconds for gap in gaps.longest] == [29.0, 28.0, 27.0, 26.0, 25.0]
 
 
 def test_a_jump_back_is_no_gap_and_no_time() -> None:
-    found = find_gaps(np.array([100, 101, 102, 0, 1, 2], np.int64) * NS, 5 * NS)
-    assert found.count == 0
-    assert found.rate == pytest.approx(5 / 4)
+    gaps = find_gaps(np.array([100, 101, 102, 0, 1, 2], np.int64) * NS, 5 * NS)
+    assert gaps.count == 0
+    assert gaps.rate == pytest.approx(5 / 4)
 
 
 @pytest.mark.parametrize('count', [0, 1])
 def test_too_few_messages_have_no_rate(count: int) -> None:
-    found = find_gaps(np.zeros(count, np.int64), NS)
-    assert math.isnan(found.rate)
-    assert found.count == 0
+    gaps = find_gaps(np.zeros(count, np.int64), NS)
+    assert math.isnan(gaps.rate)
+    assert gaps.count == 0
 
 
 BEARING = load_config(CONFIG).bearings[0]
@@ -128,11 +128,11 @@ def test_what_can_be_is_not_asked_about(speed: list[float], load: list[float]) -
 def test_what_cannot_be_is_asked_about(
     speed: list[float], load: list[float], quantity: str, words: str
 ) -> None:
-    found = plausibility_questions(speed, load)
-    (question,) = found.pop(quantity)
+    questions = plausibility_questions(speed, load)
+    (question,) = questions.pop(quantity)
     assert question.startswith(words)
     assert question.endswith('?')
-    assert not any(found.values())
+    assert not any(questions.values())
 
 
 def test_a_shaft_a_hundred_metres_thick() -> None:
@@ -149,17 +149,19 @@ def test_friction_that_rises_from_rest_is_asked_about() -> None:
 
 
 def test_a_load_of_exactly_nothing_under_a_turning_shaft() -> None:
-    for others in (1, 18):
-        (question,) = plausibility_questions([0.2] * (2 + others), [0.0, 0.0] + [1000.0] * others)['load']
+    for other_count in (1, 18):
+        (question,) = plausibility_questions([0.2] * (2 + other_count), [0.0, 0.0] + [1000.0] * other_count)[
+            'load'
+        ]
         assert question.startswith(
-            f'is exactly 0 in {2 / (2 + others):.0%} of the values while the shaft turns'
+            f'is exactly 0 in {2 / (2 + other_count):.0%} of the values while the shaft turns'
         )
     assert plausibility_questions([0.2] * 50, [0.0, 0.0] + [1000.0] * 48)['load'] == []
     assert plausibility_questions([0.0, 0.0, 0.3], [0.0, 0.0, 1000.0])['load'] == []
 
 
 @pytest.mark.parametrize(
-    ('load', 'told'),
+    ('load', 'sentence'),
     [
         ([1000.0] * 50 + [1.0] * 50, 'is below 1.78 N in 50% of the values and above 1e+03 N in the others'),
         ([1000.0] * 97 + [1.0] * 3, ''),
@@ -168,10 +170,10 @@ def test_a_load_of_exactly_nothing_under_a_turning_shaft() -> None:
     ],
     ids=['kN for N half way', 'some values', 'a light ship', 'all between'],
 )
-def test_a_load_whose_unit_was_changed_on_the_way(load: list[float], told: str) -> None:
+def test_a_load_whose_unit_was_changed_on_the_way(load: list[float], sentence: str) -> None:
     (question,) = plausibility_questions([0.3] * len(load), load)['load'] or ['']
-    assert question.startswith(told)
-    assert bool(question) == bool(told)
+    assert question.startswith(sentence)
+    assert bool(question) == bool(sentence)
 
 
 def test_coulomb_friction_has_a_fold_of_the_exact_model_alone() -> None:
@@ -187,9 +189,9 @@ FLOAT, STAMPED = 'std_msgs/msg/Float64', 'geometry_msgs/msg/WrenchStamped'
 SPEED, LOAD = '/shaft/speed', '/bearing/aft_stern/load'
 
 
-def load_fault(**known: Any) -> str:
+def load_fault(**settings: Any) -> str:
     """The running monitor's sentence on the load."""
-    return input_fault(InputFacts(LOAD, FLOAT, True, **known))
+    return input_fault(InputFacts(LOAD, FLOAT, True, **settings))
 
 
 CASES = {
@@ -225,8 +227,8 @@ def test_why_an_input_brings_nothing(
             if len(values):
                 bag.write_columns([(LOAD, time, encode_float64s(values))])
     assert main(['check', str(tmp_path / 'bag.mcap'), '--config', str(CONFIG)]) == 2
-    said = ''.join(capsys.readouterr())
-    assert sentence in said
+    printed = ''.join(capsys.readouterr())
+    assert sentence in printed
 
 
 def test_a_topic_that_is_missing_in_a_cut_recording_is_said_with_the_cut(
@@ -265,7 +267,7 @@ def test_clocks_that_differ_lose_nothing(tmp_path: Path, capsys: pytest.CaptureF
     config.write_text(text.replace(old, new))
     assert main(['check', str(tmp_path / 'bag.mcap'), '--config', str(config), '--json']) == 1
     (bearing,) = json.loads(capsys.readouterr().out)['bearings'].values()
-    assert [own['used'] for own in bearing['inputs'].values()] == [100, 100]
+    assert [record['used'] for record in bearing['inputs'].values()] == [100, 100]
     assert [event['to'] for event in bearing['events']] == ['bistable']
 
 
@@ -285,19 +287,19 @@ def check_recorded(path: Path, interval: float, rpm: list[float], config: Path =
 
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
-@pytest.mark.parametrize(('interval', 'told'), [(9.9, False), (20.0, True)])
-def test_samples_far_apart_are_told(tmp_path: Path, name: str, interval: float, told: bool) -> None:
+@pytest.mark.parametrize(('interval', 'is_reported'), [(9.9, False), (20.0, True)])
+def test_samples_far_apart_are_told(tmp_path: Path, name: str, interval: float, is_reported: bool) -> None:
     warnings = ' '.join(check_recorded(tmp_path / name, interval, [60.0] * 30)['warnings'])
     text = f'samples are {interval:g} s apart: stick-slip shorter than some minutes cannot be seen'
-    assert (text in warnings) == told
+    assert (text in warnings) == is_reported
 
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
 def test_a_speed_that_is_held_is_asked_about(tmp_path: Path, name: str) -> None:
     rpm = np.repeat(60.0 + 5.0 * np.sin(1.3 * np.arange(30) ** 1.1), 20).tolist()
     (bearing,) = check_recorded(tmp_path / name, 0.5, rpm)['bearings'].values()
-    (asked,) = bearing['inputs']['speed']['questions']
-    assert asked.startswith('has a new value only every 10 s, though 2 messages a second come')
+    (question,) = bearing['inputs']['speed']['questions']
+    assert question.startswith('has a new value only every 10 s, though 2 messages a second come')
     assert bearing['inputs']['load']['questions'] == []
 
 
@@ -305,16 +307,18 @@ def test_a_speed_that_is_held_is_asked_about(tmp_path: Path, name: str) -> None:
 def test_messages_without_a_value_are_counted(tmp_path: Path, name: str) -> None:
     rpm = [60.0, np.nan, 60.0, -999.25, 60.0, np.nan] * 5
     (bearing,) = check_recorded(tmp_path / name, 1.0, rpm)['bearings'].values()
-    counts = [(own['messages'], own['used'], own['without_value']) for own in bearing['inputs'].values()]
+    counts = [
+        (record['messages'], record['used'], record['without_value']) for record in bearing['inputs'].values()
+    ]
     assert counts == [(30, 15, 15), (30, 30, 0)]
 
 
 def test_a_shaft_at_rest_is_not_the_worst_of_a_voyage(tmp_path: Path) -> None:
     record = check_recorded(tmp_path / 'a.mcap', 1.0, [60.0] * 20 + [0.0] * 20)
     worst = record['bearings']['aft_stern']['worst']
-    known = assess(BEARING.bearing, BEARING.bearing.speed.factor('rpm') * 60.0, 1000.0)
-    assert worst['fold_margin']['value'] == pytest.approx(known.fold_margin, rel=1e-7)
-    assert worst['hopf_margin']['value'] == pytest.approx(known.hopf_margin, rel=1e-12)
+    expected = assess(BEARING.bearing, BEARING.bearing.speed.factor('rpm') * 60.0, 1000.0)
+    assert worst['fold_margin']['value'] == pytest.approx(expected.fold_margin, rel=1e-7)
+    assert worst['hopf_margin']['value'] == pytest.approx(expected.hopf_margin, rel=1e-12)
 
 
 @pytest.mark.parametrize(('interval', 'complete'), [(0.0, False), (1e-9, False), (1e-6, False), (2e-4, True)])
@@ -328,7 +332,7 @@ def test_messages_without_time_between_them_are_no_quiet_voyage(
 
 
 @pytest.mark.parametrize(
-    ('seconds', 'told'),
+    ('seconds', 'sentence'),
     [
         (np.minimum(np.arange(700), 200), '500 messages on x in a row have one time'),
         (np.arange(60_000) // 200, ''),
@@ -337,14 +341,14 @@ def test_messages_without_time_between_them_are_no_quiet_voyage(
     ],
     ids=['a clock that stands from 200 s on', 'whole seconds at 200 Hz', 'seconds', 'no clock'],
 )
-def test_a_clock_that_stands_still(seconds: IntArray, told: str) -> None:
+def test_a_clock_that_stands_still(seconds: IntArray, sentence: str) -> None:
     for size in (7, 100_000):
         gaps, stamps = Gaps(NS), np.arange(seconds.size)
         for begin in range(0, seconds.size, size):
             part = slice(begin, begin + size)
             gaps.take(stamps[part], seconds[part] * NS)
-        assert gaps.crowd('x').startswith(told)
-        assert bool(gaps.crowd('x')) == bool(told)
+        assert gaps.crowd('x').startswith(sentence)
+        assert bool(gaps.crowd('x')) == bool(sentence)
 
 
 def test_the_worst_margin_of_a_law_without_an_averaged_fold(tmp_path: Path) -> None:
@@ -353,9 +357,9 @@ def test_the_worst_margin_of_a_law_without_an_averaged_fold(tmp_path: Path) -> N
     config.write_text(re.sub(r'friction: \{.*\}', f'friction: {law}', text))
     record = check_recorded(tmp_path / 'a.mcap', 1.0, [60.0] * 20 + [5.0] * 20, config)
     (bearing,) = record['bearings'].values()
-    known = assess(load_config(config).bearings[0].bearing, 5.0 * math.pi * 0.1 / 60.0, 1000.0)
+    expected = assess(load_config(config).bearings[0].bearing, 5.0 * math.pi * 0.1 / 60.0, 1000.0)
     # Read off the table of the exact fold, which is right to 1e-8 (the fold itself to 1e-9).
-    assert bearing['worst']['fold_margin']['value'] == pytest.approx(known.fold_margin, rel=1e-8)
+    assert bearing['worst']['fold_margin']['value'] == pytest.approx(expected.fold_margin, rel=1e-8)
     assert [text for own in bearing['inputs'].values() for text in own['questions']] == []
 
 

@@ -195,9 +195,9 @@ def check_log_times(folder: Path, log_times: Any) -> CheckReport:
 def _stick_slip(report: CheckReport) -> tuple[float, list[str]]:
     """For how long stick-slip stood [s], and what is said of the inputs' clocks."""
     (bearing,) = report.bearings.values()
-    own = [(e.time_ns, str(e.after) == 'stick_slip') for e in bearing.events]
-    ends = [time for time, _ in own[1:]] + [report.end_ns or 0]
-    lasting = sum(end - time for (time, there), end in zip(own, ends, strict=True) if there)
+    changes = [(e.time_ns, str(e.after) == 'stick_slip') for e in bearing.events]
+    ends = [time for time, _ in changes[1:]] + [report.end_ns or 0]
+    lasting = sum(end - time for (time, is_sticking), end in zip(changes, ends, strict=True) if is_sticking)
     return lasting / SECOND, [item.fault for item in bearing.inputs]
 
 

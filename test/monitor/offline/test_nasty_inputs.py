@@ -129,8 +129,8 @@ def test_the_other_side_is_another_shaft(heading: str, bearing: str, is_its: boo
 
 def test_columns_of_one_heading_are_told_apart_by_their_places(tmp_path: Path) -> None:
     recording = open_log(tmp_path, 'time,speed [rpm],speed [rpm],load [N]\n0,30,60,900\n1,30,60,901\n')
-    told = bind(recording, load_config(CONFIG)).absent['aft_stern', 'speed']
-    assert "2 columns may be the speed: '#2', '#3'; write aft_stern.speed.column" in told
+    reason = bind(recording, load_config(CONFIG)).absent['aft_stern', 'speed']
+    assert "2 columns may be the speed: '#2', '#3'; write aft_stern.speed.column" in reason
 
 
 def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> None:
@@ -154,16 +154,16 @@ def test_a_column_of_the_topic_is_the_shafts_own(tmp_path: Path) -> None:
     ],
 )
 def test_the_speed_of_an_engine_is_asked_about(text: str, tmp_path: Path) -> None:
-    asked = bind(open_log(tmp_path, text), load_config(CONFIG)).questions['aft_stern', 'speed']
-    assert "is it the shaft's own? Write aft_stern.speed.column, and gear" in asked
+    question = bind(open_log(tmp_path, text), load_config(CONFIG)).questions['aft_stern', 'speed']
+    assert "is it the shaft's own? Write aft_stern.speed.column, and gear" in question
 
 
 def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
-    own = CONFIG.read_text().replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
-    (tmp_path / 'own.yaml').write_text(own)
+    config_text = CONFIG.read_text().replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
+    (tmp_path / 'own.yaml').write_text(config_text)
     recording = open_log(tmp_path, 'time [s],rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
-    asked = bind(recording, load_config(tmp_path / 'own.yaml')).questions
-    assert asked == {
+    questions = bind(recording, load_config(tmp_path / 'own.yaml')).questions
+    assert questions == {
         ('aft_stern', 'load'): "is column 'Load [klbf]' in N, and its heading says 'klbf': is that right?"
     }
 
@@ -229,8 +229,8 @@ def test_lines_far_apart_are_told_and_a_value_counts_for_three_of_them(tmp_path:
     recording = open_log(tmp_path, 'time,rpm,kN\n' + ''.join(f'{20 * k},30,1\n' for k in range(30)))
     inputs = bound_inputs(recording)
     assert inputs['speed'].timeout_ns == inputs['load'].timeout_ns == 60 * 10**9
-    said = ' '.join(recording.warnings)
-    assert said.count('lines are 20 s apart, so its timeout is 60 s here') == 2
+    warnings = ' '.join(recording.warnings)
+    assert warnings.count('lines are 20 s apart, so its timeout is 60 s here') == 2
 
 
 def test_a_log_is_not_played_and_a_way_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -255,13 +255,15 @@ def test_a_log_is_not_played_and_a_way_is_named(tmp_path: Path, capsys: pytest.C
 )
 def test_which_numbers_are_still_to_be_scaled(text: str, speed: float, says: str, tmp_path: Path) -> None:
     config = tmp_path / 'ship.yaml'
-    own = "unit: rpm, scale: 0.25, column: 'Engine speed'" if 'speed,' in text else 'unit: rpm, scale: 0.25'
-    config.write_text(CONFIG.read_text().replace('unit: rpm', own, 1))
+    settings = (
+        "unit: rpm, scale: 0.25, column: 'Engine speed'" if 'speed,' in text else 'unit: rpm, scale: 0.25'
+    )
+    config.write_text(CONFIG.read_text().replace('unit: rpm', settings, 1))
     recording = open_log(tmp_path, text)
     (bearing,) = bind(recording, load_config(config)).config.bearings
     request = Request(bearing.speed.topic, 'data')
     assert 0.25 * recording.read([request])[request].value[0] == pytest.approx(speed)
-    assert any(says in said for said in recording.warnings)
+    assert any(says in warning for warning in recording.warnings)
 
 
 @pytest.mark.parametrize(
@@ -302,13 +304,13 @@ def test_one_column_that_both_bearings_name_is_the_load_of_two(tmp_path: Path) -
 def test_a_scale_beside_a_named_column_applies(tmp_path: Path) -> None:
     """The engine of a 4:1 gear at 80 rpm turns the shaft at 20 rpm, whatever unit its heading has."""
     config = tmp_path / 'ship.yaml'
-    own = "unit: rpm, scale: 0.25, column: 'ME [rpm]'"
-    config.write_text(CONFIG.read_text().replace('unit: rpm', own, 1))
+    settings = "unit: rpm, scale: 0.25, column: 'ME [rpm]'"
+    config.write_text(CONFIG.read_text().replace('unit: rpm', settings, 1))
     recording = open_log(tmp_path, 'time,ME [rpm],load [N]\n0,80,900\n1,80,901\n')
     (bearing,) = bind(recording, load_config(config)).config.bearings
     request = Request(bearing.speed.topic, 'data')
     assert bearing.speed.scale * recording.read([request])[request].value[0] == pytest.approx(20.0)
-    assert any('times its scale 0.25' in said for said in recording.warnings)
+    assert any('times its scale 0.25' in warning for warning in recording.warnings)
 
 
 def test_an_engine_with_a_gear_and_a_load_from_the_alignment_table(
@@ -330,7 +332,7 @@ def test_an_engine_with_a_gear_and_a_load_from_the_alignment_table(
     assert speed['values'].startswith('100.8 to 571.2 rpm of an engine with a gear of 4.2 (')
     assert load['values'] == '611.1 to 2000 N from the alignment table'
     assert load['assumed'] is True
-    assert [len(each['source_faults']) for each in (speed, load)] == [1, 0]
+    assert [len(record['source_faults']) for record in (speed, load)] == [1, 0]
     assert any('of an engine with a gear of 4.2' in text for text in document['warnings'])
     assert 'Now 24 rpm, 1.76 kN (from the alignment table)' in bearing['events'][0]['text']
 
@@ -358,12 +360,12 @@ def test_lines_of_two_shafts_are_refused_or_chosen(tmp_path: Path) -> None:
         in (absent['aft_stern', 'speed'])
     )
     document = load_yaml(CONFIG)
-    own = document['/**']['ros__parameters']
-    bearing = own.pop('aft_stern')
-    own['bearings'] = ['port', 'stbd']
-    for name in own['bearings']:
+    parameters = document['/**']['ros__parameters']
+    bearing = parameters.pop('aft_stern')
+    parameters['bearings'] = ['port', 'stbd']
+    for name in parameters['bearings']:
         inputs = {key: bearing[key] | {'where': {'shaft': name}} for key in ('speed', 'load')}
-        own[name] = bearing | inputs
+        parameters[name] = bearing | inputs
     (tmp_path / 'ship.yaml').write_text(json.dumps(document))
     bound = bind(recording, load_config(tmp_path / 'ship.yaml'))
     assert bound.absent == {}

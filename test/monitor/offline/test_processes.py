@@ -77,17 +77,17 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
 ) -> None:
     calls = {f'square-{number}-{tmp_path}': (number,) for number in range(20)}
     arriving = run_on_cluster(address, squared_slowly(tmp_path), calls)
-    found: list[tuple[str, int]] = []
-    reader = Thread(target=lambda: found.extend(arriving))
+    results: list[tuple[str, int]] = []
+    reader = Thread(target=lambda: results.extend(arriving))
     reader.start()
     at_work = until(lambda: len({p for _, p in calls_begun(tmp_path)}) == 2 and calls_begun(tmp_path))
     number, victim = at_work[0]
     os.kill(victim, signal.SIGKILL)
     (tmp_path / 'leave').touch()
     reader.join(LIMIT)
-    assert Counter(key for key, _ in found) == Counter(list(calls))
-    assert dict(found) == {key: number**2 for key, (number,) in calls.items()}
-    begun = [process for each, process in calls_begun(tmp_path) if each == number]
+    assert Counter(key for key, _ in results) == Counter(list(calls))
+    assert dict(results) == {key: number**2 for key, (number,) in calls.items()}
+    begun = [process for call, process in calls_begun(tmp_path) if call == number]
     # The call that was killed was begun again, by another process.
     assert begun.count(victim) == 1
     assert len(begun) > 1
@@ -95,9 +95,9 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
 
 def test_an_exception_is_the_outcome_of_its_call_alone(address: str) -> None:
     calls = {f'invert-{value}': (value,) for value in (2, 0, 4)}
-    found = dict(run_on_cluster(address, lambda value: 1 / value, calls))
-    assert (found['invert-2'], found['invert-4']) == (0.5, 0.25)
-    assert isinstance(found['invert-0'], ZeroDivisionError)
+    results = dict(run_on_cluster(address, lambda value: 1 / value, calls))
+    assert (results['invert-2'], results['invert-4']) == (0.5, 0.25)
+    assert isinstance(results['invert-0'], ZeroDivisionError)
 
 
 @pytest.mark.slow
@@ -110,9 +110,9 @@ def test_a_bag_that_kills_every_worker_is_given_up(address: str) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         return number
 
-    found = dict(run_on_cluster(address, die, {f'die-{n}': (n,) for n in range(3)}))
-    assert (found['die-0'], found['die-2']) == (0, 2)
-    assert has_died(found['die-1'])
+    results = dict(run_on_cluster(address, die, {f'die-{n}': (n,) for n in range(3)}))
+    assert (results['die-0'], results['die-2']) == (0, 2)
+    assert has_died(results['die-1'])
 
 
 def make_archive(folder: Path) -> list[Path]:
@@ -135,10 +135,10 @@ def test_an_archive_is_checked_as_on_this_machine(
     address: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bags = make_archive(tmp_path)
-    there = check_as_json(capsys, tmp_path, '--scheduler', address)
-    assert [document['path'] for document in there] == [str(bag) for bag in bags]
-    assert [document['path'] for document in there if 'error' in document] == [str(bags[0])]
-    assert there == check_as_json(capsys, tmp_path, '--jobs', 1)
+    on_cluster = check_as_json(capsys, tmp_path, '--scheduler', address)
+    assert [document['path'] for document in on_cluster] == [str(bag) for bag in bags]
+    assert [document['path'] for document in on_cluster if 'error' in document] == [str(bags[0])]
+    assert on_cluster == check_as_json(capsys, tmp_path, '--jobs', 1)
 
 
 # --- what goes wrong ---------------------------------------------------------------------------
@@ -147,9 +147,9 @@ def test_an_archive_is_checked_as_on_this_machine(
 def refusal_of_check(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     bag = ROOT / 'bags' / 'voyage'
     assert main(['check', str(bag), '--config', str(CONFIG), *map(str, arguments)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ''
-    (line,) = said.err.splitlines()
+    printed = capsys.readouterr()
+    assert printed.out == ''
+    (line,) = printed.err.splitlines()
     return line
 
 
@@ -230,9 +230,9 @@ def test_a_cluster_without_workers_is_not_waited_for_for_ever(monkeypatch: pytes
 
 def test_every_call_is_done_once_and_failures_are_their_own() -> None:
     calls = [(2.0,), (-1.0,), (9.0,), (16.0,)]
-    found = list(run_in_processes(math.sqrt, dict(enumerate(calls)), 2))
-    assert sorted(number for number, _ in found) == [0, 1, 2, 3]
-    outcome = dict(found)
+    results = list(run_in_processes(math.sqrt, dict(enumerate(calls)), 2))
+    assert sorted(number for number, _ in results) == [0, 1, 2, 3]
+    outcome = dict(results)
     assert [outcome[0], outcome[2], outcome[3]] == [math.sqrt(2.0), 3.0, 4.0]
     assert isinstance(outcome[1], ValueError)
 
@@ -241,9 +241,9 @@ def test_a_process_that_dies_costs_its_own_call_only() -> None:
     # One ends its process at once, while the others are at work or wait.
     death, work = 'import os; os._exit(9)', 'import time; time.sleep(0.1)'
     calls = [(death if number == 3 else work,) for number in range(7)]
-    found = list(run_in_processes(exec, dict(enumerate(calls)), 2))
-    assert sorted(number for number, _ in found) == list(range(7))
-    outcome = dict(found)
+    results = list(run_in_processes(exec, dict(enumerate(calls)), 2))
+    assert sorted(number for number, _ in results) == list(range(7))
+    outcome = dict(results)
     assert isinstance(outcome.pop(3), BrokenProcessPool)
     assert set(outcome.values()) == {None}
 

@@ -111,9 +111,9 @@ def write_verdicts(bag: Path, path: Path, config: MonitorConfig | None = None) -
 
 def scan_of(bag: Path, config: MonitorConfig) -> Scan:
     """The verdicts on the bearing."""
-    kept = RecordingBuffer()
-    check_recording(bag, config, [kept])
-    return kept.scan('aft')
+    buffer = RecordingBuffer()
+    check_recording(bag, config, [buffer])
+    return buffer.scan('aft')
 
 
 def rosbags_messages(path: Path) -> list[tuple[str, int, Any]]:
@@ -144,31 +144,31 @@ def monitor_live(until: int | None = None) -> tuple[list[Verdict], list[Event], 
 
 @pytest.mark.slow
 def test_topics_are_those_of_the_node_beside_the_inputs(written: Path) -> None:
-    found = {name: topic.type for name, topic in open_bag(written).topics.items()}
+    types = {name: topic.type for name, topic in open_bag(written).topics.items()}
     inputs = {'/shaft': 'std_msgs/msg/Float64', '/load': WRENCH}
-    assert found == TOPICS | inputs
+    assert types == TOPICS | inputs
 
 
 @pytest.mark.slow
 def test_another_reader_sees_what_the_live_monitor_says(written: Path) -> None:
     verdicts, events, _ = monitor_live()
-    said = rosbags_messages(written)
+    messages = rosbags_messages(written)
     for name, value in (
         ('amplitude', lambda p: 0.0 if np.isnan(p.amplitude) else p.amplitude),
         ('hopf_margin', lambda p: p.hopf_margin),
         ('fold_margin', lambda p: p.fold_margin),
         ('regime', lambda p: p.regime.value),
     ):
-        own = [(t, m.data) for topic, t, m in said if topic == f'/stickslip_monitor/aft/{name}']
-        assert own == [(v.time_ns, value(v.assessment)) for v in verdicts]
+        values = [(t, m.data) for topic, t, m in messages if topic == f'/stickslip_monitor/aft/{name}']
+        assert values == [(v.time_ns, value(v.assessment)) for v in verdicts]
     # In bulk and one by one the exact amplitude may come by different ways, alike to 1e-6.
-    exact = [(t, m.data) for topic, t, m in said if topic.endswith('/amplitude_exact')]
+    exact = [(t, m.data) for topic, t, m in messages if topic.endswith('/amplitude_exact')]
     times, amplitudes = zip(*exact, strict=True)
     assert list(times) == [v.time_ns for v in verdicts]
     alone = np.nan_to_num([v.assessment.amplitude_exact for v in verdicts])
     np.testing.assert_allclose(amplitudes, alone, rtol=1e-6)
     assert alone.max() > 0.0
-    warnings = [(t, json.loads(m.data)) for topic, t, m in said if topic.endswith('/warnings')]
+    warnings = [(t, json.loads(m.data)) for topic, t, m in messages if topic.endswith('/warnings')]
     assert warnings == [(e.time_ns, event_record(e)) for e in events]
     assert {'stick_slip', 'input_stale'} <= {record['to'] for _, record in warnings}
 
@@ -217,27 +217,29 @@ def test_blocks_of_a_few_messages_give_the_same_file_and_check(
     whole = to_json(check_recording(bag, config_of()))
     monkeypatch.setattr(mcap_recording, '_MAX_OF_TOPIC', 2)
     assert to_json(write_verdicts(bag, tmp_path / 'out.mcap')) == whole
-    one, other = (
+    one, second = (
         sorted((m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages())
         for path in (written, tmp_path / 'out.mcap')
     )
     # The exact amplitude comes by another way where there are few: see the test above.
     amplitudes = [
-        [struct.unpack('<4xd', data) for topic, _, data in found if topic.endswith('/amplitude_exact')]
-        for found in (one, other)
+        [struct.unpack('<4xd', data) for topic, _, data in messages if topic.endswith('/amplitude_exact')]
+        for messages in (one, second)
     ]
     np.testing.assert_allclose(*amplitudes, rtol=1e-6)
-    assert [m[:2] for m in one] == [m[:2] for m in other]
-    one, other = ([m for m in found if not m[0].endswith('/amplitude_exact')] for found in (one, other))
-    assert one == other
+    assert [m[:2] for m in one] == [m[:2] for m in second]
+    one, second = (
+        [m for m in messages if not m[0].endswith('/amplitude_exact')] for messages in (one, second)
+    )
+    assert one == second
 
 
 def test_a_publish_period_thins_the_values_and_keeps_the_changes(bag: Path, tmp_path: Path) -> None:
     config = config_of(publish_period=5.0)
-    found = write_verdicts(bag, tmp_path / 'out.mcap', config)
+    written = write_verdicts(bag, tmp_path / 'out.mcap', config)
     regimes = open_bag(tmp_path / 'out.mcap').messages(['/stickslip_monitor/aft/regime'])
     times = [message.log_time_ns for message in regimes]
-    changes = {event.time_ns for event in found.bearings['aft'].events}
+    changes = {event.time_ns for event in written.bearings['aft'].events}
     assert len(times) < 30
     early = [b for a, b in pairwise(times) if b - a < 5 * NS]
     scan = scan_of(bag, config)
@@ -253,8 +255,8 @@ def test_a_quiet_recording_has_its_diagnostics(tmp_path: Path) -> None:
     columns = {'/shaft': (times, np.full(50, 60.0)), '/load': (times, np.full(50, 1000.0))}
     write_recording(tmp_path / 'in', columns)
     config = config_of(**PLAIN)
-    found = write_verdicts(tmp_path / 'in', tmp_path / 'out.mcap', config)
-    assert found.bearings['aft'].events == []
+    written = write_verdicts(tmp_path / 'in', tmp_path / 'out.mcap', config)
+    assert written.bearings['aft'].events == []
     assert open_bag(tmp_path / 'out.mcap').topics['/diagnostics'].count == 5
 
 
@@ -270,10 +272,10 @@ def test_values_that_stand_are_the_same_in_any_blocks_and_are_no_samples(
     whole = write_verdicts(tmp_path / 'in', tmp_path / 'out.mcap', config)
     monkeypatch.setattr(mcap_recording, '_MAX_OF_TOPIC', 2)
     assert to_json(write_verdicts(tmp_path / 'in', tmp_path / 'again.mcap', config)) == to_json(whole)
-    one, other = (
+    one, second = (
         {(t, n): m for t, n, m in rosbags_messages(tmp_path / f'{p}.mcap')} for p in ('out', 'again')
     )
-    assert one.keys() == other.keys()
+    assert one.keys() == second.keys()
     last = max(t for topic, t in one if topic == '/diagnostics')
     values = {pair.key: pair.value for pair in one['/diagnostics', last].status[0].values}
     assert (values['speed samples accepted'], values['speed samples repeated']) == ('5', '0')
@@ -287,13 +289,13 @@ def test_a_mix_of_two_sources_is_no_all_clear_for_a_minute(tmp_path: Path) -> No
     write_recording(tmp_path / 'in', {'/shaft': (times, rpm), '/load': (times, np.full(800, 1000.0))})
     config = config_of(**PLAIN)
     write_verdicts(tmp_path / 'in', tmp_path / 'out.mcap', config)
-    said = [
+    texts = [
         (t - START, m) for topic, t, m in rosbags_messages(tmp_path / 'out.mcap') if topic == '/diagnostics'
     ]
-    mixed = {t // NS for t, m in said if 'No verdict can be relied on.' in m.status[0].message}
+    mixed = {t // NS for t, m in texts if 'No verdict can be relied on.' in m.status[0].message}
     assert mixed.issuperset(range(5, 70))
     assert not mixed & {0, 1, 2, *range(71, 80)}
-    assert all(m.status[0].level == 0 for t, m in said if t >= 71 * NS)
+    assert all(m.status[0].level == 0 for t, m in texts if t >= 71 * NS)
 
 
 @pytest.mark.parametrize('number', [-999.25, 30e3])
@@ -308,9 +310,9 @@ def test_what_is_refused_is_no_second_source(tmp_path: Path, number: float) -> N
 
 def test_a_clock_that_jumps_back_is_written(tmp_path: Path) -> None:
     samples = [(second, place, (20.0, 1000.0)[place]) for second in range(60) for place in (1, 0)]
-    found = write_verdicts(write_samples(tmp_path / 'in', samples, period=30), tmp_path / 'out.mcap')
+    written = write_verdicts(write_samples(tmp_path / 'in', samples, period=30), tmp_path / 'out.mcap')
     counts = Counter(topic for topic, _, _ in rosbags_messages(tmp_path / 'out.mcap'))
-    assert counts['/stickslip_monitor/aft/regime'] == found.bearings['aft'].evaluations
+    assert counts['/stickslip_monitor/aft/regime'] == written.bearings['aft'].evaluations
 
 
 # --- the command -------------------------------------------------------------------------------

@@ -37,12 +37,12 @@ class Sharper(Stribeck):
 
 def test_a_subclass_that_overrides_its_friction_is_a_law_of_its_own() -> None:
     """Neither its parent's closed forms nor its parent's exact cycles are its own."""
-    own = Bearing(50.0, 400.0, 2.0e6, Sharper(0.30, 0.10, 5.0), 0.1)
+    bearing = Bearing(50.0, 400.0, 2.0e6, Sharper(0.30, 0.10, 5.0), 0.1)
     same = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.1)
-    assert hopf_speed(own, 1000.0) == pytest.approx(hopf_speed(same, 1000.0), rel=1e-9)
-    assert fold_speed(own, 1000.0) == pytest.approx(fold_speed(same, 1000.0), rel=1e-7)
-    assert exact_fold_speed(own, 1000.0) == pytest.approx(exact_fold_speed(same, 1000.0), rel=1e-6)
-    cycle = exact_cycle(own, 0.1, 1000.0)
+    assert hopf_speed(bearing, 1000.0) == pytest.approx(hopf_speed(same, 1000.0), rel=1e-9)
+    assert fold_speed(bearing, 1000.0) == pytest.approx(fold_speed(same, 1000.0), rel=1e-7)
+    assert exact_fold_speed(bearing, 1000.0) == pytest.approx(exact_fold_speed(same, 1000.0), rel=1e-6)
+    cycle = exact_cycle(bearing, 0.1, 1000.0)
     assert cycle.kind is CycleKind.STICK_SLIP
     assert cycle.amplitude == pytest.approx(exact_cycle(same, 0.1, 1000.0).amplitude, rel=1e-8)
 
@@ -54,11 +54,11 @@ def test_of_stribecks_law_it_finds_what_the_closed_forms_say() -> None:
         bearing = Bearing(1.0, q, 1.0, STRIBECK, 0.1)
         assert fold[i] == pytest.approx(fold_speed(bearing, 1.0), rel=2e-11)
         speed = 0.5 * (fold[i] + hopf_speed(bearing, 1.0))
-        both = stationary_amplitudes(bearing, speed, 1.0).amplitude
-        found, stable = averages_by_quadrature.cycles(
+        amplitudes = stationary_amplitudes(bearing, speed, 1.0).amplitude
+        quadrature_amplitudes, stable = averages_by_quadrature.cycles(
             STRIBECK, np.array([speed]), 1.0, 1.0 / DAMPING[i : i + 1]
         )
-        np.testing.assert_allclose(found[0], both, rtol=2e-11)
+        np.testing.assert_allclose(quadrature_amplitudes[0], amplitudes, rtol=2e-11)
         assert stable[0].tolist() == [0.0, 1.0]
 
 
@@ -125,9 +125,9 @@ def test_the_table_of_a_law_hides_no_cycle() -> None:
         above = averages_by_quadrature.slope_surface(law, x, v).reshape(60, -1) > q[:, None]
         changes = np.count_nonzero(above[:, 1:] != above[:, :-1], axis=1)
         amplitude, stable = averages_by_quadrature.cycles(law, speed, 1.0, 1.0 / q)
-        found = np.count_nonzero(~np.isnan(amplitude), axis=1)
-        assert np.all((found == changes) | (found == changes + 2))
-        assert np.mean(found == changes) > 0.98
+        counts = np.count_nonzero(~np.isnan(amplitude), axis=1)
+        assert np.all((counts == changes) | (counts == changes + 2))
+        assert np.mean(counts == changes) > 0.98
         fold = averages_by_quadrature.fold_speed(law, q)
         exists = averages_by_quadrature.has_cycle(law, speed, q, fold)
         np.testing.assert_array_equal(exists, (stable > 0.0).any(axis=1))
@@ -193,8 +193,8 @@ def test_a_cycle_of_a_measured_table_balances(
     speed = np.append(0.0, np.geomspace(0.005, 1.0, 45))
     scatter = 0.003 * np.random.default_rng(40).standard_normal(46)
     law, v, q = Tabulated(speed, 0.1 + 0.2 * np.exp(-10.0 * speed) + scatter), 0.293812085, 0.083243209
-    found, _ = averages_by_quadrature.cycles(law, np.array([v]), q, np.ones(1))
-    balance = [2.0 * harmonic_by_quad(law, v, a) / a for a in found[0].tolist()]
+    amplitudes, _ = averages_by_quadrature.cycles(law, np.array([v]), q, np.ones(1))
+    balance = [2.0 * harmonic_by_quad(law, v, a) / a for a in amplitudes[0].tolist()]
     np.testing.assert_allclose(balance, q, rtol=1e-6)
 
 

@@ -28,5 +28,5 @@ def test_growth_decline_and_their_inverses_keep_every_digit(x: float) -> None:
     if x > 1e-8:  # below it the growth, x^2/8, is beneath all use
         assert averages_closed_form.amplitude_for_growth(values[0])[0] == pytest.approx(back[0], rel=2e-15)
     # Conditioning: at large v the decline is 1.5 ln v, so an ulp of it is ln v ulps of v.
-    least = 4e-15 * max(1.0, np.log(x))
-    assert averages_closed_form.speed_for_decline(values[1])[0] == pytest.approx(back[1], rel=least)
+    tolerance = 4e-15 * max(1.0, np.log(x))
+    assert averages_closed_form.speed_for_decline(values[1])[0] == pytest.approx(back[1], rel=tolerance)

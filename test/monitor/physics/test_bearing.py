@@ -38,8 +38,8 @@ def test_torsional_bearing_is_the_translational_one_at_the_surface() -> None:
     """``J phi'' + c_t phi' + k_t phi = N mu(V - R phi') R``, divided by R, with x = R phi."""
     bearing = Bearing.from_torsional(0.8, 1.5, 3000.0, LAW, 0.2)
     assert bearing.journal_diameter == pytest.approx(0.4)
-    found = (bearing.mass, bearing.damping, bearing.stiffness)
-    assert found == pytest.approx((0.8 / 0.04, 1.5 / 0.04, 3000.0 / 0.04))
+    values = (bearing.mass, bearing.damping, bearing.stiffness)
+    assert values == pytest.approx((0.8 / 0.04, 1.5 / 0.04, 3000.0 / 0.04))
 
 
 @pytest.mark.parametrize(

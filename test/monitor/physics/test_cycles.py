@@ -335,11 +335,11 @@ def test_compiled_amplitudes_are_the_same_bits(law, monkeypatch):
     load = draw.uniform(500.0, 3000.0, 40)
     speed = draw.uniform(0.3, 1.1, 40) * exact_fold_speed(bearing, load)
     monkeypatch.setattr(orbits, 'PATIENCE', math.inf)
-    found = exact_amplitude(bearing, speed, load)
+    amplitude = exact_amplitude(bearing, speed, load)
     monkeypatch.setattr(orbits, 'PATIENCE', 0)
     compiled = exact_amplitude(bearing, speed, load)
-    assert np.isfinite(found).any()
-    assert found.tobytes() == compiled.tobytes()
+    assert np.isfinite(amplitude).any()
+    assert amplitude.tobytes() == compiled.tobytes()
 
 
 def test_a_vibration_that_never_sticks_has_amplitude_and_period():

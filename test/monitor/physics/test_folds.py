@@ -26,7 +26,7 @@ def bearing_of(law: FrictionLaw, damping: float = 400.0) -> Bearing:
 
 
 @pytest.mark.parametrize(
-    ('law', 'least', 'most', 'rounding'),
+    ('law', 'min_load', 'max_load', 'rounding'),
     [
         (Stribeck(0.3, 0.1, 10.0), 200.3, 1e4, 1e-9),
         (Stribeck(0.3, 0.1, 10.0), 1e4, 1e5, 1e-6),  # steep: orbits part at once near grazing
@@ -35,12 +35,12 @@ def bearing_of(law: FrictionLaw, damping: float = 400.0) -> Bearing:
         (TABLE, 300.0, 3e3, 1e-4),
     ],
 )
-def test_many_loads_are_the_loads_one_by_one(law, least, most, rounding):
-    load = np.geomspace(least, most, 200)
+def test_many_loads_are_the_loads_one_by_one(law, min_load, max_load, rounding):
+    load = np.geomspace(min_load, max_load, 200)
     together = exact_fold_speed(bearing_of(law), load)
-    some = [3, 60, 117, 196]
-    alone = [exact_fold_speed(bearing_of(law), load[i]) for i in some]
-    np.testing.assert_allclose(together[some], alone, rtol=rounding)
+    rows = [3, 60, 117, 196]
+    alone = [exact_fold_speed(bearing_of(law), load[i]) for i in rows]
+    np.testing.assert_allclose(together[rows], alone, rtol=rounding)
 
 
 @pytest.mark.parametrize(
@@ -262,8 +262,8 @@ def test_the_fold_of_a_law_with_an_exponent_is_found_from_its_onset_on(exponent)
     low, high = load[first - 1], load[first]
     while high - low > 1e-4 * low:  # as close to the onset as that
         middle = 0.5 * (low + high)
-        found = exact_fold_speed(bearing, middle) > 0.0
-        low, high = (low, middle) if found else (middle, high)
+        has_fold = exact_fold_speed(bearing, middle) > 0.0
+        low, high = (low, middle) if has_fold else (middle, high)
     near = high * np.array([1.0, 1.0003, 1.001, 1.003, 1.01])
     beginning = np.array([exact_fold_speed(bearing, n) for n in near])
     assert np.all(np.diff(np.append(beginning, fold[first + 1 :])) > 0.0)
@@ -299,10 +299,10 @@ def test_a_law_that_falls_from_rest_has_no_lower_end(law):
 
 
 @pytest.mark.parametrize(
-    ('viscous', 'damping', 'known'),
+    ('viscous', 'damping', 'expected'),
     [(0.05, 400.0, 6), (0.3, 400.0, 6), (0.05, 8e3, 5), (0.0, 3e4, 4), (0.0, 4e5, 1)],
 )
-def test_a_fold_of_a_table_is_the_last_stick_slip_however_it_is_damped(viscous, damping, known):
+def test_a_fold_of_a_table_is_the_last_stick_slip_however_it_is_damped(viscous, damping, expected):
     """What rises with the speed makes the fold fall again with the load; against the cycle itself.
 
     The last is a stiffness in MN/m taken for N/m: twenty times critical damping.
@@ -312,9 +312,11 @@ def test_a_fold_of_a_table_is_the_last_stick_slip_however_it_is_damped(viscous, 
     table = boundary_table(bearing)
     fold = table.fold(load)
     # Averaging stands for an exact fold that is not known.
-    found = np.isfinite(fold) & (fold != table.fold_kbm(load))
-    assert np.count_nonzero(found) >= known
-    below, above = (exact_cycle(bearing, fold[found] * share, load[found]).kind for share in (0.99, 1.01))
+    is_exact = np.isfinite(fold) & (fold != table.fold_kbm(load))
+    assert np.count_nonzero(is_exact) >= expected
+    below, above = (
+        exact_cycle(bearing, fold[is_exact] * share, load[is_exact]).kind for share in (0.99, 1.01)
+    )
     assert np.all(below <= CycleKind.OVERTAKING)
     assert np.all(above > CycleKind.OVERTAKING)
 

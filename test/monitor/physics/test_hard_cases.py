@@ -74,9 +74,9 @@ def test_averaged_cycles_just_inside_and_just_outside_the_fold(kappa):
         v = mp.mpf(fold)
         slope = mp.besseli(2, v) / mp.besseli(1, v)
         short = float((1 / slope - 1) * distance)
-    found = stationary_amplitudes(bearing, fold * (1.0 - distance), load)
-    assert found.stable.tolist() == [False, True]
-    unstable, stable = found.amplitude / (fold * (1.0 - distance))
+    cycles = stationary_amplitudes(bearing, fold * (1.0 - distance), load)
+    assert cycles.stable.tolist() == [False, True]
+    unstable, stable = cycles.amplitude / (fold * (1.0 - distance))
     assert stable == pytest.approx(1.0, abs=1e-15)
     assert 1.0 - unstable == pytest.approx(short, abs=4e-15 * (1.0 + short / distance))
     assert stationary_amplitudes(bearing, fold * (1.0 + distance), load).amplitude.size == 0
@@ -114,9 +114,9 @@ def test_every_point_has_an_answer_of_its_kind(law, damping):
     assert np.all(np.isfinite(growth_rate(bearing, SPEEDS, LOADS[:-1])))
     # Differences of friction at a table's points have no digits at 1e-300 m/s.
     speeds = SPEEDS if isinstance(law, Stribeck) else SPEEDS[2:]
-    found = stationary_amplitudes(bearing, speeds, LOADS)
-    exists = ~np.isnan(found.amplitude)
-    assert np.all(found.amplitude[exists] > 0.0)
+    cycles = stationary_amplitudes(bearing, speeds, LOADS)
+    exists = ~np.isnan(cycles.amplitude)
+    assert np.all(cycles.amplitude[exists] > 0.0)
     inside = (np.asarray(fold_speed(bearing, LOADS)) > speeds) & (speeds > 0.0)
     assert not np.any(exists.any(axis=-1) & ~inside)
     if isinstance(law, Stribeck):

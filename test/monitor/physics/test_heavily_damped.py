@@ -94,11 +94,14 @@ def test_slip_meets_the_belt_below_the_fold_and_not_above(law, zeta, times):
 
 def test_a_law_that_names_no_breakpoints_has_the_boundaries_of_the_same_law_that_does():
     """0.3 of critical damping, 30 kN: it had none."""
-    own, known = (bearing_of(law, 0.3) for law in (Unnamed(), Stribeck(0.3, 0.1, 1.0)))
+    unnamed, stribeck = (bearing_of(law, 0.3) for law in (Unnamed(), Stribeck(0.3, 0.1, 1.0)))
     load = np.array([3.2e4, 1e5, 1e6])
-    np.testing.assert_allclose(exact_fold_speed(own, load), exact_fold_speed(known, load), rtol=1e-9)
-    tables = [boundary_table(each) for each in (own, known)]
+    np.testing.assert_allclose(exact_fold_speed(unnamed, load), exact_fold_speed(stribeck, load), rtol=1e-9)
+    tables = [boundary_table(bearing) for bearing in (unnamed, stribeck)]
     for name in ('fold_kbm', 'fold'):
-        np.testing.assert_allclose(*(getattr(each, name)(load) for each in tables), rtol=1e-6)
-    slow = replace(own, friction=Unnamed(decay=0.003)), replace(known, friction=Stribeck(0.3, 0.1, 0.003))
-    np.testing.assert_allclose(*(exact_fold_speed(each, 1e9) for each in slow), rtol=1e-9)
+        np.testing.assert_allclose(*(getattr(bearing, name)(load) for bearing in tables), rtol=1e-6)
+    slow = (
+        replace(unnamed, friction=Unnamed(decay=0.003)),
+        replace(stribeck, friction=Stribeck(0.3, 0.1, 0.003)),
+    )
+    np.testing.assert_allclose(*(exact_fold_speed(bearing, 1e9) for bearing in slow), rtol=1e-9)

@@ -242,8 +242,8 @@ def test_cutting_a_drive_at_its_samples_changes_no_bit(law: Stribeck) -> None:
     whole = integrate(bearing, VARYING, MotionState(0.0, 0.0), times, compiled=False)
     parts, state, cuts = [], MotionState(0.0, 0.0), (1, 2, 3, 20, 37)
     for first, last in zip((0, *cuts), (*cuts, 50), strict=True):
-        own = slice(first, last + 1)
-        drive = Drive(INSTANTS[own], VARYING.speed[own], VARYING.load[own])
+        rows = slice(first, last + 1)
+        drive = Drive(INSTANTS[rows], VARYING.speed[rows], VARYING.load[rows])
         mine = times[(times > drive.start) & (times <= drive.end)]
         mine = mine if first else np.append(0.0, mine)
         parts.append(integrate(bearing, drive, state, mine, compiled=False))

@@ -45,9 +45,11 @@ def test_one_tolerance_has_closed_forms() -> None:
     assert will == pytest.approx(0.0128214327, abs=5e-4)
     assert DAMPING.probabilities(40.72309112811 * RPM, 1000.0)[0] == pytest.approx(0.5, abs=5e-4)
     assert DAMPING.probabilities(math.log(5.0) / 10.0, 1000.0)[1] == pytest.approx(0.5, abs=5e-4)
-    found = [s(1000.0, p) / RPM for s in (DAMPING.fold_speed, DAMPING.hopf_speed) for p in (0.05, 0.5, 0.95)]
+    quantiles = [
+        s(1000.0, p) / RPM for s in (DAMPING.fold_speed, DAMPING.hopf_speed) for p in (0.05, 0.5, 0.95)
+    ]
     wanted = [35.202904, 40.723091, 46.735904, 27.596561, 30.738000, 33.879439]
-    assert found == pytest.approx(wanted, rel=5e-5)
+    assert quantiles == pytest.approx(wanted, rel=5e-5)
 
 
 @pytest.mark.parametrize(
@@ -112,10 +114,10 @@ def test_any_law_has_the_probabilities_of_drawn_bearings(law: FrictionLaw) -> No
 @pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE])
 def test_a_moved_bearing_has_boundaries_at_other_speeds_and_loads(law: FrictionLaw) -> None:
     bearing = replace(BEARING, friction=law)
-    other = move_boundaries(bearing, 1.2, 0.8)
+    moved = move_boundaries(bearing, 1.2, 0.8)
     for of in (fold_speed, hopf_speed):
-        assert of(other, 1500.0) == pytest.approx(1.2 * of(bearing, 1200.0), rel=1e-6)
-    assert other.damping == bearing.damping
+        assert of(moved, 1500.0) == pytest.approx(1.2 * of(bearing, 1200.0), rel=1e-6)
+    assert moved.damping == bearing.damping
 
 
 @pytest.mark.parametrize('tolerance', [Tolerance(), *(each for each, _ in TOLERANCES)])
@@ -152,9 +154,9 @@ def test_loads_without_evidence_are_known_less() -> None:
     # Twice the highest known load, but for a fifth, is known 0.2 log2(2/1.2) = 15 % less well, and
     # V_F = 0.35 m/s there: 90 % are within a factor e^(2 * 1.645 * 0.147).
     belief = Belief(BEARING, np.eye(2) * 1e-6, 0.01, loads=(900.0, 1100.0))
-    wide, known = ([belief.fold_speed(n, p) for p in (0.05, 0.95)] for n in (2200.0, 1100.0))
+    wide, narrow = ([belief.fold_speed(n, p) for p in (0.05, 0.95)] for n in (2200.0, 1100.0))
     assert wide[1] / wide[0] == pytest.approx(math.exp(3.29 * 0.148), rel=0.03)
-    assert known[1] / known[0] == pytest.approx(math.exp(3.29 * 0.01), rel=0.01)
+    assert narrow[1] / narrow[0] == pytest.approx(math.exp(3.29 * 0.01), rel=0.01)
 
 
 def test_after_a_calibration_the_fold_stays_and_the_hopf_speed_follows_the_load() -> None:
@@ -178,8 +180,8 @@ def test_after_a_calibration_the_fold_stays_and_the_hopf_speed_follows_the_load(
     belief = Belief(BEARING, covariance, loads=(4000.0, 4000.0), calibrated=True)
     for p in (0.05, 0.5, 0.95):
         assert belief.hopf_speed(4000.0, p) == pytest.approx(np.quantile(drawn, p), rel=0.015)
-        known = float(fold_speed(BEARING, 4000.0)) * math.exp(0.01 * ndtri(p))
-        assert belief.fold_speed(4000.0, p) == pytest.approx(known, rel=2e-3)
+        expected = float(fold_speed(BEARING, 4000.0)) * math.exp(0.01 * ndtri(p))
+        assert belief.fold_speed(4000.0, p) == pytest.approx(expected, rel=2e-3)
 
 
 def test_a_law_without_boundaries_is_never_in_stick_slip() -> None:

@@ -40,37 +40,37 @@ def coefficients(law, count=10):
 def expected(mu, count=10):
     """Of the same by differentiation in 40 digits."""
     with mp.workdps(40):
-        found = mp.taylor(
+        taylor = mp.taylor(
             lambda t: mu(mp.mpf(ORIGIN) + UNIT * sum(c * t**k for k, c in enumerate(COURSE))), 0, count - 1
         )
-        return [float(mu(mp.mpf(ORIGIN)) - found[0]), *map(float, found[1:])]
+        return [float(mu(mp.mpf(ORIGIN)) - taylor[0]), *map(float, taylor[1:])]
 
 
 @pytest.mark.parametrize('exponent', [1.0, 1.5, 2.0, 3.0])
 def test_the_series_of_a_law_is_that_of_its_derivatives(exponent):
     law = Stribeck(0.3, 0.1, 10.0, 0.02) if exponent == 1.0 else Stretched(0.3, 0.1, 10.0, 0.02, exponent)
-    found = coefficients(law)
+    actual = coefficients(law)
     right = expected(lambda v: 0.1 + 0.2 * mp.exp(-((10 * v) ** exponent)) + 0.02 * v)
     pieces = exponent in (1.5, 3.0)  # whose higher derivatives know fewer digits
-    np.testing.assert_allclose(found[:3], right[:3], rtol=1e-8)
-    np.testing.assert_allclose(found[:6], right[:6], atol=2e-6 if pieces else 1e-14)
+    np.testing.assert_allclose(actual[:3], right[:3], rtol=1e-8)
+    np.testing.assert_allclose(actual[:6], right[:6], atol=2e-6 if pieces else 1e-14)
 
 
 def test_the_series_of_a_table_is_that_of_its_cubic():
     law = Tabulated([0.0, 0.1, 0.4, 0.8], [0.3, 0.2, 0.13, 0.1])
     cube, square, line, constant = law.cubics[:, 1]
     right = expected(lambda v: ((cube * (v - 0.1) + square) * (v - 0.1) + line) * (v - 0.1) + constant)
-    found = coefficients(law)
-    assert found[0] == pytest.approx(float(law.coefficient(ORIGIN) - law.coefficient(ORIGIN + 0.9 * UNIT)))
-    np.testing.assert_allclose(found[1:], right[1:], atol=1e-14)
+    actual = coefficients(law)
+    assert actual[0] == pytest.approx(float(law.coefficient(ORIGIN) - law.coefficient(ORIGIN + 0.9 * UNIT)))
+    np.testing.assert_allclose(actual[1:], right[1:], atol=1e-14)
 
 
 @pytest.mark.parametrize('law', [WithoutFunctions(0.3, 0.1, 10.0), Stretched(0.3, 0.1, 10.0, 0.0, 1.2)])
 def test_a_law_in_pieces_is_the_law_to_rounding(law):
     pieces, speed = fit_pieces(law), np.geomspace(1e-9, 1e5, 700)
     top = float(law.coefficient(1e-300))
-    found = [top - friction_drop(pieces, 0.0, v) for v in speed.tolist()]
-    np.testing.assert_allclose(found, law.coefficient(speed), atol=1e-14)
+    values = [top - friction_drop(pieces, 0.0, v) for v in speed.tolist()]
+    np.testing.assert_allclose(values, law.coefficient(speed), atol=1e-14)
     speed = speed[speed > 1e-4]
     slope = [friction_slope(pieces, v) for v in speed.tolist()]
     np.testing.assert_allclose(slope, law.slope(speed), atol=2e-9)

@@ -29,13 +29,13 @@ def test_slope_and_numbers_are_those_of_the_coefficient(exponent):
     v, h = np.geomspace(1e-3, 0.5, 30), 1e-7
     by_difference = (law.coefficient(v + h) - law.coefficient(v - h)) / (2.0 * h)
     np.testing.assert_allclose(law.slope(v), by_difference, rtol=1e-6, atol=1e-9)
-    own = scalar_law(law).plain
+    plain = scalar_law(law).plain
     for speed in (0.003, 0.1):
-        mu = own.top - friction_drop(own.numbers, 0.0, speed)
+        mu = plain.top - friction_drop(plain.numbers, 0.0, speed)
         assert mu == pytest.approx(float(law.coefficient(speed)))
-        assert friction_slope(own.numbers, speed) == pytest.approx(float(law.slope(speed)))
+        assert friction_slope(plain.numbers, speed) == pytest.approx(float(law.slope(speed)))
     fine = -law.slope(np.linspace(1e-4, 0.5, 200_001))
-    assert own.fall == pytest.approx(np.max(fine), rel=1e-8)
+    assert plain.fall == pytest.approx(np.max(fine), rel=1e-8)
 
 
 @pytest.mark.parametrize('exponent', [0.5, 4.5, float('nan')])

@@ -107,9 +107,9 @@ def page_of(text: str) -> str:
     """A report in which every text is the given one."""
     picture = Picture(DRAWING, DRAWING, text)
     finding = Finding('alarm', (text, text + '2'))
-    own = {'field': text, 'type': text, 'limit': 5.0, 'wrong': [text, text]}
+    hostile = {'field': text, 'type': text, 'limit': 5.0, 'wrong': [text, text]}
     facts = (Fact(text, text, text),)
-    part = BearingPart('bag-1-aft', finding, {'speed': own}, facts, picture, picture, text)
+    part = BearingPart('bag-1-aft', finding, {'speed': hostile}, facts, picture, picture, text)
     failed = {'path': text, 'error': text}
     parts = [
         RecordingPart('bag-1', text, check_document(text), (finding,), {text: part}),
@@ -165,7 +165,9 @@ def page_style() -> str:
 def test_on_paper_the_bar_of_regimes_is_darker_with_trouble() -> None:
     (paper,) = re.findall(r'@media print \{\s*:root \{(.*?)\}', page_style())
     colour = dict(re.findall(r'--([a-z]+): (#[0-9a-f]{6})', paper))
-    greys = [relative_luminance(colour[each]) for each in ('undetermined', 'stable', 'bistable', 'unstable')]
+    greys = [
+        relative_luminance(colour[regime]) for regime in ('undetermined', 'stable', 'bistable', 'unstable')
+    ]
     assert min(light / dark for light, dark in pairwise(greys)) > 1.3
 
 
@@ -227,9 +229,9 @@ def test_of_very_many_events_the_severe_stay() -> None:
     numbers = [number for number, _ in rows]
     assert len(rows) == MAX_EVENTS
     assert numbers == sorted(numbers)
-    severe = [number for number, each in rows if each['severity'] == 'ERROR']
+    severe = [number for number, event in rows if event['severity'] == 'ERROR']
     assert severe == [i + 1 for i in range(len(events)) if i % 100 == 50]
-    assert all(events[number - 1] is each for number, each in rows)
+    assert all(events[number - 1] is event for number, event in rows)
 
 
 def test_a_date_stands_where_it_changes_and_shares_add_up() -> None:

@@ -53,8 +53,8 @@ def condition_spells(*parts: tuple[int, Condition]) -> list[ConditionInterval]:
 
 def test_stick_slip_comes_first(course: Make) -> None:
     in_and_out = condition_spells((13, Condition.NORMAL), (28, Condition.STICK_SLIP), (40, Condition.NORMAL))
-    own = course([60.0] * 10 + [20.0] * 10 + [60.0] * 20)
-    finding = judge_bearing(replace(own, spells=in_and_out))
+    three_spells = course([60.0] * 10 + [20.0] * 10 + [60.0] * 20)
+    finding = judge_bearing(replace(three_spells, spells=in_and_out))
     assert finding.grade == 'alarm'
     assert finding.sentences[0].replace('\N{NO-BREAK SPACE}', ' ') == (
         'aft_stern: stick-slip was predicted for 15 s, from 06:00:13 to 06:00:28 UTC on 2026-05-04.'
@@ -62,7 +62,7 @@ def test_stick_slip_comes_first(course: Make) -> None:
     # At 20 rpm first-order KBM has 0.52688 mm and the exact cycle 0.556755 mm.
     assert 'amplitude was 0.557 mm, at 20.0 rpm and 1 kN, below the limit' in sentences_of(finding)
     twice = [*in_and_out, *condition_spells((50, Condition.NORMAL), (77, Condition.STICK_SLIP))[1:]]
-    text = sentences_of(judge_bearing(replace(own, spells=twice)))
+    text = sentences_of(judge_bearing(replace(three_spells, spells=twice)))
     assert 'stick-slip was predicted for 42 s in 2 spells, between 06:00:13 and' in text
 
 
@@ -92,9 +92,9 @@ def test_a_wrong_source_is_no_clear_verdict(course: Make) -> None:
 
 def test_lost_time_is_said_and_is_no_clear_verdict(course: Make) -> None:
     # The last samples at second 29 count for 5 s, so from 34 on an input is lost.
-    some = judge_bearing(course([60.0] * 30, seconds=40))
-    assert some.grade == 'warning'
-    assert 'An input was missing for 6.0 s (15 % of the time)' in sentences_of(some)
+    judged = judge_bearing(course([60.0] * 30, seconds=40))
+    assert judged.grade == 'warning'
+    assert 'An input was missing for 6.0 s (15 % of the time)' in sentences_of(judged)
     assert judge_bearing(course([60.0] * 30, seconds=300)).grade == 'unknown'
 
 
