@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Follows the lining of one bearing through a scene by the event-driven integrator.
 
-Also here: its friction as it moves in time, the episodes of stick-slip that follow from its
-sticks, and its sampled amplitude.
+Also here: its friction over time, the episodes of stick-slip that follow from its sticks, and the amplitude
+of its sampled motion.
 """
 
 from __future__ import annotations
@@ -40,8 +40,6 @@ FACTOR = 'factor'
 _COEFFICIENTS = ('static', 'kinetic', 'viscous')
 STEP = 1.0
 """Time for which drifting friction is held constant [s]."""
-# Friction that depends on the load is that of the load at each begin of so long: a wave takes 5 s [s].
-_LOAD_STEP = 0.1
 
 
 def drifting_parameters(law: FrictionLaw) -> tuple[str, ...]:
@@ -97,10 +95,12 @@ class FrictionCourse:
     def bearing_at(self, bearing: Bearing, time: float, *, scaled: bool = True) -> Bearing:
         """Return a bearing with the law and the water of a time; the bearing itself where nothing moves.
 
+        A water temperature needs the temperature at which the bearing's friction was measured.
+
         Args:
             bearing: The bearing, with the law of the configuration.
             time: Time since the scene's start [s]; the start of its second counts.
-            scaled: Whether the law has its common factor.
+            scaled: Whether the drift of the common ``factor`` counts.
         """
         law = self.at(time, scaled=scaled)
         bearing = bearing if law is bearing.friction else replace(bearing, friction=law)
@@ -113,7 +113,7 @@ class FrictionCourse:
 
         Args:
             time: Time since the scene's start [s]; the start of its second counts.
-            scaled: Whether the law has its common factor.
+            scaled: Whether the drift of the common ``factor`` counts.
         """
         step = np.array([time // STEP * STEP])
         moved = {name: course for name, course in self.drifts.items() if scaled or name != FACTOR}
@@ -126,29 +126,30 @@ class FrictionCourse:
         return np.ones_like(time) if drift is None else drift.at(time // STEP * STEP)
 
 
-# A single stick, after a knock or as the shaft breaks away, is no oscillation.
-LEAST_STICKS = 2
-# Decimals of instants and durations [s]: beyond them digits may differ between processors, as exp() does.
-INSTANTS = 8
+MIN_STICKS = 2
+"""Sticks of an episode at least: one, after a knock or as the shaft breaks away, is no oscillation."""
+TIME_DECIMALS, LENGTH_DECIMALS = 8, 12
+"""Decimals of times [s] and of lengths [m] that are recorded: digits beyond them, as those of exponentials,
+differ between processors, and recordings must not."""
 
 Change = tuple[float, bool, bool]
-"""When the lining began to stick (True) or ceased to (False), and, before those of the same time,
-when the shaft came to rest (True) or began to turn (False): time [s], whether it is the lining's,
-and which."""
+"""A change of the lining or the shaft: its time [s]; whether it is one of the lining; and True where the
+lining begins to stick or the shaft comes to rest, False where the lining slips or the shaft turns. At equal
+times those of the shaft come first."""
 
 
 class EpisodeEvent(NamedTuple):
     """The start or the end of an episode."""
 
     known_at: float  # when it could be known [s]
-    name: str  # ``'first_stick'`` or ``'last_stick'``
+    name: str  # ``'first_stick'`` for the start, ``'last_stick'`` for the end
     time: float  # when it was [s]
-    # Of an end the stretches of sticking and the time of sticking in them [s].
+    # Of an end 'sticks', their number, and 'sticking', their total time [s]; else empty.
     more: dict[str, float]
 
 
 class Episodes:
-    """Joins sticks to episodes; times must not fall.
+    """Joins sticks to episodes; times must not fall from call to call.
 
     An episode is at least two sticks, each of which begins within ``gap`` [s] of the end of the
     one before. A stick counts from where it begins, while the shaft turns, to the release or to
@@ -167,14 +168,14 @@ class Episodes:
     def take_changes(
         self, changes: Sequence[Change], end: float
     ) -> tuple[list[tuple[float, float]], list[EpisodeEvent]]:
-        """Take the changes of a stretch in their order, and let time pass to its end.
+        """Take the changes of a stretch in their order, and let time pass to its end; the state advances.
 
         Args:
             changes: The changes.
             end: End of the stretch [s].
 
         Returns:
-            Ends and durations [s] of the sticks that ended, also at rest, and the events of episodes.
+            End and duration [s] of each stick that ended, also at rest, and the events of episodes.
         """
         ended: list[tuple[float, float]] = []
         events: list[EpisodeEvent] = []
@@ -202,7 +203,7 @@ class Episodes:
         events = self.advance(time)
         if self._sticks == 0:
             self._first = time
-        elif self._sticks == LEAST_STICKS - 1:
+        elif self._sticks == MIN_STICKS - 1:
             events.append(EpisodeEvent(time, 'first_stick', self._first, {}))
         self._sticks += 1
         self._open = time
@@ -223,9 +224,9 @@ class Episodes:
         """
         if not self._sticks or self._open is not None or time <= self._last + self.gap:
             return []
-        more: dict[str, float] = {'sticks': self._sticks, 'sticking': round(self._sticking, INSTANTS)}
+        more: dict[str, float] = {'sticks': self._sticks, 'sticking': round(self._sticking, TIME_DECIMALS)}
         self._sticks, self._sticking = 0, 0.0
-        if more['sticks'] < LEAST_STICKS:
+        if more['sticks'] < MIN_STICKS:
             return []
         return [EpisodeEvent(self._last + self.gap, 'last_stick', self._last, more)]
 
@@ -237,10 +238,13 @@ PER_PERIOD = 16
 
 
 class Samples:
-    """The motion at the instants ``k / rate`` of a scene of some duration [s], in order.
+    """The motion at the instants ``k / rate`` of a scene, from 0 to its end, in order.
 
-    With a natural period [s], it is the motion in a window of :data:`PERIODS` before each of them
-    but the first, which must not overlap.
+    Args:
+        rate: Rate of the instants [Hz].
+        duration: Duration of the scene [s].
+        period: Natural period [s]: the motion is then sampled in a window of :data:`PERIODS` of them up to
+            each instant but the first; windows must not overlap. 0 for one sample at each instant.
     """
 
     def __init__(self, rate: float, duration: float, period: float = 0.0) -> None:
@@ -255,7 +259,7 @@ class Samples:
     def next_times(self, end: float) -> FloatArray:
         """Return the next times to sample the motion at, up to and with ``end`` [s], shape (n,).
 
-        They count as handed out: :meth:`add` must then get the motion at them.
+        The next call goes on after them: :meth:`add` must get the motion at them first.
         """
         size = self._before.size
         last = min(self._count, math.floor((end + self._before[0]) * self._rate) + 2)
@@ -266,7 +270,11 @@ class Samples:
         return time
 
     def add(self, motion: FloatArray) -> None:
-        """Store the motion at the times handed out last, rows as in :meth:`Lining.follow`, shape (4, n)."""
+        """Store the motion at the times that :meth:`next_times` returned last.
+
+        Args:
+            motion: Rows as of :meth:`Lining.follow`, shape (4, n).
+        """
         self._kept = np.concatenate([self._kept, motion], axis=1)
 
     def pop_due(self, end: float = math.inf) -> tuple[FloatArray, FloatArray]:
@@ -311,15 +319,6 @@ def half_peak_to_peak(x: FloatArray, v: FloatArray, step: float) -> FloatArray:
     return amplitude
 
 
-# The drive is linear between instants of this rate [Hz], which must resolve the ripple of a
-# propeller's blades, and a disturbance beyond the natural frequency.
-_LEAST_RATE = 100.0
-_PER_PERIOD = 4.0
-# Of the place [m] where the lining starts: the last digits of an exponential differ between
-# processors, and recordings must not.
-_PLACES = 12
-
-
 class Lining:
     """The lining of one bearing; its state is kept from stretch to stretch.
 
@@ -327,8 +326,17 @@ class Lining:
     depend on how a scene is divided into stretches: the drive is a sequence of linear pieces on a
     fixed grid, and only whole pieces are followed.
 
-    The load fluctuates on that grid with a standard deviation >= 0 [N], by its own random stream;
-    knocks are times [s], rising, with impulses [N s].
+    Args:
+        config: The bearing.
+        shaft: Speed and load over time.
+        course: Friction over time.
+        deviation: Standard deviation >= 0 by which the load fluctuates on the grid [N].
+        knocks: Rising times [s], each with the impulse that the lining then gets [N s].
+        random: Stream for the fluctuation; it advances.
+        duration: Duration of the scene [s].
+
+    Attributes:
+        rate: Rate of the grid [Hz].
     """
 
     def __init__(
@@ -345,13 +353,14 @@ class Lining:
         self._deviation, self._knocks, self._random = deviation, dict(knocks), random
         self._duration = duration
         cycles = config.bearing.natural_frequency / (2.0 * math.pi)
-        self.rate = math.ceil(max(_LEAST_RATE, _PER_PERIOD * cycles))
+        # Four pieces of the drive in a natural period: a disturbance goes beyond the natural frequency.
+        self.rate = math.ceil(max(telemetry.MIN_GRID_RATE, 4.0 * cycles))
         self._number = 0
         self._nodes = self._drive_at(np.zeros(1))
         _, speed, load = self._nodes[:, 0].tolist()
         first = course.bearing_at(config.bearing, 0.0)
         place = float(first.equilibrium(speed, load)) if speed else 0.0
-        self._state = MotionState(round(place, _PLACES), speed)
+        self._state = MotionState(round(place, LENGTH_DECIMALS), speed)
         self._sticking = self._resting = False
 
     @property
@@ -438,7 +447,8 @@ class Lining:
         if self._course.is_moving:
             inner |= time % STEP == 0.0
         if self.config.bearing.lubrication is not None:
-            inner |= np.diff(time // _LOAD_STEP, prepend=-1.0) != 0.0
+            # Friction is that of the load at the begin of each tenth of a second: a wave takes 5 s.
+            inner |= np.diff(time // 0.1, prepend=-1.0) != 0.0
         inner[[0, -1]] = False
         edges = [0, *np.flatnonzero(inner).tolist(), time.size - 1]
         return ((low, high) for low, high in pairwise(edges) if low < high)

@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 
 from stickslip_lab.scenes.lining import (
     FACTOR,
-    INSTANTS,
+    LENGTH_DECIMALS,
     PER_PERIOD,
     PERIODS,
     STEP,
+    TIME_DECIMALS,
     Episodes,
     FrictionCourse,
     Lining,
@@ -41,7 +42,7 @@ from stickslip_lab.scenes.lining import (
 )
 from stickslip_lab.scenes.settings import Profile, Settings, check_points, random_stream, read_profile
 from stickslip_lab.scenes.shaft_effects import UNITS, SceneRun, effect
-from stickslip_lab.scenes.telemetry import Channel, TimeBlock, nominal_load
+from stickslip_lab.scenes.telemetry import MAX_RATE, Channel, TimeBlock, nominal_load
 from stickslip_lab.scenes.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.arrays import FloatArray
@@ -51,10 +52,6 @@ from stickslip_monitor.monitor.parameters import LEVEL_UNITS, BearingConfig
 from stickslip_monitor.monitor.signals import INPUTS, WATER
 from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE
-
-# Decimals of margins, and of amplitudes [m]: beyond them digits may differ between processors, and
-# recordings must not.
-_DIGITS, _PLACES = 9, 12
 
 
 @effect('lining', 'bearing', 'parameter', 'points', 'table')
@@ -129,10 +126,6 @@ def _check_drift(settings: Settings, config: BearingConfig, name: str, drift: Pr
             raise SceneError(f'{settings.name} at {time:g} s: {error}') from error
 
 
-# Highest rate at which true margins are recorded [Hz]: that of the fastest telemetry.
-_HIGHEST_POINT_RATE = 1000.0
-
-
 @effect('lining', 'bearing', 'rate')
 def operating_point(settings: Settings, run: SceneRun) -> None:
     """Add an effect to the run that records speed, load and true margins of each bearing at ``rate``.
@@ -140,7 +133,7 @@ def operating_point(settings: Settings, run: SceneRun) -> None:
     Raises:
         SceneError: The rate is missing, or not above 0 and up to 1 kHz.
     """
-    rate = settings.number('rate', 'Hz', above=0.0, maximum=_HIGHEST_POINT_RATE)
+    rate = settings.number('rate', 'Hz', above=0.0, maximum=MAX_RATE)
     bearings = [(config, run.course(config)) for config in run.bearings(settings)]
 
     def record(block: TimeBlock) -> None:
@@ -182,25 +175,22 @@ def _operating_point(
             bearing = course.bearing_at(config.bearing, float(time[rows[0]]), scaled=scaled)
             point = assess(bearing, speed[rows], carried[rows])
             for name, values in margins.items():
-                values[rows] = np.round(getattr(point, name), _DIGITS)
+                values[rows] = np.round(getattr(point, name), 9)  # the same on every processor
     return {'speed': speed, 'load': load} | margins
 
 
-# Highest rate at which the motion is recorded [Hz].
-_HIGHEST_MOTION_RATE = 100_000.0
-# Natural periods without a stick after which an episode is over: longer than a ring-down, and than
-# the ripple of the blades takes to stop sticking and to let it begin again.
-_GAP = 50.0
 _MOTION = ('displacement', 'velocity', 'acceleration')
 Take = Callable[[TimeBlock, FloatArray, FloatArray], None]
-"""Takes the samples that are due in a block: the block, times [s], and motion as :meth:`.Samples.pop_due`."""
+"""Function of a block, the instants [s] and the motion that are due in it, as :meth:`.Samples.pop_due`
+returns them."""
 LEVEL_FACTORS = {
     name: (power, 1.0 / factor)
     for power, quantity in enumerate(('length', 'speed', 'acceleration'))
     for name, factor in factors_of(*names_of(quantity)).items()
     if name in LEVEL_UNITS
 }
-"""Of each unit of a level the power of the frequency, and how many make an SI unit."""
+"""By unit of a level: the power of the frequency by which an amplitude becomes it, and how many make an SI
+unit."""
 
 
 @effect('lining', 'bearing', 'disturbance', 'knocks', 'knock_unit', 'amplitude', 'motion')
@@ -231,7 +221,7 @@ def lining_motion(settings: Settings, run: SceneRun) -> None:
         max_rate = 1.0 / (PERIODS * followed.period)
         if rate := _read_rate(settings, 'amplitude', max_rate):
             followed.request_motion(rate, followed.record_amplitude, followed.period)
-        if rate := _read_rate(settings, 'motion', _HIGHEST_MOTION_RATE):
+        if rate := _read_rate(settings, 'motion', 100_000.0):
             followed.request_motion(rate, followed.record_motion)
         if channel := _level_channel(run, config, max_rate):
             followed.request_motion(channel.rate, partial(followed.send_level, channel), followed.period)
@@ -303,15 +293,22 @@ def _level_channel(run: SceneRun, config: BearingConfig, max_rate: float) -> Cha
 
 
 class FollowedLining:
-    """One bearing: its lining, followed block by block, and what is recorded of it."""
+    """The lining of one bearing, followed block by block, and the records of its motion.
+
+    Args:
+        lining: The lining at the scene's start.
+        run: The run of the scene.
+    """
 
     def __init__(self, lining: Lining, run: SceneRun) -> None:
         self.lining, self._run = lining, run
         self.period = 2.0 * math.pi / lining.config.bearing.natural_frequency
-        self._episodes = Episodes(_GAP * self.period)
-        # What is sampled, and what becomes of it in the block in which it is due.
-        self._asked: list[tuple[Samples, Take]] = []
-        # What is known and not yet due, by time [s].
+        # 50 periods without a stick end an episode: longer than a ring-down, and than the ripple of the
+        # blades takes to stop sticking and to let it begin again.
+        self._episodes = Episodes(50.0 * self.period)
+        # The samples requested, and the function that takes them in the block in which they are due.
+        self._requests: list[tuple[Samples, Take]] = []
+        # Sticks and events that are not yet due, by the time from which on they are [s].
         self._sticks: list[tuple[float, float]] = []
         self._events: list[tuple[float, str]] = []
         self._add_event(0.0, 'start', 0.0)
@@ -326,14 +323,14 @@ class FollowedLining:
             period: Natural period [s], for a window of :data:`.lining.PERIODS` of them up to each instant; 0
                 for one sample at it.
         """
-        self._asked.append((Samples(rate, self._run.duration, period), take))
+        self._requests.append((Samples(rate, self._run.duration, period), take))
 
     def record_amplitude(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-        """Append the amplitude of the motion in windows that end at times [s] to the truth of a block."""
+        """Append the amplitude in windows that end at times [s] to the truth of a block: a :data:`Take`."""
         block.truth.append(self._make_column('amplitude', FLOAT64, time, self._vibration_amplitude(motion)))
 
     def record_motion(self, block: TimeBlock, time: FloatArray, motion: FloatArray) -> None:
-        """Append displacement, velocity, acceleration and sticking at times [s] to the truth of a block."""
+        """Append displacement, velocity, acceleration and sticking to a block's truth: a :data:`Take`."""
         for name, values in zip(_MOTION, motion[:3, :, 0], strict=True):
             block.truth.append(self._make_column(name, FLOAT64, time, values))
         block.truth.append(self._make_column('sticking', BOOL, time, motion[3, :, 0].astype(np.bool_)))
@@ -362,13 +359,13 @@ class FollowedLining:
         ``motion`` has the shape (4, m, samples).
         """
         step = self.period / PER_PERIOD
-        return np.round(half_peak_to_peak(motion[0], motion[1], step), _PLACES)
+        return np.round(half_peak_to_peak(motion[0], motion[1], step), LENGTH_DECIMALS)
 
     def apply(self, block: TimeBlock) -> None:
         """Follow the lining through a block; append its sticks and events by then to the block's truth.
 
-        Whoever asked for samples gets those by then; the last block gets all that is left, and an event
-        ``end``.
+        The functions of :meth:`request_motion` get the samples by then; the last block gets all that are
+        left, and an event ``end``.
 
         Raises:
             SceneError: The integrator gave up.
@@ -378,12 +375,12 @@ class FollowedLining:
             self._follow_until(self.lining.next_end(block.end))
         if last:
             if (since := self._episodes.since) is not None:  # a stick that goes on
-                self._sticks.append((block.end, round(block.end - since, INSTANTS)))
+                self._sticks.append((block.end, round(block.end - since, TIME_DECIMALS)))
             self._add_event(block.end, 'end', block.end)
         due = math.inf if last else block.end
         block.truth.append(self._make_column('stick', FLOAT64, *_take_due(self._sticks, due)))
         block.truth.append(self._make_column('events', STRING, *_take_due(self._events, due)))
-        for samples, take in self._asked:
+        for samples, take in self._requests:
             take(block, *samples.pop_due(due))
 
     def _follow_until(self, end: float) -> None:
@@ -394,13 +391,15 @@ class FollowedLining:
         Raises:
             SceneError: The integrator gave up.
         """
-        requested = [samples.next_times(end) for samples, _ in self._asked]
+        requested = [samples.next_times(end) for samples, _ in self._requests]
         times = np.unique(np.concatenate([np.empty(0), *requested]))
         motion, changes = self.lining.follow(end, times)
-        for (samples, _), instants in zip(self._asked, requested, strict=True):
+        for (samples, _), instants in zip(self._requests, requested, strict=True):
             samples.add(motion[:, np.searchsorted(times, instants)])
         ended, events = self._episodes.take_changes(changes, end)
-        self._sticks += [(round(time, INSTANTS), round(duration, INSTANTS)) for time, duration in ended]
+        self._sticks += [
+            (round(time, TIME_DECIMALS), round(duration, TIME_DECIMALS)) for time, duration in ended
+        ]
         for event in events:
             self._add_event(*event)
 
@@ -413,13 +412,13 @@ class FollowedLining:
             time: When it happens [s].
             more: More numbers of its record.
         """
-        known_at, time = round(known_at, INSTANTS), round(time, INSTANTS)
+        known_at, time = round(known_at, TIME_DECIMALS), round(time, TIME_DECIMALS)
         stamp = self._run.start_ns + round(time * 1e9)
         text = event_text(self.lining.config.name, name, stamp, **more)
         self._events.append((known_at, text))
 
     def _make_column(self, name: str, kind: str, time: FloatArray, values: Any) -> Column:
-        """Return a column of a truth topic of this bearing."""
+        """Return the column of the truth topic ``name`` of this bearing, of the message type ``kind``."""
         return Column(topic(self.lining.config.name, name), kind, time, values)
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-# The last two are imported for the effects that they declare.
+# The first two are imported for the effects that they declare.
 from stickslip_lab.scenes import lining_effects, sensor_effects, telemetry  # noqa: F401
 from stickslip_lab.scenes.settings import Settings, draw_numbers, read_parameter_error, suggestion
 from stickslip_lab.scenes.shaft_effects import DECLARED, Effect, SceneRun
@@ -42,20 +42,19 @@ KEYS = (
 )
 SENSORS_SCHEMA = 'stickslip_monitor/sensors/1'
 SENSORS_KEYS = ('sensors', 'description', 'telemetry', 'effects', 'parameter_error')
-_EPOCHS = (10**18, 4 * 10**18)  # 2001 to 2096: no time of a recording in a smaller unit is nanoseconds
 # Last time stamp that a recording can have [ns since 1970].
-_LATEST_NS = (1 << 63) - 1
+_MAX_TIME_NS = (1 << 63) - 1
 _EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
 STAGES: Mapping[str, tuple[str, ...]] = {
     stage: tuple(name for name, effect in DECLARED.items() if effect.stage == stage)
     for stage in ('shaft', 'turning', 'lining', 'sensing', 'sensor', 'recording', 'file')
 }
 """The effects of each stage. Stages act in this order, and so do the effects of a stage, whatever
-the order in the file. What 'shaft' and 'turning' add is a function of time; 'sensing' follows it
+the order in the file. The effects of 'shaft' and 'turning' add functions of time; 'sensing' follows them
 between the samples; the others change block after block."""
 EFFECTS: Mapping[str, Effect] = {name: DECLARED[name] for names in STAGES.values() for name in names}
 SENSOR_EFFECTS = (*STAGES['sensing'], *STAGES['sensor'], *STAGES['recording'])
-"""What happens to a measurement, not to the ship."""
+"""The effects that act on a measurement, not on the ship."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +70,7 @@ class Scene:
     config: MonitorConfig  # the configuration of the bearings
     channels: tuple[Channel, ...]  # the channels of telemetry
     effects: tuple[Settings, ...]  # the settings of each effect, in the order in which they act
-    # By parameter the largest relative error of what the monitor is configured with.
+    # Largest relative error of each parameter that the monitor is configured with; a run does not use it.
     parameter_error: Mapping[str, float] = field(default_factory=dict)
 
     def build(self) -> SceneRun:
@@ -90,12 +89,12 @@ class Scene:
 
 
 def load_scene(path: str | Path, seed: int | None = None, sensors: str | Path | None = None) -> Scene:
-    """Read and validate a scene file.
+    """Read and validate a scene file; its numbers ``{between: [low, high]}`` are drawn by the seed.
 
     Args:
         path: The file.
-        seed: Seed in place of the file's.
-        sensors: File of sensors in place of the one that the scene names.
+        seed: Seed in place of the file's; ``None`` for that one.
+        sensors: File of sensors in place of the one that the scene names; ``None`` for that one.
 
     Raises:
         SceneError: It cannot be read or breaks a rule; the text names the file.
@@ -151,7 +150,7 @@ def _build_scene(path: Path, document: Any, seed: int | None, sensors: str | Pat
     settings = Settings('', draw_numbers(document, seed), KEYS)
     given = _read_sensors(path.parent, settings, seed, sensors)
     description = settings.text('description', 'what the scene shows')
-    duration = settings.number('duration', 's', above=0.0, maximum=_LATEST_NS * 1e-9)
+    duration = settings.number('duration', 's', above=0.0, maximum=_MAX_TIME_NS * 1e-9)
     start_ns = _read_start_ns(settings, duration)
     config_path = _choose_config_path(path.parent, settings, seed)
     config = load_config(config_path)
@@ -275,9 +274,9 @@ def _parse_effect(number: int, entry: Any) -> Settings:
 
 
 def _read_start_ns(settings: Settings, duration: float) -> int:
-    """Return the ``start`` [ns since 1970], which is given in nanoseconds or as an ISO time.
+    """Return the ``start`` [ns since 1970], which is given in nanoseconds or as an ISO time, to microseconds.
 
-    The time is UTC where it has no zone. ``duration`` [s] is the scene's.
+    An ISO time without a zone is UTC. ``duration`` [s] is the scene's.
 
     Raises:
         SceneError: It is missing or neither, looks like another unit, or the scene does not lie between
@@ -296,9 +295,9 @@ def _read_start_ns(settings: Settings, duration: float) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
         raise settings.value_error('start', meaning)
     for unit, factor in (('seconds', 10**9), ('milliseconds', 10**6), ('microseconds', 1000)):
-        if _EPOCHS[0] <= value * factor < _EPOCHS[1]:
+        if 10**18 <= value * factor < 4 * 10**18:  # from 2001 to 2096 in that unit
             raise settings.value_error('start', f'{value * factor}: nanoseconds since 1970, not {unit}')
-    if not 0 <= value <= _LATEST_NS - round(duration * 1e9):
+    if not 0 <= value <= _MAX_TIME_NS - round(duration * 1e9):
         raise settings.value_error('start', 'between 1970 and 2262, with the whole scene')
     return value
 
@@ -318,10 +317,12 @@ def simulate(
     Args:
         scene: The scene.
         block_length: Length of a block > 0 [s].
-        run: A fresh run of it, whose effects and memories advance; by default one is built.
+        run: A fresh run of it, whose effects and memories advance; by default one is built at the first
+            block.
 
     Raises:
-        SceneError: A speed or load leaves what the telemetry can carry, or the lining cannot be followed.
+        SceneError: A speed or load leaves what the telemetry can carry, the lining cannot be followed, or a
+            table cannot be read any more.
     """
     run = scene.build() if run is None else run
     finish = scene.duration if run.cut is None else run.cut
@@ -386,9 +387,9 @@ _ENCODERS: Mapping[str, Callable[[Any], Iterable[bytes]]] = {
 def write_bag(
     scene: Scene, path: str | Path, progress: Callable[[float], None] | None = None
 ) -> dict[str, int]:
-    """Write a scene's telemetry and truth; the bag appears under its name when it is complete.
+    """Write a scene's telemetry and truth; the recording appears under its name when it is complete.
 
-    A scene that is cut leaves an unfinished file.
+    A scene with the effect ``cut_off`` leaves an unfinished file, on purpose.
 
     Args:
         scene: The scene.

@@ -14,6 +14,7 @@ index, and a folder has no metadata.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
 
@@ -28,29 +29,35 @@ from stickslip_lab.scenes.shaft_effects import (
     read_unit,
     require_header,
 )
-from stickslip_lab.scenes.telemetry import CHANNELS, MEMORY_CHANNELS, Channel, Memory, Signal, Term, TimeBlock
+from stickslip_lab.scenes.telemetry import (
+    CHANNELS,
+    MAX_RATE,
+    MEMORY_CHANNELS,
+    Channel,
+    Memory,
+    Signal,
+    TimeBlock,
+)
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 
 # Time constants and windows that a sensor's grid can resolve and hold [s].
-_SHORTEST, _LONGEST = 1e-3, 600.0
-# After that many time constants the initial state counts 2e-9.
-_TIME_CONSTANTS = 20.0
-_HOUR = 3600.0
+_MIN_LENGTH, _MAX_LENGTH = 1e-3, 600.0
 
 
 @channel_effect('sensing', MEMORY_CHANNELS, 'time_constant', section='the filter')
 def filtering(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Give the sensor of a channel a first-order lag, behind the memories that it has.
+    """Give the sensor of a channel in ``run`` a first-order lag, behind the memories that it has.
 
     Raises:
-        SceneError: The time constant is not from 1 ms to 600 s.
+        SceneError: The time constant is missing, or not from 1 ms to 600 s.
     """
-    lag = settings.number('time_constant', 's', minimum=_SHORTEST, maximum=_LONGEST)
-    run.add_memory(channel, Memory(_TIME_CONSTANTS * lag, lag, partial(low_pass, lag)))
+    lag = settings.number('time_constant', 's', minimum=_MIN_LENGTH, maximum=_MAX_LENGTH)
+    # After 20 time constants the initial state counts 2e-9.
+    run.add_memory(channel, Memory(20.0 * lag, lag, partial(low_pass, lag)))
 
 
-def low_pass(time_constant: float, step: float, value: float) -> Term:
+def low_pass(time_constant: float, step: float, value: float) -> Callable[[FloatArray], FloatArray]:
     """Return a first-order low-pass filter for successive pieces of a signal.
 
     The returned function keeps its state from call to call.
@@ -78,16 +85,16 @@ def low_pass(time_constant: float, step: float, value: float) -> Term:
 
 @channel_effect('sensing', MEMORY_CHANNELS, 'window', section='the averaging')
 def averaging(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Let the sensor of a channel average over the last ``window`` [s], behind the memories that it has.
+    """Let the sensor of a channel in ``run`` average over a ``window`` [s], behind the memories that it has.
 
     Raises:
-        SceneError: The window is not from 1 ms to 600 s.
+        SceneError: The window is missing, or not from 1 ms to 600 s.
     """
-    window = settings.number('window', 's', minimum=_SHORTEST, maximum=_LONGEST)
+    window = settings.number('window', 's', minimum=_MIN_LENGTH, maximum=_MAX_LENGTH)
     run.add_memory(channel, Memory(window, window, partial(moving_mean, window)))
 
 
-def moving_mean(window: float, step: float, value: float) -> Term:
+def moving_mean(window: float, step: float, value: float) -> Callable[[FloatArray], FloatArray]:
     """Return a moving mean for successive pieces of a signal, by trapezia.
 
     ``y(t) = (1/window) * integral of x from t - window to t``; the returned function keeps its state from
@@ -100,7 +107,7 @@ def moving_mean(window: float, step: float, value: float) -> Term:
     """
     steps = window / step
     whole, rest = int(steps), steps - int(steps)
-    # Of the running integral, in steps, as many as the window needs.
+    # The last values of the running integral, in steps, as many as the window needs.
     integral = value * np.arange(-whole - 1.0, 1.0)
     last = value
 
@@ -123,10 +130,11 @@ def moving_mean(window: float, step: float, value: float) -> Term:
 
 @channel_effect('sensor', ['level'], 'unit', 'floor', 'engine', 'sea', 'period', 'scatter')
 def vibration_background(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Return the change that adds background vibration to the lining's level, by root of the sum of squares.
+    """Return the change that adds background vibration to a level, by the root of the sum of squares.
 
-    The floor of the sensor, and the engine, given at the fold speed and growing with the square
-    of the speed, rise and fall by the share ``sea``; each value scatters, and none is negative.
+    The background is the ``floor`` of the sensor plus the ``engine``, given at the fold speed and growing
+    with the square of the speed. It swells and falls by the share ``sea`` in each ``period`` [s]. Each sum is
+    multiplied by a normal number of the standard deviation ``scatter`` about 1, and never negative.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -154,13 +162,13 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
 
 @channel_effect('sensor', CHANNELS, 'bias', 'drift', 'unit', section='the error')
 def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Return the change that adds a constant error to the values, one that drifts, or both.
+    """Return the change that adds a ``bias`` to the values and, where it is given, a ``drift`` per hour.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
     unit, factor = read_unit(settings, channel)
-    drift = settings.number('drift', f'{unit} per hour') / _HOUR if 'drift' in settings else 0.0
+    drift = settings.number('drift', f'{unit} per hour') / 3600.0 if 'drift' in settings else 0.0
     constant, rate = settings.number('bias', unit) * factor, drift * factor
 
     def add(signal: Signal) -> None:
@@ -188,9 +196,9 @@ def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'size', 'unit', 'windows', 'share', section='the spikes')
 def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Return the change that adds a fixed size to some values, or takes it from them, by chance.
+    """Return the change that adds ``size`` to some values, or takes it from them, with even chances.
 
-    It hits those in ``windows``, a random ``share``, or both.
+    It hits those in ``windows``, those of a random ``share``, or those of the share in the windows.
 
     Raises:
         SceneError: There is neither, or a setting is missing or breaks its rule.
@@ -253,7 +261,7 @@ def stuck(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'windows', 'share', section='when it sends NaN')
 def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Return the change that replaces values by NaN: those in ``windows``, a random ``share``, or both.
+    """Return the change that makes values NaN: in ``windows``, a random ``share``, or it in the windows.
 
     Raises:
         SceneError: There is neither, or a setting breaks its rule.
@@ -266,8 +274,8 @@ def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     return spoil
 
 
-# Largest deviation of a clock's jitter, and largest jump of it: ten years [s].
-_MOST_JITTER, _LONGEST_JUMP = 10.0, 3.2e8
+# Largest jump of a clock: ten years [s].
+_MAX_JUMP = 3.2e8
 
 
 @channel_effect('recording', CHANNELS, 'standard_deviation', section='the jitter')
@@ -277,7 +285,7 @@ def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     Raises:
         SceneError: The deviation is missing, or not from 0 to 10 s.
     """
-    deviation = settings.number('standard_deviation', 's', minimum=0.0, maximum=_MOST_JITTER)
+    deviation = settings.number('standard_deviation', 's', minimum=0.0, maximum=10.0)
     random = run.random(settings, channel)
 
     def shift(signal: Signal) -> None:
@@ -316,7 +324,7 @@ def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 
 def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
-    """Return the ``jumps`` of a clock: the time of each [s], and by how much it jumps, with its sign [s].
+    """Return the ``jumps`` of a clock: time [s] and size [s] of each, a size below 0 for a jump back.
 
     Raises:
         SceneError: There is none, one is 0 or beyond ten years, or times do not rise within the scene.
@@ -324,8 +332,8 @@ def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float
     rows = settings.rows('jumps', 'jump', 'a list of jumps [time in s, value in s]')
     jumps = check_points(rows, duration)
     for (name, _), (_, by) in zip(rows, jumps, strict=True):
-        if not 0.0 < abs(by) <= _LONGEST_JUMP:
-            rule = f'which must not be 0 nor beyond {_LONGEST_JUMP:g} s'
+        if not 0.0 < abs(by) <= _MAX_JUMP:
+            rule = f'which must not be 0 nor beyond {_MAX_JUMP:g} s'
             raise SceneError(f'{name} is by {by:g} s, {rule}')
     return jumps
 
@@ -334,7 +342,8 @@ def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float
 def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Return the change that delays the arrival of some messages, which are then recorded out of order.
 
-    Their stamps stay. It hits those in ``windows``, a random ``share``, or both.
+    Their stamps stay. It hits those in ``windows``, those of a random ``share``, or those of the share in the
+    windows.
 
     Raises:
         SceneError: The messages have no header, there is neither, or a setting breaks its rule.
@@ -356,7 +365,7 @@ def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Return the change that records some messages twice, with equal stamps.
 
-    It hits those in ``windows``, a random ``share``, or both.
+    It hits those in ``windows``, those of a random ``share``, or those of the share in the windows.
 
     Raises:
         SceneError: There is neither, or a setting breaks its rule.
@@ -371,7 +380,7 @@ def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Chan
 
 @channel_effect('recording', CHANNELS, 'windows', 'share', section='which messages are lost')
 def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Return the change that loses some messages: those in ``windows``, a random ``share``, or both.
+    """Return the change that loses messages: in ``windows``, a random ``share``, or it in the windows.
 
     Raises:
         SceneError: There is neither, or a setting breaks its rule.
@@ -395,7 +404,7 @@ def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> Non
     """
     unit, factor = read_unit(settings, channel)
     value = settings.number('value', unit) * factor
-    rate = settings.number('rate', 'Hz', above=0.0, maximum=1000.0)
+    rate = settings.number('rate', 'Hz', above=0.0, maximum=MAX_RATE)
 
     def join(block: TimeBlock) -> None:
         """Merge the second sender's messages into the topic's signal of a block, in order of true time."""

@@ -24,14 +24,21 @@ from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import ConfigurationError, SceneError, StickslipError, did_you_mean
 from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, refused, shown
 
-# Largest size of a number of a scene: far beyond every sensor and sea; products of a few are still finite.
-LARGEST = 1e15
+MAX_NUMBER = 1e15
+"""Largest size of a number of a scene: far beyond every sensor and sea; products of a few are still
+finite."""
 
 
 class Settings:
-    """The keys and values of one mapping, of which any other key than the known ones is an error.
+    """The keys and values of one mapping of a scene file, by keys that are known.
 
-    The name is what it is called in sentences; empty for the scene itself.
+    Args:
+        name: Its name in error texts; '' for the scene itself.
+        content: The parsed value.
+        keys: The keys that it may have; none is required.
+
+    Raises:
+        SceneError: The content is not a mapping, or has another key.
     """
 
     def __init__(self, name: str, content: Any, keys: Iterable[str]) -> None:
@@ -92,7 +99,7 @@ class Settings:
         minimum: float = -math.inf,
         maximum: float = math.inf,
     ) -> float:
-        """Return a finite number within bounds.
+        """Return a number within bounds, of a size up to :data:`MAX_NUMBER`.
 
         Args:
             key: The key.
@@ -107,8 +114,8 @@ class Settings:
         low, is_open = max(above, minimum), above > minimum
         row = Parameter(key, 'float', REQUIRED, '', unit.strip('-'), low, maximum, above_minimum=is_open)
         value = self.value(key, row.rule())
-        if too_large(value):
-            row = replace(row, minimum=max(row.minimum, -LARGEST), maximum=min(maximum, LARGEST))
+        if size_clause(value):
+            row = replace(row, minimum=max(row.minimum, -MAX_NUMBER), maximum=min(maximum, MAX_NUMBER))
         return float(self._check_value(key, row))
 
     def whole(self, key: str, meaning: str, minimum: int, maximum: float = math.inf) -> int:
@@ -163,27 +170,28 @@ class Settings:
         return Settings(self.label(key), self.value(key, meaning), keys)
 
     def value_error(self, key: str, rule: str) -> StickslipError:
-        """Return, not raise, the SceneError for a key's value that breaks a rule; that follows 'must be'."""
+        """Return the SceneError for the value of a key that breaks a rule; the rule follows 'must be'.
+
+        Raises:
+            KeyError: The key is missing.
+        """
         return refused(self.label(key), self._content[key], rule, SceneError)
 
 
 def suggestion(key: Any, candidates: Sequence[str]) -> str:
-    """Return a hint on an unknown name: the candidate that is meant probably, else all of them."""
+    """Return the hint on an unknown name for an error: the similar candidate, if there is one, else all."""
     return did_you_mean(key, candidates).removeprefix('; ') or f'there are: {", ".join(candidates)}'
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a value of a YAML file is a number, not a bool, of a size up to :data:`LARGEST`."""
-    return _is_numeric(value) and -LARGEST <= value <= LARGEST
+    """Return whether a value of a YAML file is a number, not a bool, of a size up to :data:`MAX_NUMBER`."""
+    return _is_numeric(value) and -MAX_NUMBER <= value <= MAX_NUMBER
 
 
-def too_large(*values: Any) -> str:
-    """Return the clause ', of a size up to ...' where one of the values is a number above :data:`LARGEST`.
-
-    '' where none is.
-    """
-    beyond = any(_is_numeric(value) and abs(value) > LARGEST for value in values)
-    return f', of a size up to {LARGEST:g}' if beyond else ''
+def size_clause(*values: Any) -> str:
+    """Return ', of a size up to ...' where the size of a number exceeds :data:`MAX_NUMBER`, else ''."""
+    beyond = any(_is_numeric(value) and abs(value) > MAX_NUMBER for value in values)
+    return f', of a size up to {MAX_NUMBER:g}' if beyond else ''
 
 
 def _is_numeric(value: Any) -> bool:
@@ -195,9 +203,9 @@ def _is_numeric(value: Any) -> bool:
 class Profile:
     """A piecewise linear table; before its first and after its last point the value is held."""
 
-    times: FloatArray  # rising times since the scene's start, none before it, shape (n,) [s]
+    times: FloatArray  # rising times since the scene's start, >= 0, shape (n,) [s]
     values: FloatArray  # the value at each, shape (n,)
-    ways: FloatArray  # the integral from the scene's start to each, shape (n,)
+    integrals: FloatArray  # the integral from the scene's start to each, shape (n,)
 
     @classmethod
     def of(cls, points: Sequence[tuple[float, float]]) -> Profile:
@@ -211,12 +219,12 @@ class Profile:
         return np.interp(time, self.times, self.values)
 
     def integral(self, time: FloatArray) -> FloatArray:
-        """Return the integral from the scene's start to some times [s], of their shape."""
+        """Return the integral from the scene's start to times [s], of their shape; also back before it."""
         inside = np.clip(time, self.times[0], self.times[-1])
         piece = np.searchsorted(self.times, inside, side='right') - 1
         value = np.interp(inside, self.times, self.values)
-        way = self.ways[piece] + 0.5 * (self.values[piece] + value) * (inside - self.times[piece])
-        return way + value * (time - inside)
+        until = self.integrals[piece] + 0.5 * (self.values[piece] + value) * (inside - self.times[piece])
+        return until + value * (time - inside)
 
 
 def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -> Profile:
@@ -268,14 +276,14 @@ def read_steps(settings: Settings, unit: str, duration: float) -> Profile:
 
 
 def check_points(rows: Sequence[tuple[str, Any]], duration: float) -> list[tuple[float, float]]:
-    """Return the points (time [s], value) of a file, whose times rise within the scene.
+    """Return points of a scene as (time [s], value); check that the times rise within the scene.
 
     Args:
         rows: For each point its name, for errors, and the point as the file has it.
         duration: Duration of the scene [s].
 
     Raises:
-        SceneError: A point is no pair of numbers, or breaks the order.
+        SceneError: A point is not a list of two numbers, or a time breaks a rule of :func:`check_times`.
     """
     for name, point in rows:
         _check_pair(name, point, '[time in s, value]')
@@ -291,12 +299,12 @@ def _is_pair(value: Any) -> bool:
 def _check_pair(name: str, pair: Any, meaning: str) -> None:
     """Raise SceneError unless a value is a list of two numbers, which ``meaning`` describes."""
     if not _is_pair(pair):
-        size = too_large(*pair) if isinstance(pair, list) else ''
+        size = size_clause(*pair) if isinstance(pair, list) else ''
         raise refused(name, pair, f'a pair of numbers, {meaning}{size}', SceneError)
 
 
 def check_times(rows: Sequence[tuple[str, Any]], duration: float) -> None:
-    """Check times of a scene [s].
+    """Check that times of a scene [s] are numbers that rise strictly, from 0 to its duration.
 
     Args:
         rows: For each time its name, for errors, and its value.
@@ -340,11 +348,11 @@ def _table_rows(path: Path) -> list[tuple[str, Any]]:
 
 
 Hit = Callable[[FloatArray], BoolArray]
-"""Returns whether each of the next samples, at some times [s], is hit; of their shape (n,)."""
+"""Function of the times of the next samples [s], shape (n,): whether each is hit."""
 
 
 def read_windows(settings: Settings, duration: float) -> Hit:
-    """Return a function that says which times [s], shape (n,), lie in one of the ``windows`` [start, end).
+    """Return the function that picks samples by their times [s]: those in the ``windows`` [start, end).
 
     Raises:
         SceneError: There are none, one does not lie within the scene, or they overlap or are out of order.
@@ -374,10 +382,10 @@ def read_windows(settings: Settings, duration: float) -> Hit:
 
 
 def read_sample_mask(settings: Settings, duration: float, random: np.random.Generator) -> Hit:
-    """Return a function that says which samples, at times [s], are hit by ``windows``, ``share`` or both.
+    """Return the function that picks samples by their times [s]: by ``windows``, a random ``share`` or both.
 
-    With both, those of the share that lie in a window. For a share, ``random`` advances by one number for
-    each sample at each call.
+    With both it picks those of the share that lie in a window. For a share each call takes a number for each
+    sample from ``random``.
 
     Raises:
         SceneError: Neither is given, or one breaks its rule.
@@ -400,6 +408,7 @@ def read_sample_mask(settings: Settings, duration: float, random: np.random.Gene
 
 BETWEEN = 'between'
 """Key of the mapping that stands for a number to draw."""
+# The parameters of a bearing that ``parameter_error`` may list.
 PARAMETERS = (
     *('mass', 'damping', 'stiffness'),
     *(f'friction.{name}' for name in ('static', 'kinetic', 'decay', 'viscous')),
@@ -425,7 +434,7 @@ def draw_numbers(document: Any, seed: int, place: str = '') -> Any:
         place: Where the document stands in the file, for the name of the streams.
 
     Raises:
-        SceneError: Limits are not two numbers, the lower first.
+        SceneError: Limits are not two numbers, the lower first; the text names the place.
     """
     if isinstance(document, Mapping):
         if list(document) == [BETWEEN]:

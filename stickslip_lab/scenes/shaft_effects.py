@@ -54,7 +54,7 @@ UNITS: Mapping[str, Sequence[str]] = {
 
 @dataclass(slots=True)
 class SceneRun:
-    """One run of a scene: what effects may know of it while they are built, and what they add."""
+    """One run of a scene: the data that effects are built from, and what they add to it."""
 
     duration: float  # the scene's duration [s]
     seed: int
@@ -75,7 +75,8 @@ class SceneRun:
 
         Args:
             effect: Name of the effect.
-            place: What it acts on, as words that end a sentence: ' for topic /x'; '' for the whole scene.
+            place: Topic or bearing that it acts on, as the end of the error: ' for topic /x'; '' for the
+                scene.
             part: The part of it, if the effect may be listed once for each.
 
         Raises:
@@ -336,7 +337,7 @@ def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @channel_effect('shaft', ['speed'], 'unit', 'points', 'table')
 def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add a profile over time to the shaft's speed.
+    """Add a profile over time to the speed in ``run.shaft``, and turn the shaft by it.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -346,7 +347,7 @@ def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @channel_effect('shaft', ['speed'], 'unit', 'steps', 'rise')
 def speed_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add steps over time to the shaft's speed.
+    """Add steps over time to the speed in ``run.shaft``, and turn the shaft by them.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -372,7 +373,7 @@ def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 
 def _telegraph_speeds(settings: Settings, unit: str) -> dict[str, float]:
-    """Return the speed of each order by name, as 'slow ahead': negative astern, 0 for 'stop'.
+    """Return the speed of each order of the scene by name, as 'slow ahead': negative astern, 0 for 'stop'.
 
     Args:
         settings: Settings with the sections ``ahead`` and ``astern``, each of which may be missing.
@@ -419,12 +420,12 @@ def _read_orders(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """Follows targets: ``dV/dt = (target - V) / time_constant``."""
+    """Response to targets: ``dV/dt = (target - V) / time_constant``."""
 
     times: FloatArray  # when each target is set, rising, shape (n,) [s]
     targets: FloatArray  # the targets; the first is held before it is set, shape (n,)
     values: FloatArray  # the value when each is set, shape (n,)
-    ways: FloatArray  # the integral from 0 until then, shape (n,)
+    integrals: FloatArray  # the integral from 0 until then, shape (n,)
     time_constant: float  # the lag [s]
 
     @classmethod
@@ -436,11 +437,11 @@ class Response:
             targets: Shape (n,).
             time_constant: The lag, > 0 [s].
         """
-        values, ways = targets.copy(), times * targets
-        response = cls(times, targets, values, ways, time_constant)
+        values, integrals = targets.copy(), times * targets
+        response = cls(times, targets, values, integrals, time_constant)
         for k in range(1, times.size):
             before = response._evaluate_piece(times[k : k + 1], k - 1)
-            values[k], ways[k] = before[0][0], before[1][0]
+            values[k], integrals[k] = before[0][0], before[1][0]
         return response
 
     def at(self, time: FloatArray) -> FloatArray:
@@ -465,13 +466,13 @@ class Response:
         since, off = time - self.times[k], self.values[k] - self.targets[k]
         # Before the first target there is nothing off.
         left = exp(-np.maximum(since, 0.0) / self.time_constant)
-        way = self.targets[k] * since + off * (self.time_constant * (1.0 - left))
-        return self.targets[k] + off * left, self.ways[k] + way
+        integral = self.targets[k] * since + off * (self.time_constant * (1.0 - left))
+        return self.targets[k] + off * left, self.integrals[k] + integral
 
 
 @channel_effect('shaft', ['load'], 'unit', 'points', 'table')
 def load_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add a profile over time to the bearing's load.
+    """Add a profile over time to the load in ``run.shaft``.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -481,7 +482,7 @@ def load_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @channel_effect('shaft', ['load'], 'unit', 'steps', 'rise')
 def load_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add steps over time to the bearing's load.
+    """Add steps over time to the load in ``run.shaft``.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -490,10 +491,8 @@ def load_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 
 COMPONENTS = 200
-"""Cosines of a sea."""
-# Period of the shortest waves at sea that are not ripples [s].
-_SHORTEST = 0.1
-# The sea ends at five times the peak frequency, beyond which lies 0.2 % of the variance.
+"""Number of cosines of a sea."""
+# Frequencies over that of the peak: beyond five of them lies 0.2 % of the variance.
 _RANGE = np.linspace(0.25, 5.0, 20_000)
 
 
@@ -508,7 +507,7 @@ def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
     per_metre = settings.number('load_per_metre', f'{unit}/m') * factor
     sea = Sea.of(
         settings.number('significant_height', 'm', minimum=0.0),
-        settings.number('peak_period', 's', minimum=_SHORTEST),
+        settings.number('peak_period', 's', minimum=0.1),  # shorter waves are ripples
         settings.number('gamma', '-', minimum=1.0, maximum=10.0),
         run.random(settings),
     )
@@ -517,7 +516,7 @@ def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sea:
-    """A sum of cosines."""
+    """Elevation of a sea's surface over the time, a sum of cosines."""
 
     amplitude: float  # amplitude of each [m]
     frequency: FloatArray  # frequencies, shape (n,) [Hz]
@@ -562,7 +561,7 @@ def _energy_below(gamma: float) -> FloatArray:
 
 @channel_effect('turning', ['speed'], 'blades', 'amplitude')
 def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add ripple at the rate of the blades to the shaft's speed, with an amplitude that is a share of it.
+    """Add ripple at the rate of the blades to the speed in ``run.shaft``; its amplitude is a share of that.
 
     It follows from the turning of the shaft, and does not turn it.
 
@@ -574,6 +573,7 @@ def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
     shaft, bearing = run.shaft, channel.bearings[0].name
 
     def ripple(time: FloatArray) -> FloatArray:
+        """Return the ripple [m/s] at times [s], of their shape (n,)."""
         turns = shaft.turns(bearing, time)
         return shaft.mean(channel.topic, time) * (amplitude * cos_turns(blades * turns))
 
@@ -582,7 +582,7 @@ def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @channel_effect('turning', ['load'], 'amplitude', 'unit')
 def misalignment(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add ripple to the load once in each turn of the shaft.
+    """Add ripple to the load, of the channel in ``run.shaft``, with one period in each turn of the shaft.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.

@@ -53,12 +53,8 @@ def instant_numbers(rate: float, start: float, end: float, duration: float) -> r
     return range(min(stop, math.ceil(start * rate)), stop)
 
 
-# Nominal load over the least load at which sliding can be unstable: 1 kN over 200 N on the reference bearing.
-_NOMINAL = 5.0
-
-
 def nominal_load(config: BearingConfig) -> float:
-    """Return the nominal load of a bearing [N]: the largest that is assumed in its configuration.
+    """Return the nominal load of a bearing [N]: the larger of the two that its configuration assumes.
 
     Without an assumed load it is five times the least load at which any speed is unstable.
 
@@ -71,7 +67,8 @@ def nominal_load(config: BearingConfig) -> float:
     # Not every law falls fastest at once: a Gaussian one and a table may begin flat.
     speeds = equilibrium_table(law)[0] if speed_scales(law) else np.empty(0)
     loads = hopf_load(as_measured(config.bearing), np.append(0.0, speeds))
-    load = _NOMINAL * float(np.fmin.reduce(loads))
+    # The nominal load of the reference bearing is 1 kN, and its sliding unstable from 200 N on.
+    load = 5.0 * float(np.fmin.reduce(loads))
     if not 0.0 < load < math.inf:
         raise SceneError(
             f'units nominal and fold say nothing about bearing {config.name}: its sliding is'
@@ -181,9 +178,9 @@ class Signal:
     arrival_ns: IntArray | None = None
 
     def messages(self) -> Messages:
-        """Return the messages to record, each as often as ``copies`` says.
+        """Return the messages to record, each repeated ``copies`` times, in the order of the samples.
 
-        Their numbers are raw: the monitor scales them to these values.
+        Their numbers are raw, in the unit of the topic, before scale and offset of the configuration.
         """
         source = self.channel.input
         raw = np.repeat((self.value / source.factor - source.offset) / source.scale, self.copies)
@@ -202,11 +199,11 @@ class Messages(NamedTuple):
 
 
 CHANNELS = INPUTS
-"""The inputs that a scene may record: speed and load, and those beside that ``telemetry`` has a rate for."""
+"""The inputs that a scene may record: speed and load, and each other that ``telemetry`` gives a rate."""
 MEMORY_CHANNELS = tuple(name for name in CHANNELS if name != INPUTS[LEVEL])
-"""Those whose sensors may have a memory: a value of a level covers four natural periods already."""
-# Rates of telemetry that a scene may have [Hz]: a sample in twelve days, and beyond any ship's sensor.
-_LOWEST_RATE, _HIGHEST_RATE = 1e-6, 1000.0
+"""The inputs whose sensors may have a memory: a value of a level covers four natural periods already."""
+MAX_RATE = 1000.0
+"""Highest rate of telemetry, of a second sender and of true margins [Hz]: beyond any ship's sensor."""
 
 
 def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
@@ -230,7 +227,7 @@ def read_channels(config: MonitorConfig, telemetry: Any) -> tuple[Channel, ...]:
                     f'telemetry.{quantity}: the configuration has no {bearing.name}.{quantity}.topic'
                 )
             sampling = settings.section(quantity, ['rate'], 'its sampling, {rate: Hz}')
-            rate = sampling.number('rate', 'Hz', minimum=_LOWEST_RATE, maximum=_HIGHEST_RATE)
+            rate = sampling.number('rate', 'Hz', minimum=1e-6, maximum=MAX_RATE)  # a sample in twelve days
             channel = Channel(quantity, (bearing,), rate)
             _check_input(f'{bearing.name}.{quantity}', channel.input)
             earlier = channels.get(channel.topic)
@@ -295,8 +292,8 @@ def _channel_meaning(channel: Channel, bearing: BearingConfig) -> tuple[float, f
 
 
 Term = Callable[[FloatArray], FloatArray]
-"""A contribution to a speed [m/s] or a load [N] at some times since the scene's start, shape (n,)
-[s]. An element must not depend on its neighbours; times may lie before the start."""
+"""Function of times since the scene's start, shape (n,) [s], to what is added to a speed [m/s], a load [N] or
+a level there. An element must not depend on its neighbours; times may lie before the start."""
 
 
 class Shaft:
@@ -331,13 +328,13 @@ class Shaft:
         self._ripples[topic].append(term)
 
     def mean(self, topic: str, time: FloatArray) -> FloatArray:
-        """Return speed [m/s] or load [N] of a channel without ripple, of the shape of ``time`` (n,) [s]."""
+        """Return the values of a channel without ripple at times [s], of their shape (n,): m/s, N or C."""
         return _sum_terms(self._means[topic], time)
 
     def value(self, topic: str, time: FloatArray) -> FloatArray:
         """Return the values of a channel at times [s], of their shape (n,): m/s, N or C.
 
-        A load is never negative: a journal that lifts off has no load. A level is 0 before its effects.
+        A load is never negative: a journal that lifts off has no load. A level is 0: effects add to a signal.
         """
         total = _sum_terms([*self._means[topic], *self._ripples[topic]], time)
         return np.maximum(total, 0.0) if self._channels[topic].quantity == 'load' else total
@@ -397,8 +394,8 @@ class TimeBlock:
     end: float  # its end [s]
     duration: float  # duration of the scene [s]
     shaft: Shaft  # the true operating point, at any instant
-    signals: dict[str, Signal]  # what the sensor of each topic sends
-    # What no sensor measures; a channel is there even if it has no messages.
+    signals: dict[str, Signal]  # the sensor's samples by topic
+    # Numbers that no sensor measures; a topic is in every block, even without messages.
     truth: list[Column] = field(default_factory=list)
 
     def instants(self, rate: float) -> FloatArray:
@@ -409,10 +406,8 @@ class TimeBlock:
         return np.array(instant_numbers(rate, self.start, self.end, self.duration)) / rate
 
 
-# The ripple of a propeller's blades reaches some 30 Hz.
-_LEAST_RATE = 100.0
-# Steps of a sensor's grid in the shortest time that its memories resolve.
-_STEPS_IN_SCALE = 20.0
+MIN_GRID_RATE = 100.0
+"""Least rate at which sensors and linings follow the shaft [Hz]: the ripple of blades reaches some 30 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -421,13 +416,13 @@ class Memory:
 
     length: float  # time after which the past is negligible [s]
     scale: float  # time over which it resolves the past [s]
-    # Given the time between samples [s] and the value that was constant until now, returns
-    # what transforms the next samples, shape (n,), again and again.
-    start: Callable[[float, float], Term]
+    # Function of the time between samples [s] and the value that was constant until now, to a function that
+    # transforms the next samples, shape (n,), at each call.
+    start: Callable[[float, float], Callable[[FloatArray], FloatArray]]
 
 
 class Sensor:
-    """A chain of memories between the shaft and the samples of one channel.
+    """A chain of memories, at least one, between the shaft and the samples of one channel.
 
     It follows the shaft between its samples, on a finer regular grid.
     """
@@ -435,7 +430,7 @@ class Sensor:
     def __init__(self, shaft: Shaft, channel: Channel) -> None:
         self._shaft, self._channel = shaft, channel
         self.memories: list[Memory] = []
-        self._chain: list[Term] = []
+        self._chain: list[Callable[[FloatArray], FloatArray]] = []
         self._next = 0
 
     def read(self, numbers: range) -> FloatArray:
@@ -445,8 +440,8 @@ class Sensor:
         """
         if not numbers:
             return np.empty(0)
-        shortest = min(memory.scale for memory in self.memories)
-        finer = math.ceil(max(_LEAST_RATE, _STEPS_IN_SCALE / shortest) / self._channel.rate)
+        shortest = min(memory.scale for memory in self.memories)  # 20 steps of the grid resolve it
+        finer = math.ceil(max(MIN_GRID_RATE, 20.0 / shortest) / self._channel.rate)
         rate = self._channel.rate * finer
         if not self._chain:
             self._settle_filter(numbers.start * finer, rate)
@@ -457,9 +452,9 @@ class Sensor:
         return value[numbers.start * finer - start :: finer]
 
     def _settle_filter(self, first: int, rate: float) -> None:
-        """Start every memory so early that the initial state is negligible at the first sample.
+        """Start every memory, so early that the initial state is negligible at the first sample.
 
-        Sets the chain of memories and the number of the next step.
+        Sets ``_chain``, and ``_next``, the number of the first step to follow.
 
         Args:
             first: Number of that sample on the finer grid.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads and names the truth of a scene: numbers no sensor measures, on topics that no monitor reads.
 
-Its clock is the recorder's, as is the monitor's.
+Its times are log times, by the recorder's clock.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ def read_truth(bag: Recording, bearing: str) -> TruthRecord:
 def known_truth(bag: Recording, bearing: str) -> TruthRecord:
     """Read as much of the truth about a bearing as a recording holds.
 
-    Without a lining that was followed it has no episodes; numbers that were not recorded are empty.
+    Without a lining that was followed it has no episodes; numbers that were not recorded are empty. It starts
+    with the recording and ends with the event ``end``, or with the recording where there is none.
 
     Raises:
         BagError: The recording cannot be read, or an event is not of the schema that this version knows.
@@ -150,7 +151,7 @@ class Column:
     topic: str
     type: str  # of a number, a truth value or a text
     time: FloatArray  # not falling, shape (n,) [s since the scene's start]
-    values: Sequence[Any] | FloatArray
+    values: Sequence[Any] | FloatArray  # n values of the type
 
     def stamps(self, start_ns: int) -> IntArray:
         """Return the log times [ns], shape (n,), in a scene that starts at ``start_ns``."""
