@@ -2,7 +2,7 @@
 """Calibrates a bearing: infers its boundaries from recordings, as another bearing with its uncertainty.
 
 The evidence is an operator's list, the bearing's level of vibration, or the truth in a simulated
-recording; never the verdict of the monitor itself, which would be a circle.
+recording; never the monitor's own verdict, which would be circular.
 """
 
 from __future__ import annotations
@@ -44,24 +44,8 @@ from stickslip_monitor.physics.probability import QUANTILES, UNKNOWN_FALL, Belie
 
 FLOOR = 0.01
 """Relative error of a boundary's speed that no evidence takes away: the model's own."""
-# Relative deviations where the configuration has none: those of a drawing, and of a load cell.
-_DAMPING, _DECAY, _LOAD = 0.40, 0.30, 0.03
-# An end is named as worthless from this probability on: it is more likely so than not.
-_DOUBTFUL = 0.5
-# The result has boundaries at up to so many loads, evenly spaced.
-_MAX_LOADS = 5
-# Loads that differ by less than this factor are one load, of which the result says so.
-_ONE_LOAD = 1.1
-# From so many ends on, the last of them are compared with those before.
-_MIN_ENDS, _LAST_ENDS = 5, 3
-# Deviations from which on a step or a trend is a change: no change was reported of 40 steady ships.
-_CHANGED = 3.0
-# Scatter of ln V between ends that is never taken as less, and of a passage's own boundary.
+# Least scatter of ln V between ends, and of a passage's own boundary.
 _MIN_SCATTER = 0.02
-# A level of 0 is taken as this, so that it has decibels.
-_MIN_LEVEL = 1e-20
-# Significant digits of the numbers in the file.
-_DIGITS = 6
 FRAGMENT_MARK = b'Made by stickslip calibrate'
 """Marks a fragment among the files of others."""
 
@@ -71,9 +55,9 @@ class Evidence:
     """Evidence of one recording about a bearing."""
 
     name: str  # of the recording
-    courses: tuple[TelemetryBins, ...]  # speed and load between two jumps of the clock
-    reports: tuple[VibrationReport, ...] = ()  # when it vibrated and when it did not
-    level: LevelBins | None = None  # what the reports are to be read from
+    courses: tuple[TelemetryBins, ...]  # speed and load of each part between two steps of the clock
+    reports: tuple[VibrationReport, ...] = ()  # when it vibrated and when it was quiet
+    level: LevelBins | None = None  # the level that reports are read from; None: they are given
     knocks: tuple[VibrationReport, ...] = ()  # vibrations too short to be episodes
 
 
@@ -81,6 +65,10 @@ def read_levels(bearing: str, evidence: Sequence[Evidence]) -> list[Evidence]:
     """Return the evidence with the reports and knocks that its levels give, all by one threshold.
 
     Evidence without a level comes back as it is.
+
+    Args:
+        bearing: Name of the bearing, for the reports.
+        evidence: One for each recording.
 
     Raises:
         NoTwoModes: The levels have no two modes, or no evidence has a level.
@@ -101,7 +89,7 @@ def prior_covariance(bearing: Bearing, tolerance: Tolerance) -> FloatArray:
     Tolerances that are 0 are taken as 40 % of the damping, 30 % of the decay and 25 % of
     ``mu_s - mu_k``.
     """
-    completed = replace(tolerance, damping=tolerance.damping or _DAMPING, decay=tolerance.decay or _DECAY)
+    completed = replace(tolerance, damping=tolerance.damping or 0.40, decay=tolerance.decay or 0.30)
     without_fall = tolerance.of_fall(bearing.friction) == 0.0
     return completed.covariance(bearing.friction) + np.diag([0.0, without_fall * UNKNOWN_FALL**2])
 
@@ -111,13 +99,13 @@ class Calibration:
     """Result of a calibration."""
 
     reference: Reference  # the bearing that is configured
-    prior: FloatArray  # covariance of both factors, before
+    prior: FloatArray  # covariance of (ln r, ln q) before the evidence, shape (2, 2)
     tolerance: Tolerance  # of the configuration
-    spreads: Spreads  # what else was taken as uncertain
-    edges: Edges  # the evidence
+    spreads: Spreads  # the other uncertainties
+    edges: Edges  # the edges of vibration in the evidence
     posterior: Posterior  # of both factors, after
-    evidence: tuple[Evidence, ...] = ()  # the recordings
-    repeated: tuple[str, ...] = ()  # recordings that were given before, which count once
+    evidence: tuple[Evidence, ...] = ()  # of each recording
+    repeated: tuple[str, ...] = ()  # names of recordings that repeat one, which do not count
 
     @property
     def episodes(self) -> int:
@@ -131,7 +119,7 @@ class Calibration:
 
     @cached_property
     def factors(self) -> tuple[float, float]:
-        """``(ln r, ln q)`` by the ends, at the middle of their grid."""
+        """``(ln r, ln q)``, of speeds and of loads, by the ends, at the middle of their grid."""
         return self._middle_factors(self.posterior.by_ends)
 
     def _middle_factors(self, grid: Grid) -> tuple[float, float]:
@@ -162,9 +150,9 @@ class Calibration:
 
     @cached_property
     def bearing(self) -> Bearing:
-        """The bearing by which alarms go: that of the ends.
+        """The bearing that alarms are raised by: the configured one moved by :attr:`factors`, by ends alone.
 
-        When stick-slip sets in depends on how noisy the ship is. By onsets too the Hopf speed was 2 % low
+        The onset of stick-slip depends on how noisy the ship is. With onsets too the Hopf speed was 2 % low
         in voyages noisier than those calibrated on, and alarms came late.
 
         Raises:
@@ -179,7 +167,7 @@ class Calibration:
 
     @cached_property
     def belief(self) -> Belief:
-        """The boundaries themselves by all evidence, without the scatter of single passages.
+        """The belief by all evidence, onsets too, without the scatter of single passages.
 
         Raises:
             PhysicsError: The law cannot be moved so far (:func:`.move_boundaries`).
@@ -201,31 +189,31 @@ class Calibration:
         grid = self.posterior.by_all
         hopf = grid.log_r + self.reference.hopf(math.log(load) + grid.log_q)
         low, middle, high = grid.quantiles(hopf, QUANTILES)
-        more = 1.6449 * 1.5 * self.floor
+        more = 1.6449 * 1.5 * self.floor  # the 95 % quantile of 1.5 times the floor
         span = math.hypot(middle - low, more), math.hypot(high - middle, more)
         return [math.exp(middle - span[0]), math.exp(middle), math.exp(middle + span[1])]
 
     def boundaries(self) -> list[list[float]]:
-        """Return rows: load [N], Hopf speeds at :data:`QUANTILES`, fold speeds at the same shares [m/s].
+        """Return rows of load [N], then Hopf speeds, then fold speeds [m/s], three each at :data:`QUANTILES`.
 
         The loads, up to five, are evenly spaced over :attr:`loads`.
         """
         fold = self.belief.fold_speed
         return [
             [load, *self.hopf_speeds(load), *(float(fold(load, p)) for p in QUANTILES)]
-            for load in np.unique(np.linspace(*self.loads, _MAX_LOADS)).tolist()
+            for load in np.unique(np.linspace(*self.loads, 5)).tolist()
         ]
 
     @cached_property
     def doubts(self) -> list[tuple[End, float]]:
         """Ends and bounds that are probably wrong reports, each with that probability (above one half)."""
         log_r, log_q = self.factors
-        count, texts = len(self.edges.ends), []
+        count, probabilities = len(self.edges.ends), []
         for k, end in enumerate(self.edges.ends):
             moved_on = self.spreads.forget * math.sqrt(count - 1 - k)
             spread = math.hypot(_MIN_SCATTER, self.spreads.load, moved_on)
-            texts.append((end, wrong_report_probability(end, self.reference, log_r, log_q, spread)))
-        return [(end, p) for end, p in texts if p > _DOUBTFUL]
+            probabilities.append((end, wrong_report_probability(end, self.reference, log_r, log_q, spread)))
+        return [(end, p) for end, p in probabilities if p > 0.5]
 
     @property
     def warnings(self) -> list[str]:
@@ -258,12 +246,13 @@ class Calibration:
 
     @property
     def has_changed(self) -> bool:
-        """Whether the fold moved: the last ends differ from those before, or all have a trend.
+        """Whether the fold moved: the last three ends differ from those before, or all have a trend.
 
-        Both are judged against the scatter of the ends; False with fewer than ``_MIN_ENDS``.
+        Both must exceed three standard deviations, by the scatter of the ends; False with fewer than five
+        ends.
         """
-        ends = sorted(self.edges.seen, key=lambda end: end.time)
-        if len(ends) < _MIN_ENDS:
+        ends, last = sorted(self.edges.seen, key=lambda end: end.time), 3
+        if len(ends) < 5:
             return False
         log_r, log_q = self.factors
         speed, load = np.log([end.middle for end in ends]).T
@@ -273,9 +262,9 @@ class Calibration:
         size = max(float(np.std(np.diff(off)) / math.sqrt(2.0)), least_scatter)
         place = np.arange(off.size) - 0.5 * (off.size - 1)
         trend = float(place @ off) / math.sqrt(float(place @ place)) / size
-        small_sample = math.sqrt(1.0 / _LAST_ENDS + 1.0 / (off.size - _LAST_ENDS))
-        step = float(off[-_LAST_ENDS:].mean() - off[:-_LAST_ENDS].mean()) / (size * small_sample)
-        return max(abs(trend), abs(step)) > _CHANGED
+        small_sample = math.sqrt(1.0 / last + 1.0 / (off.size - last))
+        step = float(off[-last:].mean() - off[:-last].mean()) / (size * small_sample)
+        return max(abs(trend), abs(step)) > 3.0  # so none of 40 steady ships has changed
 
     @property
     def remarks(self) -> list[str]:
@@ -296,7 +285,7 @@ class Calibration:
                 f'{plural(len(knocks), "vibration")} of less than 10 s left out as knocks,'
                 f' the first at {knocks[0].start_ns / 1e9:.0f} s ({knocks[0].source})'
             )
-        if high < _ONE_LOAD * low:
+        if high < 1.1 * low:
             texts.append(
                 f'all evidence is at {rounded(low, 4)} to {rounded(high, 4)} N: beyond a fifth from there the'
                 ' boundaries are known less well'
@@ -322,7 +311,8 @@ def calibrate(
     Args:
         evidence: The recordings, with their reports; a course that is given twice counts once.
         bearing: The bearing that is configured.
-        tolerance: The uncertainties that its configuration states.
+        tolerance: The uncertainties that its configuration states; those that are 0 are taken as in
+            :func:`prior_covariance`, and 3 % of the load.
         forget: Standard deviation by which ``ln q`` may drift before each recording, as the lining wears.
         onsets: Whether the times of onsets count; ``False`` for a person's list.
 
@@ -339,7 +329,7 @@ def calibrate(
             'there is no evidence: no report is about a time in which the shaft turned slowly'
             ' enough for stick-slip; record a slow passage with a level or reports'
         )
-    prior, spreads = prior_covariance(bearing, tolerance), Spreads(tolerance.load or _LOAD, forget)
+    prior, spreads = prior_covariance(bearing, tolerance), Spreads(tolerance.load or 0.03, forget)
     posterior = infer(edges, reference, prior, spreads)
     result = Calibration(reference, prior, tolerance, spreads, edges, posterior, tuple(evidence), repeated)
     wrong = [end for end, _ in result.doubts if not end.is_bound]
@@ -356,7 +346,10 @@ def calibrate(
 def _drop_repeated(
     evidence: Sequence[Evidence],
 ) -> tuple[list[tuple[TelemetryBins, Sequence[VibrationReport]]], tuple[str, ...]]:
-    """Return each distinct course with its reports, and the names of recordings that repeat one, in order."""
+    """Return each distinct course with its reports, and the names of recordings that repeat one, in order.
+
+    Courses are equal where their times, speeds and loads are; the reports of the first one count.
+    """
     courses: dict[bytes, tuple[TelemetryBins, Sequence[VibrationReport]]] = {}
     repeated: dict[str, None] = {}
     for one in evidence:
@@ -372,7 +365,7 @@ def _drop_repeated(
 def law_parameters(bearing: Bearing) -> dict[str, Any]:
     """Return the damping and the law of a bearing as parameters of a configuration, rounded to six digits.
 
-    They are by name: ``damping``, ``friction.law`` and those of the law.
+    Their names are ``damping``, ``friction.law`` and ``friction.`` with each parameter of the law.
     """
     law, kind = bearing.friction, 'stribeck'
     values = {name: getattr(law, name) for name in LAWS[kind][1] if hasattr(law, name)}
@@ -387,9 +380,12 @@ def law_parameters(bearing: Bearing) -> dict[str, Any]:
 def to_document(
     config: BearingConfig, calibration: Calibration, created: str, version: str
 ) -> dict[str, Any]:
-    """Return the calibration as the JSON object that ``calibration:`` names in a configuration.
+    """Return the calibration as the JSON object of the file that ``calibration:`` names in a configuration.
 
     ``created`` is the time in ISO 8601, ``version`` that of the program.
+
+    Raises:
+        PhysicsError: The law cannot be moved so far.
     """
     log_r, log_q = calibration.factors
     doubtful = {id(end): p for end, p in calibration.doubts}
@@ -428,7 +424,7 @@ def to_document(
 
 def _round_values(values: Any) -> Any:
     """Return a number as a float, or nested numbers as lists, rounded to six significant digits."""
-    return np.vectorize(lambda x: float(f'{x:.{_DIGITS}g}'))(np.asarray(values, float)).tolist()
+    return np.vectorize(lambda x: float(f'{x:.6g}'))(np.asarray(values, float)).tolist()
 
 
 def yaml_fragment(config: BearingConfig, calibration: Calibration) -> str:
@@ -446,26 +442,26 @@ def yaml_fragment(config: BearingConfig, calibration: Calibration) -> str:
 
 @dataclass(frozen=True, slots=True)
 class EvidenceSource:
-    """The source of when a bearing vibrated.
+    """The source that says when a bearing vibrated.
 
-    Without ``reports`` it is the level that is configured for the bearing, or else the truth in
-    a simulated recording.
+    Without ``reports`` it is the level that is configured for the bearing, or without one the truth in a
+    simulated recording.
     """
 
     reports: tuple[VibrationReport, ...] | None = None  # an operator's reports
 
     def of_recording(self, outline: RecordingBuffer, config: BearingConfig) -> Evidence:
-        """Return the evidence of one recording: the operator's reports, else the level, else the truth.
+        """Return the evidence of one recording: all reports of the operator, else the level, else the truth.
 
         A level is read into reports by :meth:`calibrated`, over all recordings together.
 
         Args:
-            outline: What a check kept of the recording, with the scan of the bearing.
+            outline: The recording after a check, with the scan of the bearing.
             config: The bearing.
 
         Raises:
             CalibrationError: It has no truth, and there is no other source.
-            BagError: Its truth is not of the schema that this version knows.
+            BagError: Its truth cannot be read, or is not of the schema that this version knows.
         """
         bag, scan = outline.bag, outline.scan(config.name)
         name, courses = bag.path.name, bin_courses(bag.path.name, scan)
@@ -526,12 +522,12 @@ def bin_courses(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
 def accepted_level(config: BearingConfig, stream: Stream, scan: Scan) -> LevelBins:
     """Return the accepted values of a bearing's level in dB, binned, less ``20 lg`` of the surface speed.
 
-    The bearing must have a level. Values in another unit are converted to dB.
+    The bearing must have a level. Values in another unit become dB over one of it; 0 becomes -400 dB.
     """
     assert config.level is not None
     rows = (stream.inputs == Input.LEVEL) & (scan.status == Status.ACCEPTED)
     value: FloatArray = stream.value[rows]
     if config.level.unit != 'dB':
-        value = 20.0 * np.log10(np.maximum(np.abs(value), _MIN_LEVEL))
+        value = 20.0 * np.log10(np.maximum(np.abs(value), 1e-20))
     # On the monitor's clock, as the points are.
     return bin_level(scan.now_ns[rows] / 1e9, value, scan.time_ns / 1e9, scan.speed)

@@ -27,26 +27,11 @@ from stickslip_monitor.physics.boundary_table import known_table
 from stickslip_monitor.physics.lubrication import as_measured
 
 LAGS = (-0.75, 0.0, 0.75, 1.5, 2.25)
-"""By how much the speed may be late against the vibration, of all edges alike [s]."""
+"""Delays of the speed against the vibration that are considered, the same for all edges [s]."""
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Of the time for which a cycle alone outlives the fold: noise or a swell ends it sooner."""
-# V/V_F has risen by this share since its least in the vibration, and stays there for so long [s];
-# else its end is no end by speed.
-_RISEN, _GOES_ON = 0.03, 3.0
-# Bins over which speed and load at an edge are averaged, and V/V_F before it is compared.
-_NEAR, _WIDE = 1.0, 9
-# A cycle that outlives its fold is followed from so long before its end to so long after [s].
-_BEFORE, _AFTER, _STEP = 30.0, 10.0, 0.25
-# What is farther above the fold than this is no slow passage.
-_FASTEST = 3.0
-_FEWEST = 10
-# An onset while the speed changes by a factor e in less than this tells nothing: a second by which
-# a tachometer lags is 4 % of the Hopf speed then. In 20 ships with ramps of 15 to 60 s such onsets
-# made it 5.5 % too high, and its 90 % interval held in 14.
-_SLOWEST_ONSET, _ONSET = 25.0, 4.0
-# From this tolerance on half of it is taken as a deviation: nobody errs by all of it [s].
-_TIMELY = 3.0
-_NOWHERE = 50.0
+"""Shares of the time for which an undisturbed cycle outlives the fold: noise or a swell ends it sooner."""
+# Speeds farther above the fold than by this factor are no slow passage.
+_MAX_RATIO = 3.0
 
 
 class Reference:
@@ -54,8 +39,14 @@ class Reference:
 
     Where friction depends on the load they are those of friction as measured, at reference points.
 
+    Args:
+        bearing: The bearing, as configured.
+
+    Raises:
+        CalibrationError: It has no fold.
+
     Attributes:
-        bearing: The bearing.
+        bearing: The bearing with friction as measured, without lubrication.
         log_load: Loads with a fold, ascending, shape (n,) [ln N].
         log_fold: Fold speed there, the one that decides [ln m/s].
         log_hopf: Hopf speed there; far below where there is none [ln m/s].
@@ -102,19 +93,19 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class End:
-    """A vibration at a point: the fold is there, or not below."""
+    """The end of a vibration, at which the fold is; or a bound: a point that the fold is not below."""
 
     report: VibrationReport  # the vibration
     recording: str  # name of the recording
     time: float  # when [s]
-    # Surface speed [m/s] and load [N] at the fold, for each of SHARES the LAGS, (25, 2); one
-    # row for a bound.
+    # Possible surface speeds [m/s] and loads [N] at the fold: for each of SHARES each of LAGS, shape (25, 2);
+    # of a bound shape (1, 2).
     points: FloatArray
-    timing: float  # by how much ln V/V_F is uncertain as the time is
+    timing: float  # standard deviation of ln V/V_F by the tolerance of the time; 0 for a bound
 
     @property
     def is_bound(self) -> bool:
-        """Whether the fold is only known not to be below."""
+        """Whether the fold is only known not to be below the point."""
         return len(self.points) == 1
 
     @property
@@ -126,34 +117,34 @@ class End:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passage:
-    """Quiet up to an onset, or to the end of what is known: n bins."""
+    """Quiet up to an onset of vibration, or to the end of the report of quiet: n bins."""
 
     time: float  # the end of the quiet [s]
     speed: FloatArray  # of the surface, shape (n,) [m/s]
     load: FloatArray  # shape (n,) [N]
     step: FloatArray  # since the last bin, shape (n,) [s]
     began: bool  # whether a vibration began at its end
-    tolerance: float  # of that time [s]
-    trust: float
+    tolerance: float  # how far that time may be off [s]
+    trust: float  # probability that the reports are right
 
 
 @dataclass(slots=True, eq=False)
 class Edges:
-    """All that the recordings tell, in order of time."""
+    """Ends, passages and courses of all recordings, each in order of time."""
 
-    ends: list[End] = field(default_factory=list)
+    ends: list[End] = field(default_factory=list)  # with bounds
     passages: list[Passage] = field(default_factory=list)
     tracks: list[ReportedCourse] = field(default_factory=list)
 
     @property
     def seen(self) -> list[End]:
-        """The ends that were at the fold."""
+        """The ends that were at the fold, without bounds."""
         return [end for end in self.ends if not end.is_bound]
 
     @property
     def loads(self) -> tuple[float, float]:
         """Least and greatest load of the slow passages [N]; (0, 0) without any."""
-        slow = [one.load[one.over < _FASTEST] for one in self.tracks]
+        slow = [one.load[one.over < _MAX_RATIO] for one in self.tracks]
         loads = np.concatenate([np.empty(0), *slow])
         return (float(loads.min()), float(loads.max())) if loads.size else (0.0, 0.0)
 
@@ -170,8 +161,8 @@ class ReportedCourse:
     over: FloatArray  # speed over the configured fold speed, shape (n,)
 
     def at(self, time: float) -> tuple[float, float]:
-        """Return mean speed [m/s] and load [N] near a time [s]; interpolated if no bin is near."""
-        near = np.abs(self.time - time) <= _NEAR
+        """Return mean speed [m/s] and load [N] within 1 s of a time [s]; interpolated if no bin is there."""
+        near = np.abs(self.time - time) <= 1.0
         if near.any():
             return float(self.speed[near].mean()), float(self.load[near].mean())
         return float(np.interp(time, self.time, self.speed)), float(np.interp(time, self.time, self.load))
@@ -188,7 +179,7 @@ def reported_course(
         The course; ``None`` where fewer than ten bins, or no reports, are left.
     """
     used = (course.speed > 0.0) & (course.load > 0.0)
-    if np.count_nonzero(used) < _FEWEST:
+    if np.count_nonzero(used) < 10:
         return None
     time = course.time_ns[used] / 1e9
     speed, load = course.speed[used], course.load[used]
@@ -210,11 +201,10 @@ def find_edges(
     """Return the edges of vibration in the reports about some courses, in order of time.
 
     Args:
-        courses: Each with the reports about it, with at least one bin; those without bins under load, or
-            without reports to use, are skipped.
+        courses: Courses of at least one bin, each with the reports about it; those that
+            :func:`reported_course` returns ``None`` for are skipped.
         reference: The configured bearing.
-        onsets: Whether quiet counts too, up to an onset or without one; not in a person's list, who hears
-            late.
+        onsets: Whether to return passages as well: ``False`` for a person's list, as people hear late.
     """
     edges = Edges()
     for course, reports in sorted(courses, key=lambda one: int(one[0].time_ns[0])):
@@ -249,6 +239,10 @@ def _find_passage(
 ) -> Passage | None:
     """Return the quiet between two times as a passage, with or without an onset at its end.
 
+    An onset while the speed changes by a factor e in less than 25 s tells nothing: a second by which a
+    tachometer lags is 4 % of the Hopf speed then. In 20 ships with ramps of 15 to 60 s such onsets made it
+    5.5 % too high, and its 90 % interval held in 14.
+
     Args:
         track: The course.
         report: The report of quiet.
@@ -262,10 +256,10 @@ def _find_passage(
     """
     late = report.tolerance + LAGS[-1] if onset else 0.0
     rows = (track.time >= begin) & (track.time <= b + late)
-    if np.count_nonzero(rows) < 4 or track.over[rows].min() >= _FASTEST:
+    if np.count_nonzero(rows) < 4 or track.over[rows].min() >= _MAX_RATIO:
         return None
     time, speed = track.time[rows], track.speed[rows]
-    if onset and _log_speed_rate(time, speed, b) > 1.0 / _SLOWEST_ONSET:
+    if onset and _log_speed_rate(time, speed, b) > 1.0 / 25.0:
         return None
     step = np.minimum(np.diff(time, prepend=time[0]), 5.0)
     trust = min(report.trust, onset.trust) if onset else report.trust
@@ -278,9 +272,9 @@ def _log_speed_rate(time: FloatArray, speed: FloatArray, at: float) -> float:
     Args:
         time: Times of the bins [s], shape (n,).
         speed: Surface speed in them, above 0 [m/s].
-        at: The time; bins within ``_ONSET`` of it count. Fewer than two of them give 0.
+        at: The time [s]; bins within 4 s of it count. Fewer than two of them give 0.
     """
-    near = np.abs(time - at) <= _ONSET
+    near = np.abs(time - at) <= 4.0
     if np.count_nonzero(near) < 2:
         return 0.0
     return float(abs(np.polyfit(time[near] - at, np.log(speed[near]), 1)[0]))
@@ -310,7 +304,7 @@ def _find_end(
         return None
     if meets and _is_rising(track, middle, inside):
         points = [track.at(b - share * whole + lag) for share in SHARES for lag in LAGS]
-        off /= 2.0 if off > _TIMELY else 1.0
+        off /= 2.0 if off > 3.0 else 1.0  # a deviation: nobody errs by all of a long tolerance
         (v0, n0), (v1, n1) = track.at(middle - off), track.at(middle + off)
         slope = reference.slope(math.log(n0))
         timing = 0.5 * abs(math.log(v1 / v0) - slope * math.log(n1 / n0))
@@ -321,11 +315,11 @@ def _find_end(
 def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
     """Return whether V/V_F has risen 3 % above its least ``inside`` by a time [s], and stays so for 3 s.
 
-    A shaft that stops does not.
+    A shaft that stops does not. The ratio is averaged over nine bins.
     """
-    wide = _moving_average(track.over, _WIDE)
-    after = (track.time > time) & (track.time <= time + _GOES_ON)
-    least_ratio = (1.0 + _RISEN) * wide[inside].min()
+    wide = _moving_average(track.over, 9)
+    after = (track.time > time) & (track.time <= time + 3.0)
+    least_ratio = 1.03 * wide[inside].min()
     return bool(
         np.interp(time, track.time, wide) > least_ratio
         and after.any()
@@ -334,7 +328,9 @@ def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
 
 
 def _find_farthest(track: ReportedCourse, inside: BoolArray) -> tuple[float, FloatArray]:
-    """Return the point at which V/V_F was highest among the bins ``inside``, of which there is one at least.
+    """Return the point at which V/V_F, averaged over three bins, was highest among the bins ``inside``.
+
+    At least one bin must be inside.
 
     Returns:
         Its time [s], and its speed [m/s] and load [N] in an array of shape (1, 2).
@@ -351,7 +347,7 @@ def _moving_average(values: FloatArray, width: int) -> FloatArray:
 
 
 def time_beyond_fold(track: ReportedCourse, end: float, reference: Reference) -> float:
-    """Return for how long an undisturbed cycle has outlived its fold when its level ends [s]; 0 for none.
+    """Return how long an undisturbed cycle has outlived its fold when its level ends [s]: 0 to 30.
 
     With ``y = a/V``, 1 inside, ``d ln y/dt = (c/2m) (N/N_b(y) - 1)``, where ``ln N_b`` goes from
     that of the Hopf speed at ``y = 0`` to that of the fold at ``y = 1`` as ``y^2`` does. For each
@@ -363,16 +359,18 @@ def time_beyond_fold(track: ReportedCourse, end: float, reference: Reference) ->
         end: When the level ends [s].
         reference: The configured bearing.
     """
-    clock = np.arange(end - _BEFORE, end + _AFTER, _STEP)
+    step = 0.25
+    clock = np.arange(end - 30.0, end + 10.0, step)
     passed = clock[(clock <= end) & (clock >= track.time[0])]
     if not passed.size:
         return 0.0
     ratio = np.log(np.interp(passed, track.time, track.over))[:, None]
     speed = np.log(np.interp(clock, track.time, track.speed)) - ratio
     load = np.log(np.interp(clock, track.time, track.load))
-    # At the fold's own scale of speed: from which loads on is there a cycle, is it unstable?
+    # At the fold's own scale of speed: the loads from which on there is a cycle, and it is unstable; far
+    # below where it is so at every load.
     fold, hopf = (
-        np.interp(speed, np.maximum.accumulate(boundary), reference.log_load, left=-_NOWHERE)
+        np.interp(speed, np.maximum.accumulate(boundary), reference.log_load, left=-50.0)
         for boundary in (reference.log_fold, reference.log_hopf)
     )
     rate = reference.bearing.damping / (2.0 * reference.bearing.mass)
@@ -381,7 +379,7 @@ def time_beyond_fold(track: ReportedCourse, end: float, reference: Reference) ->
         square = y[:, k - 1] ** 2
         bound = hopf[:, k] * (1.0 - square) + fold[:, k] * square
         drive = np.exp(np.minimum(load[k] - bound, 3.0))
-        grown = np.minimum(y[:, k - 1] * np.exp((drive - 1.0) * rate * _STEP), 1.0)
+        grown = np.minimum(y[:, k - 1] * np.exp((drive - 1.0) * rate * step), 1.0)
         y[:, k] = np.where(clock[k] > passed, grown, 1.0)
     edge, foot = (_first_true(y < 10.0 ** (-below / 20.0), clock) for below in (EDGE, FOOT))
     with np.errstate(invalid='ignore'):

@@ -5,8 +5,8 @@ A level shows that by itself, without a set threshold, a rule or a believed boun
 stick-slip cycle is in proportion to the surface speed, whatever the sensor and its gain. So a
 level in dB less ``20 lg V`` has two narrow modes, quiet and vibration, and what parts them best
 over all recordings together is the threshold between them (N. Otsu, IEEE Trans. Syst. Man Cybern.
-9 (1979) 62). The edges of a vibration are where its level is 3 dB below its own plateau; how late
-a level falls, and so rises, shows in the straight line of its fall.
+9 (1979) 62). The edges of a vibration are where its level is 3 dB below its own plateau. The lag with which a
+level falls, and so rises, follows from the straight line of its fall.
 """
 
 from __future__ import annotations
@@ -29,14 +29,11 @@ from stickslip_monitor.monitor.value_check import Parameter, refused
 
 BIN_NS = 10**9
 """Width of the bins in which speed and load are averaged [ns]."""
-TRUST, TRUTH_TRUST, OPERATOR_TRUST = 0.95, 0.999, 0.9
-"""Probability that a report is right: of a level, of a simulation, and of a person by default."""
-LEVEL_TOLERANCE, TRUTH_TOLERANCE, OPERATOR_TOLERANCE = 1.0, 1.0, 10.0
-"""How far the times of a report may be off, of the same three [s]."""
 STATES = {'squeal': True, 'quiet': False}
+# How far the times may be off, and the probability that a report is right: where a person states none.
 _REPORT_NUMBERS = (
-    Parameter('tolerance', 'float', OPERATOR_TOLERANCE, 'How far the times may be off.', 's', 0.0),
-    Parameter('trust', 'float', OPERATOR_TRUST, 'Probability that the report is right.', '', 0.0, 1.0),
+    Parameter('tolerance', 'float', 10.0, 'How far the times may be off.', 's', 0.0),
+    Parameter('trust', 'float', 0.9, 'Probability that the report is right.', '', 0.0, 1.0),
 )
 _COLUMNS = ('bearing', 'start', 'end', 'state')
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
@@ -53,8 +50,8 @@ class VibrationReport:
     squeal: bool  # whether it vibrated
     tolerance: float  # how far the two times may be off [s]
     trust: float  # probability that the report is not worthless
-    source: str  # where it stands, for a sentence
-    rings: bool = False  # whether it is of a level, which ends when a cycle has died away
+    source: str  # file and line, or recording and number, for a sentence
+    rings: bool = False  # whether it is of a level, which ends only when a cycle has died away
 
     @property
     def seconds(self) -> float:
@@ -66,20 +63,24 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
     """Read an operator's reports on some bearings from a table, and return them by bearing and time.
 
     The table is read as a log is: lines above its headings are skipped, and the headings may be a comment.
-    They are ``bearing, start, end, state`` and, optionally, ``tolerance [s]`` and ``trust``. Times are ISO
-    8601 with a zone.
+    They are ``bearing, start, end, state`` and, optionally, ``tolerance [s]`` and ``trust``, 10 s and 0.9
+    where they are empty. Times are ISO 8601 with a zone.
+
+    Args:
+        path: The file.
+        bearings: Names of the bearings that are configured.
 
     Raises:
-        CalibrationError: The file cannot be read, a line breaks a rule, or two reports contradict; the text
-            names file, line, value and rule.
+        CalibrationError: The file cannot be read, a line breaks a rule, a bearing is not one of them, or two
+            reports overlap; the text names file, line, value and rule.
     """
     rows, _ = read_table(
-        path, MAX_TABLE_BYTES, CalibrationError, lambda cells: {*_names_of(cells)} >= {*_COLUMNS}
+        path, MAX_TABLE_BYTES, CalibrationError, lambda cells: {*_plain_headings(cells)} >= {*_COLUMNS}
     )
     if len(rows) < 2:
         raise CalibrationError(f'{path} has no reports: give headings and a line for each report')
     headings, body = rows[0].cells, rows[1:]
-    names = _names_of(headings)
+    names = _plain_headings(headings)
     missing = [name for name in _COLUMNS if name not in names]
     if missing:
         raise CalibrationError(
@@ -95,7 +96,7 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
     return sort_reports(reports)
 
 
-def _names_of(headings: Sequence[str]) -> list[str]:
+def _plain_headings(headings: Sequence[str]) -> list[str]:
     """Return headings in lower case, without their units."""
     return [re.sub(r'\s*[\[(].*', '', text).strip().lower() for text in headings]
 
@@ -121,7 +122,7 @@ def _parse_report(where: str, row: dict[str, str], bearings: Sequence[str]) -> V
 
 
 def _parse_time(where: str, text: str) -> int:
-    """Parse an ISO 8601 time with a zone; return nanoseconds since 1970.
+    """Parse an ISO 8601 time with a zone; return nanoseconds since 1970, of up to nine decimals.
 
     Raises:
         CalibrationError: It is no such time, or has no zone; the text begins with ``where``.
@@ -159,7 +160,7 @@ def sort_reports(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
     """Return reports sorted by bearing and time.
 
     Raises:
-        CalibrationError: Two of them overlap, on one bearing.
+        CalibrationError: Two of one bearing overlap.
     """
     ordered = sorted(reports, key=lambda r: (r.bearing, r.start_ns, r.end_ns))
     for one, two in pairwise(ordered):
@@ -175,12 +176,11 @@ def sort_reports(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
 def true_reports(bearing: str, truth: TruthRecord, recording: str) -> tuple[VibrationReport, ...]:
     """Return reports by the truth of a simulated recording: squeal in its episodes, quiet between them.
 
-    They are in order of time; those without length are left out.
+    They are in order of time, right to 1 s with a probability of 0.999; those without length are left out.
     """
     edges = [truth.start_ns, *(time for episode in truth.episodes for time in episode), truth.end_ns]
-    bounds = TRUTH_TOLERANCE, TRUTH_TRUST
     return tuple(
-        VibrationReport(bearing, start, end, bool(k % 2), *bounds, f'truth of {recording}, {k + 1}')
+        VibrationReport(bearing, start, end, bool(k % 2), 1.0, 0.999, f'truth of {recording}, {k + 1}')
         for k, (start, end) in enumerate(pairwise(edges))
         if end > start
     )
@@ -215,20 +215,13 @@ def bin_telemetry(name: str, time_ns: IntArray, speed: FloatArray, load: FloatAr
 
 BIN = 0.25
 """Width of the bins in which a level is averaged [s]."""
-APART = 6.0
+MIN_MODE_DISTANCE = 6.0
 """Least distance of the two modes [dB]."""
-# A vibration shorter than this is a knock; a rest shorter than this does not end one; a level that
-# is older says nothing [s].
-_SHORTEST, _REST, _GAP = 10.0, 3.0, 5.0
-# What varies less is stuck, and how far the modes must be apart without the speed, too [dB].
-_STUCK, _LOUDER = 0.1, 3.0
-# Values in the middle half between the modes, as a share of those in the smaller mode.
-_BETWEEN = 0.4
+# Least pause between two vibrations [s]: a shorter one does not part them.
+_MIN_PAUSE = 3.0
 # Distances below the plateau at which a fall is timed [dB], and the slowest fall that is the
 # level's own and not the lining's [s].
 EDGE, FOOT, SLOWEST_FALL = 3.0, 9.0, 6.0
-# Seconds at either end of a vibration of which its plateau is the median.
-_PLATEAU = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -265,7 +258,7 @@ class NoTwoModes(CalibrationError):
     """A level in which quiet and vibration cannot be told apart.
 
     Attributes:
-        levels: That level, of each recording.
+        levels: The level in each recording.
     """
 
     def __init__(self, text: str, levels: tuple[LevelBins, ...]) -> None:
@@ -277,7 +270,8 @@ def threshold_of(levels: Sequence[LevelBins]) -> float:
     """Return the threshold between quiet and vibration in all recordings, as level less ``20 lg V`` [dB].
 
     Raises:
-        NoTwoModes: The level is constant or missing, or its values do not fall into two groups.
+        NoTwoModes: The level varies by less than 0.1 dB, or is missing; or its values do not fall into two
+            modes 6 dB apart, with few of them between.
     """
     value, by_speed = (
         np.concatenate([np.empty(0), *(getattr(level, name) for level in levels)])
@@ -285,7 +279,7 @@ def threshold_of(levels: Sequence[LevelBins]) -> float:
     )
     order = np.argsort(value)
     x, raw = value[order], (value + by_speed)[order]
-    if x.size < 2 or np.ptp(raw) < _STUCK:
+    if x.size < 2 or np.ptp(raw) < 0.1:  # it is stuck
         has = f'it stays at {raw[0]:.1f} dB' if x.size else 'no valid value came while the shaft turned'
         text = f'the level has no two modes: {has}; is its sensor connected, and its unit right?'
         raise NoTwoModes(text, tuple(levels))
@@ -295,9 +289,10 @@ def threshold_of(levels: Sequence[LevelBins]) -> float:
     low, high = float(np.median(x[:k])), float(np.median(x[k:]))
     quarter = 0.25 * (high - low)
     lost = int(np.count_nonzero((x > low + quarter) & (x < high - quarter)))
-    # What is as loud at every speed parts by the speed alone.
-    same = abs(float(np.median(raw[:k]) - np.median(raw[k:]))) < _LOUDER
-    if high - low < APART or same or lost > _BETWEEN * min(k, x.size - k):
+    # A level that does not depend on the speed has two modes by the speed alone.
+    same = abs(float(np.median(raw[:k]) - np.median(raw[k:]))) < 3.0
+    # ``lost`` are the values in the middle half between the modes.
+    if high - low < MIN_MODE_DISTANCE or same or lost > 0.4 * min(k, x.size - k):
         raise NoTwoModes(
             f'the level has no two modes: {low:.1f} and {high:.1f} dB over the speed, and'
             f' {lost / x.size:.0%} of the values between them; give recordings in which the'
@@ -311,32 +306,33 @@ def threshold_of(levels: Sequence[LevelBins]) -> float:
 def level_reports(
     bearing: str, level: LevelBins, threshold: float, source: str
 ) -> tuple[list[VibrationReport], list[VibrationReport]]:
-    """Return reports of vibration and quiet in order of time, and vibrations too short to count: knocks.
+    """Return reports of vibration and quiet in order of time, and of knocks: vibrations of less than 10 s.
 
-    Parts of the level without a gap are read one by one; those of fewer than three bins are skipped. The
-    begin of a vibration is moved back by the median lag with which the level falls.
+    Parts of the level without a gap of 5 s are read one by one; those of fewer than three bins are skipped.
+    The begin of a vibration is moved back by the median lag with which the level falls.
 
     Args:
         bearing: Name of the bearing.
         level: Its level.
         threshold: Between the two modes [dB].
-        source: Name of the recording; each report adds its number to it.
+        source: Name of the recording; each report but those of knocks adds its number to it.
     """
     reports: list[VibrationReport] = []
     knocks: list[VibrationReport] = []
     lags: list[float] = []
 
     def report(a: float, b: float, squeal: bool) -> VibrationReport:
+        """Return a report from ``a`` to ``b`` [s], right to 1 s with a probability of 0.95."""
         times = round(a * 1e9), round(b * 1e9)
-        return VibrationReport(bearing, *times, squeal, LEVEL_TOLERANCE, TRUST, source, True)
+        return VibrationReport(bearing, *times, squeal, 1.0, 0.95, source, True)
 
-    for part in np.split(np.arange(level.time.size), np.flatnonzero(np.diff(level.time) > _GAP) + 1):
+    for part in np.split(np.arange(level.time.size), np.flatnonzero(np.diff(level.time) > 5.0) + 1):
         t, x = level.time[part], level.value[part]
         if t.size < 3:
             continue
         quiet, last = float(t[0]), 0
         for a, b in _find_spells(t, x >= threshold):
-            if t[b - 1] - t[a] < _SHORTEST:
+            if t[b - 1] - t[a] < 10.0:
                 knocks.append(report(t[a], t[b - 1], True))
                 continue
             on, off, late = _time_vibration(t, x, a, b)
@@ -344,7 +340,7 @@ def level_reports(
             reports += [report(quiet, on, False)] if a and on > quiet else []
             reports.append(report(on, off if b < t.size else float(t[-1]), True))
             quiet, last = off, b
-        if last < t.size and t[-1] - quiet > _REST:
+        if last < t.size and t[-1] - quiet > _MIN_PAUSE:
             reports.append(report(quiet, float(t[-1]), False))
     lag = round(1e9 * float(np.median(lags))) if lags else 0
     for i, (before, one) in enumerate(pairwise(reports)):  # the rise lags as the fall does
@@ -356,6 +352,8 @@ def level_reports(
 
 def _time_vibration(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float, float, list[float]]:
     """Return when a vibration begins and ends [s], and the lag of its level [s].
+
+    Its plateaus are the medians of its first and last ten seconds.
 
     Args:
         t: Times of the bins, shape (n,) [s].
@@ -369,8 +367,8 @@ def _time_vibration(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float
     """
     # A level that lags by seconds is on its way for long: the plateau is where it has arrived.
     levels, high_times = x[a:b], t[a:b][x[a:b] >= np.median(x[a:b]) - EDGE]
-    rise = float(np.median(levels[t[a:b] <= high_times[0] + _PLATEAU]))
-    fall = float(np.median(levels[(t[a:b] >= high_times[-1] - _PLATEAU) & (t[a:b] <= high_times[-1])]))
+    rise = float(np.median(levels[t[a:b] <= high_times[0] + 10.0]))
+    fall = float(np.median(levels[(t[a:b] >= high_times[-1] - 10.0) & (t[a:b] <= high_times[-1])]))
     on = float(t[a + int(np.argmax(levels >= rise - EDGE))]) if a else float(t[0])
     edge = b - 1 - int(np.argmax(levels[::-1] >= fall - EDGE))
     off = float(t[edge])
@@ -390,7 +388,7 @@ def _find_spells(t: FloatArray, high: np.ndarray) -> list[list[int]]:
     edges = np.flatnonzero(np.diff(high.astype(int), prepend=0, append=0))
     spells: list[list[int]] = []
     for a, b in edges.reshape(-1, 2).tolist():
-        if spells and t[a] - t[spells[-1][1] - 1] < _REST:
+        if spells and t[a] - t[spells[-1][1] - 1] < _MIN_PAUSE:
             spells[-1][1] = b
         else:
             spells.append([a, b])

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Infers two factors from edges: ``r`` of all speeds and ``q`` of all loads, as weights on a grid.
 
-The true boundaries are ``r V_F(q N)`` and ``r V_H(q N)`` of those configured. One axis of the grid
-is ``u``, by how much the fold at the middle of the loads is off, since that is what an end tells;
-the other is ``ln q``:
+The true boundaries are ``r V_F(q N)`` and ``r V_H(q N)``, of the configured ``V_F`` and ``V_H``. One axis of
+the grid is ``u``, the offset of the fold at the middle of the loads, which an end shows; the other is
+``ln q``:
 
     ``u = ln r + f(n + ln q) - f(n)``,    ``f(n) = ln V_F(e^n)``
 
 An end at ``V, N`` has the density ``trust phi((ln V - ln r - f(ln N + ln q))/s) / s`` beside that
-of a worthless one; all ends have in common by how much the speed is late, how long a cycle
-outlives its fold, and how much boundaries scatter from passage to passage, which are summed over.
-For an onset the growth ``G`` of steady sliding along its passage is ``K`` e-folds.
+of a worthless one. The delay of the speed, the share of the time for which a cycle outlives its fold, and the
+scatter of boundaries from passage to passage are common to all ends, and summed over. At an onset the growth
+``G`` of steady sliding along its passage is ``K`` e-folds.
 """
 
 from __future__ import annotations
@@ -33,25 +33,18 @@ from stickslip_monitor.physics.averaging import growth_rate
 # Scatter of a passage's own boundary, as a load: nodes; a median of 2 %, known to a factor 1.65.
 _SCATTER = np.array([0.008, 0.012, 0.018, 0.027, 0.04, 0.06, 0.09])
 _SCATTER_PRIOR = -0.5 * (np.log(_SCATTER / 0.02) / 0.5) ** 2
-# By how much the speed is late against the vibration: mean, spread [s].
-_LAG, _LAG_SPREAD = 0.5, 0.9
-_LAG_PRIOR = -0.5 * ((np.array(LAGS) - _LAG) / _LAG_SPREAD) ** 2
+# Delay of the speed against the vibration: 0.5 s, with a spread of 0.9 s.
+_LAG_PRIOR = -0.5 * ((np.array(LAGS) - 0.5) / 0.9) ** 2
 # e-folds from noise to stick-slip: median, spread between ships, spread between onsets; share of
 # onsets that a blow began. Counted along passages of 24 ships they are 3.1, with noise five times
 # as strong 1.3, in the voyages of warning quality 4.5; with a spread of 0.6 the 90 % interval of
 # the Hopf speed held for 62 % of the loud ships.
 _FOLDS, _FOLDS_SPREAD, _GROWN, _BLOWN = 3.0, 0.9, 0.3, 0.10
 _FOLD_NODES = np.linspace(-2.2, 2.2, 9)
-# A worthless end is anywhere within so much of ln V.
-_ANYWHERE = 1.5
-# The grid reaches so many deviations of the prior; what is less probable than the best by e^14 is
-# left out.
-_REACH, _DEPTH = 3.5, 14.0
-# Step of the first grid along u, then the nodes along u and along ln q, and the room beside them in u.
-_COARSE, _FINE, _LOADS = 0.0125, 101, 41
-_ROOM = 0.04
-# A bin's growth counts as no less than this [e-folds].
-_DECAY = -60.0
+# Range of ln V over which a worthless end is equally probable.
+_WORTHLESS_RANGE = 1.5
+# Cells less probable than the best by this factor are left out.
+_NEGLIGIBLE = math.exp(-14.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,9 +87,14 @@ class Grid:
         return np.array([[float(of_u @ a**2) * scale**2, product], [product, float(of_q @ b**2)]])
 
     def quantiles(self, values: FloatArray, shares: Sequence[float]) -> FloatArray:
-        """Return the weighted quantiles of the cells' values, shape (m, n).
+        """Return the weighted quantiles of a value in each cell.
 
-        They are at ``shares`` of the weight, and of their shape (k,).
+        Args:
+            values: The values, shape (m, n).
+            shares: Shares of the weight, k of them.
+
+        Returns:
+            Shape (k,).
         """
         order = np.argsort(values, axis=None)
         reached = np.cumsum(self.weight.ravel()[order])
@@ -107,15 +105,15 @@ class Grid:
 class Spreads:
     """Uncertainties besides those of the bearing."""
 
-    load: float = 0.0  # of the load between recordings
-    forget: float = 0.0  # of ln q, given anew before each recording
+    load: float = 0.0  # relative standard deviation of the load, common to a recording
+    forget: float = 0.0  # standard deviation by which ln q drifts before each recording but the first
 
 
 class Posterior(NamedTuple):
     """Posterior of both factors."""
 
-    by_ends: Grid
-    by_all: Grid  # by the onsets too
+    by_ends: Grid  # by the ends and bounds alone
+    by_all: Grid  # by onsets and passages without one, too
 
 
 def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spreads) -> Posterior:
@@ -129,14 +127,15 @@ def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spread
     """
     low, high = edges.loads
     load = 0.5 * (math.log(low) + math.log(high))
-    log_q = _REACH * math.sqrt(prior[1, 1]) * np.linspace(-1.0, 1.0, _LOADS)
+    reach = 3.5  # standard deviations of the prior
+    log_q = reach * math.sqrt(prior[1, 1]) * np.linspace(-1.0, 1.0, 41)
     along = np.array([1.0, reference.slope(load)])
-    wide = _REACH * math.sqrt(float(along @ prior @ along))
+    wide = reach * math.sqrt(float(along @ prior @ along))
     grid = partial(_fold_grid, edges, reference, prior, spreads, load, log_q)
-    u = np.arange(-wide, wide, _COARSE)
+    u = np.arange(-wide, wide, 0.0125)
     coarse = grid(u, quick=True)
-    rows = np.flatnonzero(coarse.weight.max(axis=1) > coarse.weight.max() * math.exp(-_DEPTH))
-    fold = grid(np.linspace(u[rows[0]] - _ROOM, u[rows[-1]] + _ROOM, _FINE))
+    rows = np.flatnonzero(coarse.weight.max(axis=1) > coarse.weight.max() * _NEGLIGIBLE)
+    fold = grid(np.linspace(u[rows[0]] - 0.04, u[rows[-1]] + 0.04, 101))
     return Posterior(fold, _weigh_onsets(fold, edges, reference, spreads))
 
 
@@ -207,7 +206,7 @@ def end_log_likelihood(
         reference: The configured bearing.
         log_r: ``ln r`` of the cells, shape (m, n).
         log_q: ``ln q`` of the cells, shape (n,).
-        nodes: Which of the end's points to take; a bound has one point only.
+        nodes: Indices of the end's points to take; a bound has one point only.
         scatter: Standard deviations of a passage's own boundary, as ``ln N``, shape (scatters,).
         bias: Standard deviation that the ends of one recording have in common, as ``ln N``.
 
@@ -226,7 +225,7 @@ def end_log_likelihood(
             p = trust * ndtr(-z) + (1.0 - trust) * 0.5
         else:
             density = np.exp(-0.5 * z * z) / (spread * math.sqrt(2.0 * math.pi))
-            p = trust * density + (1.0 - trust) / _ANYWHERE
+            p = trust * density + (1.0 - trust) / _WORTHLESS_RANGE
         terms.append(np.log(p))
     return np.stack(terms)
 
@@ -242,7 +241,7 @@ def wrong_report_probability(
     nodes = range(len(end.points))
     with_trust = end_log_likelihood(end, reference, *grid, nodes, np.array([spread]), 0.0)
     trust = end.report.trust
-    wrong = (1.0 - trust) * (0.5 if end.is_bound else 1.0 / _ANYWHERE)
+    wrong = (1.0 - trust) * (0.5 if end.is_bound else 1.0 / _WORTHLESS_RANGE)
     return float(min(wrong / np.exp(with_trust).mean(), 1.0)) if trust < 1.0 else 0.0
 
 
@@ -255,7 +254,7 @@ def _weigh_onsets(fold: Grid, edges: Edges, reference: Reference, spreads: Sprea
     """
     since = edges.tracks[-1].time[0] if spreads.forget else -math.inf
     spread = math.hypot(0.02, spreads.load)
-    cells = np.argwhere(fold.weight > fold.weight.max() * math.exp(-_DEPTH))
+    cells = np.argwhere(fold.weight > fold.weight.max() * _NEGLIGIBLE)
     log_r, log_q = fold.log_r[tuple(cells.T)], fold.log_q[cells[:, 1]]
     common = -0.5 * _FOLD_NODES**2
     total = np.zeros((len(cells), common.size, len(LAGS))) + (
@@ -290,7 +289,7 @@ def passage_log_likelihood(
     speed, load = one.speed * np.exp(-log_r)[:, None], one.load * np.exp(log_q)[:, None]
     rate = growth_rate(reference.bearing, speed, load)
     step = 0.5 * (rate + np.concatenate([rate[:, :1], rate[:, :-1]], axis=1)) * one.step
-    sums = np.cumsum(np.maximum(step, _DECAY), axis=1)
+    sums = np.cumsum(np.maximum(step, -60.0), axis=1)  # a bin's growth counts as no less [e-folds]
     growth = sums - np.minimum(np.minimum.accumulate(sums, axis=1), 0.0)
     folds = math.log(_FOLDS) + _FOLDS_SPREAD * _FOLD_NODES
     if not one.began:
