@@ -28,10 +28,10 @@ NAMES = {
     'temperature': 'temperature temp temperatur wassertemperatur',
     'speed': 'speed velocity v n geschwindigkeit gleitgeschwindigkeit drehzahl',
 }
-"""The words that a heading is recognised by: it is of the first quantity of which it has one, unless it has a
-word of another quantity."""
+"""By quantity the words of its headings: a heading is of the first quantity of which it has a word, unless it
+has a word of another quantity."""
 _OTHER_QUANTITIES = {'force', 'torque', 'moment', 'power', 'work', 'energy', 'heat', 'reibkraft'}
-# What may stand beside the words of a spread: 'standard error of the measurement', and not 'load error'.
+# Words that may stand beside those of a spread: 'standard error of the measurement', and not 'load error'.
 _FILL_WORDS = {'standard', 'of', 'the', 'measurement'}
 
 MAX_SIZE = 1e30
@@ -45,7 +45,8 @@ _RULES = {
     'temperature': Parameter('temperature', 'float', REQUIRED, '', 'C', MIN_TEMPERATURE, MAX_TEMPERATURE),
 }
 """The rule of each quantity, in SI units and C."""
-# What the units of a quantity measure, the unit that its numbers are turned into, and advice on any other.
+# By quantity: what its units measure, the unit that its numbers are turned into, and advice on any other
+# unit.
 _MEASURES = {
     'speed': (('turning', 'speed'), 'm/s', ''),
     'load': (('force',), 'N', ': of a pressure, times the projected area'),
@@ -92,12 +93,16 @@ def read_curve(
 
     Args:
         path: The file.
-        columns: The headings of some quantities of :data:`NAMES`; by default they are recognised.
+        columns: Headings by quantity of :data:`NAMES`; a quantity that is missing or ``None`` is recognised.
         unit: Unit of the speeds; by default the one in the heading, else m/s.
         journal_diameter: ``D`` > 0 [m], for speeds in a unit of turning.
 
+    Returns:
+        The points in the file's order, in SI units and C; ``std`` is 1 for all without a spread or weights.
+
     Raises:
-        FitError: The file breaks a rule; the text names file, line, column, value and rule.
+        FitError: The file breaks a rule, the text names file, line, column, value and rule; or both a ``std``
+            and a ``weight`` column are named.
     """
     rows, delimiter = _read_rows(path)
     where = f'{path}, line {rows[0].line}'
@@ -140,6 +145,7 @@ def _read_rows(path: str | Path) -> tuple[list[TableRow], str]:
     """
 
     def is_heading(cells: list[str]) -> bool:
+        """Return whether a row of cells names speed and coefficient."""
         quantities = {_find_quantity(_split_heading(cell)[0]) for cell in cells}
         return quantities >= {'speed', 'coefficient'}
 
@@ -157,7 +163,10 @@ def _read_rows(path: str | Path) -> tuple[list[TableRow], str]:
 
 
 def _split_heading(heading: str) -> tuple[list[str], str]:
-    """Return the words of a heading in lower case without its unit, and the unit as written; '' for none."""
+    """Return the words of a heading in lower case without its unit, and the unit as written; '' for none.
+
+    The abbreviation of a coefficient, as in 'friction (COF)', is neither.
+    """
     match = _HEADING.fullmatch(heading)
     name, *units = match.groups() if match else (heading,)
     plain = name.replace('_', ' ').split()
@@ -190,7 +199,7 @@ def _find_quantity(words: Iterable[str]) -> str:
 
 
 def _is_clear(text: str) -> bool:
-    """Return whether a text is a unit of speed or '%', which stand for nothing else in a heading."""
+    """Return whether a text is a unit of speed or turning, or '%': no other word of a heading is one."""
     return text == '%' or _find_unit('speed', text) is not None
 
 
@@ -283,9 +292,9 @@ def _find_column(where: str, cells: list[str], quantity: str, named: str | None)
 
 
 def _recognise_columns(cells: list[str], quantity: str) -> list[int]:
-    """Return the indices of the columns whose headings tell a quantity; of several the plainest, if any.
+    """Return the indices of the columns whose headings name a quantity; of several those without other words.
 
-    Without one, a column headed by a unit of speed alone is one of speeds.
+    For speed, where no heading names it, columns headed by a unit alone.
     """
     split = [_split_heading(cell) for cell in cells]
     candidates = [k for k, (words, _) in enumerate(split) if _find_quantity(words) == quantity]
@@ -309,7 +318,7 @@ def _find_speed_unit(where: str, heading: str, option: str | None) -> tuple[str,
     Args:
         where: File and line, for the error.
         heading: Heading of the speeds.
-        option: Unit that the user gave; ``None`` for that of the heading, else m/s.
+        option: Unit that the user gave; ``None`` for that of the heading, or m/s without one.
 
     Raises:
         FitError: The unit of the heading is no speed's, or differs from the option.
@@ -356,7 +365,7 @@ def _parse_number(
     scale: tuple[float, float],
     delimiter: str,
 ) -> float:
-    """Return the number in a cell, in N, C, m/s or plain.
+    """Return the number in a cell, converted to N, C or m/s, or plain.
 
     Args:
         path: The file, for the error.

@@ -34,18 +34,18 @@ UNITS = {'static': '', 'kinetic': '', 'decay': 's/m', 'viscous': 's/m'}
 PLAIN, RISING = ('static', 'kinetic', 'decay'), tuple(UNITS)
 """The free coefficients without and with the viscous slope."""
 CONFIDENCE = 0.95
-"""Share of the intervals and bands."""
+"""Probability with which intervals and bands hold."""
 CAUCHY = 2.385
 """A residual of so many scales counts half; on clean data 95 % efficient (Rey 1983)."""
 FALL_LEVEL, VISCOUS_LEVEL, SHAPE_LEVEL = 0.001, 0.01, 0.01
 """Levels of significance: of the fall, of a viscous slope, and of residuals that are not independent."""
-MOST_CORRELATION = 0.999
+MAX_CORRELATION = 0.999
 """Two coefficients that are correlated more than this are known only together."""
 SPARE_POINTS = 2
 """Points needed beyond the number of coefficients, to judge the fit by."""
-FARTHEST = 5.0
-"""Of decay times lowest speed: beyond it all points lie where the fall has ended."""
-LEAST_KNOWN = 4.0
+MAX_REACH = 5.0
+"""Largest decay times lowest speed: beyond it all points lie where the fall has ended."""
+MAX_DECAY_FACTOR = 4.0
 """A decay whose 95 % interval reaches farther than this factor either way is not known."""
 ASIDE = 0.1
 """A point of a smaller weight lies on no curve with the others."""
@@ -53,19 +53,10 @@ SEVERAL_LOADS = (
     'the load or the temperature of the water may be the reason, if the points are of several: give each its'
     ' load and temperature in columns of these names'
 )
-"""What pooled curves look like: friction depends on speed times viscosity over load."""
-# Share of outliers, and leverage of one point, from which on a user is told.
-_MANY_OUTLIERS, _MUCH_LEVERAGE = 0.2, 0.9
-# Standard deviation of a normal distribution over its median absolute deviation.
-_MAD = 1.482602218505602
-# The median of few residuals scatters: this keeps it from setting good points aside.
-_SMALL_SAMPLE = 2.0
-# What rounding leaves of exact data, as a share of the coefficients; a smaller pivot is singular.
-_ROUNDING, _SINGULAR = 1e-12, 1e-12
-# A coefficient [-] and a sliding speed [m/s] above these look like another unit.
-_UNUSUAL_COEFFICIENT, _UNUSUAL_SPEED = 3.0, 30.0
-# Simulated curves to judge neighbours by: p = 0.01 is known to 0.0016.
-_SIMULATED = 4000
+"""Advice where points scatter as curves of several loads do: friction depends on speed times viscosity over
+load."""
+# Residuals of exact data, as a share of the coefficients; and a pivot, as a share of 1, that is singular.
+_ROUNDING = 1e-12
 
 Viscous = Literal['auto', 'yes', 'no']
 
@@ -80,7 +71,7 @@ class ViscousTest:
 
     @property
     def demands_slope(self) -> bool:
-        """The criterion of ``auto``: the slope is positive and significant at 1 %."""
+        """Whether ``auto`` takes a slope: it is positive and significant at 1 %."""
         return self.slope > 0.0 and self.p_value < VISCOUS_LEVEL
 
 
@@ -116,7 +107,7 @@ class StribeckFit:
 
     @property
     def estimate(self) -> FloatArray:
-        """The free coefficients in the order of :attr:`names`, shape (k,)."""
+        """Values of the free coefficients, in the order of :attr:`names`, shape (k,)."""
         return np.array([getattr(self.law, name) for name in self.names])
 
     @cached_property
@@ -136,7 +127,7 @@ class StribeckFit:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """The sum of the weights less the number of what is fitted."""
+        """Sum of the weights less the number of fitted coefficients."""
         return float(self.weight.sum()) - self.free_count
 
     @cached_property
@@ -206,17 +197,14 @@ class StribeckFit:
         return ends
 
     def band(self, speed: ArrayLike) -> FloatArray:
-        """Return the half width of the curve's pointwise 95 % confidence band [-] at speeds >= 0 [m/s].
-
-        Both of shape (n,).
-        """
+        """Return the half width of the pointwise 95 % band [-] at speeds >= 0 [m/s], shape (n,) each."""
         gradient = self._law_gradient(np.asarray(speed, dtype=float))
         variance = np.einsum('ni,ij,nj->n', gradient, self.covariance, gradient)
         return self.t_quantile * np.sqrt(np.maximum(variance, 0.0))
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences on what a user should know before using the fit."""
+        """Sentences on doubts about the fit; empty without any."""
         return tuple(_fit_warnings(self))
 
     def _law_gradient(self, speed: FloatArray) -> FloatArray:
@@ -234,24 +222,20 @@ class StribeckFit:
         rows = self._law_gradient(self.curve.speed) * root[:, None]
         size = np.linalg.norm(rows, axis=0)
         orthogonal, triangle = np.linalg.qr(rows / size)
-        if np.abs(np.diag(triangle)).min() > _SINGULAR:
+        if np.abs(np.diag(triangle)).min() > _ROUNDING:
             return orthogonal, np.linalg.inv(triangle) / size[:, None]
         return orthogonal, np.full((size.size, size.size), np.inf)
 
 
 def _evaluate_law(values: FloatArray, curve: FrictionCurve) -> FloatArray:
-    """Return the coefficients of friction at the speeds of a curve, shape (n,).
-
-    ``values`` are those of :attr:`StribeckFit.values`: drop at the lowest speed, ``mu_k``, ``ln beta``,
-    ``nu``.
-    """
+    """Return friction by :attr:`StribeckFit.values` at the speeds of a curve, shape (n,) [-]."""
     drop, kinetic, log_decay, viscous = values
     path = curve.speed - curve.speed.min()
     return np.asarray(kinetic + drop * np.exp(-np.exp(log_decay) * path) + viscous * curve.speed)
 
 
 def _rounding_scale(curve: FrictionCurve) -> float:
-    """Return the least scale, in units of ``std``: what rounding leaves of exact data."""
+    """Return the scale that rounding gives the residuals of exact data, in units of ``std``."""
     return _ROUNDING * float(np.max(np.abs(curve.coefficient / curve.std), initial=1e-14))
 
 
@@ -275,6 +259,9 @@ def explained_fit_errors(curve: FrictionCurve) -> Iterator[None]:
     """Raise numerical errors of the block as a FitError, and add questions on units to any FitError.
 
     Floating-point warnings are silenced within it.
+
+    Raises:
+        FitError: The block raised one, or a numerical error.
     """
     questions = ' '.join(_unit_questions(curve))
     try:
@@ -292,7 +279,7 @@ def explained_fit_errors(curve: FrictionCurve) -> Iterator[None]:
 
 
 def _choose_fit(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
-    """Return the fit with or without a viscous slope, with the test of the slope if the points allow one.
+    """Return the fit with or without a viscous slope; it has the test of the slope if the points allow one.
 
     Raises:
         FitError: There are too few points, or ``viscous`` is 'yes' and the slope clearly negative.
@@ -350,7 +337,7 @@ def _start_values(curve: FrictionCurve, names: tuple[str, ...]) -> FloatArray:
         columns = np.stack([np.exp(-decay * path), np.ones_like(path), path, curve.speed])[free].T
         size = np.abs(columns).max(axis=0)
         left, right = columns / size * root[:, None], root * curve.coefficient
-        solved = np.linalg.lstsq(left, right, rcond=_SINGULAR)[0]
+        solved = np.linalg.lstsq(left, right, rcond=_ROUNDING)[0]
         squares = float(np.sum((right - left @ solved) ** 2))
         if squares < best:
             best, start = squares, np.zeros(4)
@@ -372,17 +359,19 @@ def _minimise_loss(fit: StribeckFit, scale: float, loss: str, loss_scale: float)
     """
     free = np.array([name in fit.names for name in UNITS])
 
-    def whole(part: FloatArray) -> FloatArray:
+    def complete(part: FloatArray) -> FloatArray:
+        """Return all values, shape (4,), of the type of ``part``, which has the free ones, shape (k,)."""
         full = fit.values.astype(part.dtype)
         full[free] = part
         return full
 
     def misfit(part: FloatArray) -> FloatArray:
-        return (_evaluate_law(whole(part), fit.curve) - fit.curve.coefficient) / (scale * fit.curve.std)
+        """Return the divided residuals for values of the free coefficients, shape (n,)."""
+        return (_evaluate_law(complete(part), fit.curve) - fit.curve.coefficient) / (scale * fit.curve.std)
 
     exactly: Any = dict.fromkeys(('ftol', 'xtol', 'gtol'), 1e-15)
     how: Any = {'x_scale': 'jac', 'loss': loss, 'f_scale': loss_scale, 'max_nfev': 200}
-    return whole(least_squares(misfit, fit.values[free], 'cs', **how, **exactly).x)
+    return complete(least_squares(misfit, fit.values[free], 'cs', **how, **exactly).x)
 
 
 def _robust_scale(fit: StribeckFit) -> float:
@@ -393,12 +382,15 @@ def _robust_scale(fit: StribeckFit) -> float:
     Ruppert 1988).
     """
     ordered, k = np.sort(np.abs(fit.residual / fit.curve.std)), len(fit.names)
-    caution = 1.0 + _SMALL_SAMPLE / (ordered.size - k)
-    return max(_MAD * caution * float(np.median(ordered[k - 1 :])), 0.01 * _rounding_scale(fit.curve))
+    # The median of few residuals scatters: this keeps it from setting good points aside.
+    caution = 1.0 + 2.0 / (ordered.size - k)
+    # Standard deviation of a normal distribution over its median absolute deviation.
+    ratio = 1.482602218505602
+    return max(ratio * caution * float(np.median(ordered[k - 1 :])), 0.01 * _rounding_scale(fit.curve))
 
 
 def lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
-    """Return the rule that too few points or different speeds break, or '' if there are enough."""
+    """Return the rule that too few points, or too few different speeds, break; '' if there are enough."""
     n, k = curve.speed.size, len(names)
     coefficients = f'{k} coefficients ({", ".join(names)})'
     if n < k + SPARE_POINTS:
@@ -411,7 +403,7 @@ def lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
 
 
 def _require_identified(free: StribeckFit) -> StribeckFit:
-    """Return the fit if the curve identifies it; one with a negative ``mu_k`` is fitted anew without it.
+    """Return the fit if the curve identifies it, fitted anew with a ``mu_k`` of 0 where that is negative.
 
     Raises:
         FitError: It does not: too few points lie on one curve, friction does not fall, the decay is open, or
@@ -432,18 +424,18 @@ def _require_identified(free: StribeckFit) -> StribeckFit:
         best = replace(solve_law(free.curve, names), viscous_test=free.viscous_test)
     correlation = np.abs(best.correlation) - np.eye(len(best.names))
     i, j = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
-    if not correlation[i, j] <= MOST_CORRELATION:
+    if not correlation[i, j] <= MAX_CORRELATION:
         raise FitError(
             f'correlation of {best.names[i]} and {best.names[j]} = {correlation[i, j]:.6f} must'
-            f' not be above {MOST_CORRELATION:g}: the curve knows only a combination of the two'
+            f' not be above {MAX_CORRELATION:g}: the curve knows only a combination of the two'
         )
     return best
 
 
 def _require_fall(fit: StribeckFit) -> None:
-    """Raise FitError unless friction falls, and that significantly (F-test at 0.1 %).
+    """Raise FitError unless friction falls, and significantly so (F-test at 0.1 %).
 
-    It is compared with a constant, or a straight line if the fit has a viscous slope.
+    The law is compared with a constant, or with a straight line if the fit has a viscous slope.
     """
     if not fit.values[0] > 0.0:
         raise FitError(
@@ -468,21 +460,21 @@ def _require_fall(fit: StribeckFit) -> None:
 def _require_decay(fit: StribeckFit) -> None:
     """Raise FitError unless the measured speeds show where friction falls.
 
-    They do not where all of them lie beyond the fall, where all but the lowest may, or where the fall has
-    not levelled off at the highest.
+    They do not if all of them lie beyond the fall, if all but the lowest may, or if the fall has not levelled
+    off at the highest.
     """
     slowest, fastest = float(fit.curve.speed.min()), float(fit.curve.speed.max())
     decay, factor = fit.law.decay, fit.decay_factor
-    if (reach := decay * slowest) > FARTHEST:
+    if (reach := decay * slowest) > MAX_REACH:
         raise FitError(
             f'decay * lowest speed = {decay:.3g} s/m * {slowest:.3g} m/s = {reach:.3g}'
-            f' must not be above {FARTHEST:g}: all speeds lie beyond the decay; measure at lower'
+            f' must not be above {MAX_REACH:g}: all speeds lie beyond the decay; measure at lower'
             ' speeds'
         )
     second = float(np.unique(fit.curve.speed)[1])
     left = fit.values[0] * math.exp(-decay * (second - slowest))
     ended = left < fit.t_quantile * fit.scale * float(np.median(fit.curve.std))
-    if factor <= LEAST_KNOWN and not ended:
+    if factor <= MAX_DECAY_FACTOR and not ended:
         return
     if not ended and decay * (fastest - slowest) < 3.0:
         raise FitError(
@@ -497,16 +489,19 @@ def _require_decay(fit: StribeckFit) -> None:
 
 
 def _unit_questions(curve: FrictionCurve) -> list[str]:
-    """Return a question for each quantity whose numbers look like another unit; an empty list for none."""
+    """Return a question for each quantity whose numbers look like another unit; an empty list for none.
+
+    Coefficients above 3 and sliding speeds above 30 m/s do.
+    """
     questions = []
     top = int(np.argmax(np.abs(curve.coefficient))) if curve.coefficient.size else 0
-    if curve.coefficient.size and abs(curve.coefficient[top]) > _UNUSUAL_COEFFICIENT:
+    if curve.coefficient.size and abs(curve.coefficient[top]) > 3.0:
         questions.append(
             f'a coefficient of {curve.coefficient[top]:.3g} (line {curve.line[top]}) is unusual:'
             ' is it in percent, 30 for 0.30?'
         )
     fastest = float(curve.speed.max(initial=0.0))
-    if fastest > _UNUSUAL_SPEED:
+    if fastest > 30.0:
         advice = 'is the diameter in metres' if curve.unit in SPEED_UNITS else 'is its unit right'
         advice = 'is it in rpm (--speed-unit rpm)' if curve.unit == 'm/s' else advice
         questions.append(f'a sliding speed of {fastest:.3g} m/s is unusual: {advice}?')
@@ -518,7 +513,7 @@ def _fit_warnings(fit: StribeckFit) -> Iterator[str]:
     curve = fit.curve
     yield from _unit_questions(curve)
     share = fit.outliers.size / fit.weight.size
-    if share > _MANY_OUTLIERS:
+    if share > 0.2:
         yield f'{share:.0%} of the points count less than half: the law may not be the right one'
     if 'kinetic' not in fit.names:
         yield 'kinetic would be negative and is held at 0, without a standard error'
@@ -541,10 +536,10 @@ def _fit_warnings(fit: StribeckFit) -> Iterator[str]:
 
 
 def unchecked_point(fit: StribeckFit) -> str:
-    """Return a sentence on the point whose leverage is so high that no other checks it; '' without one."""
+    """Return a sentence on the point that no other checks, as its leverage is above 0.9; '' without one."""
     leverage = fit.leverage
     top = int(np.argmax(leverage))
-    if leverage[top] <= _MUCH_LEVERAGE:
+    if leverage[top] <= 0.9:
         return ''
     return (
         f'the point of line {fit.curve.line[top]}, {fit.curve.speed[top]:.3g} m/s, is not checked'
@@ -586,7 +581,7 @@ def _lack_of_fit(fit: StribeckFit) -> Iterator[str]:
 
 
 def _neighbour_probability(fit: StribeckFit, order: IndexArray) -> float:
-    """Return the probability of residuals whose neighbours are as much alike, if the law is right.
+    """Return the probability that neighbouring residuals are at least as much alike, if the law is right.
 
     The serial correlation of Durbin and Watson (Biometrika 37, 1950), by simulation, always with the same
     random numbers: scatter without correlation leaves residuals that the fit has correlated, and of few
@@ -597,7 +592,8 @@ def _neighbour_probability(fit: StribeckFit, order: IndexArray) -> float:
         order: Indices of the points in the order in which neighbours stand, shape (n,).
     """
     hat = fit.decomposed[0]
-    noise = np.random.default_rng(0).standard_normal((_SIMULATED, order.size))
+    # By 4000 simulated curves p = 0.01 is known to 0.0016.
+    noise = np.random.default_rng(0).standard_normal((4000, order.size))
     scaled = np.sqrt(fit.weight) * fit.residual / fit.curve.std
     rows = np.vstack([scaled, noise - (noise @ hat) @ hat.T])[:, order]
     serial = np.sum(rows[:, 1:] * rows[:, :-1], axis=1) / np.sum(rows**2, axis=1)
@@ -607,9 +603,9 @@ def _neighbour_probability(fit: StribeckFit, order: IndexArray) -> float:
 def boundary_belief(fit: StribeckFit, bearing: Bearing, load: float) -> Belief:
     """Return the belief of a bearing with the fitted law, by the fit's uncertainty alone.
 
-    Boundaries go with ``r = 1/beta`` and, by the load, with
-    ``kappa = (c/N + nu)/((mu_s - mu_k) beta)``; both to first order in the coefficients. The
-    covariance is widened by Student's t over the normal quantile.
+    Speeds of boundaries go with ``r = 1/beta``, and loads with ``kappa = (c/N + nu)/((mu_s - mu_k) beta)``;
+    both to first order in the coefficients. The covariance is widened by Student's t over the normal
+    quantile.
 
     Args:
         fit: The fit.

@@ -29,14 +29,8 @@ from stickslip_lab.friction.friction_fit import (
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.lubrication import Lubrication, viscosity
 
-LEAST_RATIO = 1.05
+MIN_LOAD_RATIO = 1.05
 """Loads that differ by less than this factor are one load: cells scatter by a few per cent."""
-# Exponents that are tried before the best is looked for: beyond 0 to 1 lies what scatter makes of its ends.
-_EXPONENTS = np.linspace(-0.5, 1.5, 9)
-# Steps of the exponent at which the search for it ends.
-_EXACT = 1e-7
-# Share of the fall of friction: by a smaller scale exact points would make the misfit a spike.
-_LEAST_SCALE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +38,10 @@ class PooledFit(StribeckFit):
     """A law fitted at reference points, with the exponent of the load where loads differ."""
 
     measured: FrictionCurve = field(kw_only=True)  # the points at their own speeds
-    load: float = field(kw_only=True)  # of the reference points, ``N0`` [N]; nan without a column
-    temperature: float = field(kw_only=True)  # likewise [C]
+    load: float = field(kw_only=True)  # of the reference points, ``N0`` [N]; nan without a column of loads
+    temperature: float = field(kw_only=True)  # of the reference points [C]; nan without a column of it
     exponent: float = field(kw_only=True)  # ``g``; 0 where loads do not differ
-    has_exponent: bool = field(kw_only=True)
+    has_exponent: bool = field(kw_only=True)  # whether loads differ, so that the exponent was fitted
 
     @property
     def points(self) -> FrictionCurve:
@@ -56,7 +50,7 @@ class PooledFit(StribeckFit):
 
     @property
     def lubrication(self) -> Lubrication | None:
-        """The conditions as a bearing has them, the exponent held within 0 to 1; None: one load only."""
+        """The conditions as a bearing has them, the exponent held within 0 to 1; ``None`` without one."""
         if not self.has_exponent:
             return None
         return Lubrication(self.load, min(max(self.exponent, 0.0), 1.0), self.temperature)
@@ -103,7 +97,7 @@ class PooledFit(StribeckFit):
 
     @property
     def sentence(self) -> str:
-        """Sentence on what the load does to the friction, with the exponent; '' without a column of loads."""
+        """Sentence on the effect of the load on friction, with the exponent; '' without a column of loads."""
         if not self.has_exponent:
             return 'the points are of one load' if self.load == self.load else ''
         low, high = self.exponent_interval
@@ -141,7 +135,7 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
         return replace(curve, speed=curve.speed * ratio * np.exp(-exponent * log_load))
 
     # Without enough points no exponent is looked for: the fit then says what is missing.
-    differs = bool(np.ptp(log_load) > np.log(LEAST_RATIO)) and not lack_of_points(curve, PLAIN)
+    differs = bool(np.ptp(log_load) > np.log(MIN_LOAD_RATIO)) and not lack_of_points(curve, PLAIN)
     with explained_fit_errors(curve):
         exponent = _fit_exponent(reduced, PLAIN) if differs else 0.0
     fit = fit_stribeck(reduced(exponent), viscous)
@@ -167,14 +161,17 @@ def _fit_exponent(reduced: Callable[[float], FrictionCurve], names: tuple[str, .
     Returns:
         The exponent, between -0.5 and 1.5: scatter may take it out of 0 to 1.
     """
-    tried = [solve_law(reduced(float(g)), names) for g in _EXPONENTS]
+    exponents = np.linspace(-0.5, 1.5, 9)
+    fits = [solve_law(reduced(float(g)), names) for g in exponents]
     # Nearly absolute residuals choose the start and the scale, which outliers move little.
-    best = int(np.argmin([float(np.sum(np.abs(fit.residual / fit.curve.std))) for fit in tried]))
-    scale = max(tried[best].median_scale, _LEAST_SCALE * float(np.ptp(tried[best].curve.coefficient)))
+    best = int(np.argmin([float(np.sum(np.abs(fit.residual / fit.curve.std))) for fit in fits]))
+    # By a smaller scale exact points would make the misfit a spike.
+    scale = max(fits[best].median_scale, 1e-5 * float(np.ptp(fits[best].curve.coefficient)))
 
     def misfit(g: float) -> float:
+        """Return the sum of Cauchy's loss at an exponent."""
         fit = solve_law(reduced(g), names, scale)
         return float(np.sum(np.log1p((fit.residual / (CAUCHY * scale * fit.curve.std)) ** 2)))
 
-    low, high = _EXPONENTS[max(best - 1, 0)], _EXPONENTS[min(best + 1, _EXPONENTS.size - 1)]
-    return float(minimize_scalar(misfit, bounds=(low, high), method='bounded', options={'xatol': _EXACT}).x)
+    low, high = exponents[max(best - 1, 0)], exponents[min(best + 1, exponents.size - 1)]
+    return float(minimize_scalar(misfit, bounds=(low, high), method='bounded', options={'xatol': 1e-7}).x)
