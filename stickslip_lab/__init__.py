@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What no ship runs: scenes, the accuracy study, friction from a bench, calibration."""
+"""The laboratory ashore: scenes, the accuracy study, friction from a bench, calibration."""
 
 MAX_TABLE_BYTES = 32 << 20
-"""Tables beside recordings (curves, reports, profiles) are read whole: this is a million rows."""
+"""Largest table beside recordings (curves, reports, profiles), which is read whole: a million rows."""

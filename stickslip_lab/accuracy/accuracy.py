@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compares what accuracy costs in time: the methods, the cases, and the error and time of each on each.
+"""Compares methods by accuracy and time: the methods, the cases, and the error and time of each at each.
 
-Time is measured warm and repeatedly; the median counts. A sample in which the wall clock runs
-well ahead of the process' own time was disturbed by another process and is left out.
+Time is measured warm and repeatedly; the median counts. A sample whose wall time is far above its process
+time was disturbed by another process and is left out.
 
 The reference amplitudes are Taylor series in 40 digits by mpmath, which share no code with any
 method; a test computes some of them again.
@@ -40,18 +40,13 @@ from stickslip_monitor.physics.friction import Stribeck
 
 Clock = Callable[[], float]
 
-# A sample whose wall time exceeds its process time by more than this factor was disturbed.
-_DISTURBED = 1.2
-# Relative errors below this are rounding: they count as equal.
-_FLOOR = 1e-14
-
 
 @dataclass(frozen=True, slots=True)
 class Method:
     """A way to compute the amplitude of the stable cycle."""
 
     name: str  # short and unique
-    family: str  # what it shares with its variants, which differ in accuracy only
+    family: str  # common name of variants that differ in accuracy only
     # Solves an operating point: bearing, surface speed ``V`` > 0 [m/s], load ``N`` > 0 [N].
     amplitude: Callable[[Bearing, float, float], MethodResult]
     applies: Callable[[Bearing], bool] = lambda _: True  # whether it is made for a bearing's law
@@ -99,8 +94,9 @@ def time_call(
     """Time repeated calls by two clocks [s]; the first, untimed call decides how many calls make a sample.
 
     Returns:
-        The median time of a call [s] over the undisturbed samples, how many samples that are, and False; or,
-        where most were disturbed, the median process time over all of them, their number, and True.
+        The median wall time of a call [s] over the undisturbed samples, their number, and False; or, where
+        most were disturbed, the median process time over all samples, their number, and True. A sample is
+        disturbed if its wall time is above 1.2 times its process time.
     """
     start = wall()
     call()
@@ -113,7 +109,7 @@ def time_call(
         for _ in range(inner):
             call()
         samples.append(((wall() - wall_begin) / inner, (cpu() - cpu_begin) / inner))
-    quiet = [w for w, c in samples if w <= _DISTURBED * c]
+    quiet = [w for w, c in samples if w <= 1.2 * c]
     if 2 * len(quiet) >= len(samples):
         return median(quiet), len(quiet), False
     return median(c for _, c in samples), len(samples), True
@@ -126,9 +122,9 @@ class Row:
     method: str  # name of the method
     family: str  # its family
     case: str  # name of the case
-    amplitude: float  # what it says [m]; ``nan`` for nothing
+    amplitude: float  # its amplitude [m]; ``nan`` without a cycle
     error: float  # relative error of the amplitude, with its sign [-]; ``nan`` without one
-    outcome: str  # how it ended
+    outcome: str  # as of :class:`.MethodResult`
     evaluations: int  # evaluations of the friction law; -1 where they are not counted
     points: int  # operating points solved in one call
     seconds: float  # time per operating point [s]; ``nan`` where it was refused
@@ -171,14 +167,13 @@ class Summary:
     method: str
     family: str  # its family
     points: int  # operating points solved in one call
-    seconds: float  # median time per operating point [s]; ``nan`` if it was refused everywhere
+    seconds: float  # median time per operating point [s]; ``nan`` if it refused all cases
     ratio: float  # median of its time over that of the base method at the same case [-]
-    # Largest absolute relative error; ``inf`` where it found nothing at some case that it did
-    # not refuse.
+    # Largest absolute relative error; ``inf`` where it found no cycle at a case that it did not refuse.
     worst: float
     middle: float  # median absolute relative error, a failure counting as infinite
     answered: int  # number of cases at which it found a cycle
-    refused: int  # number of cases at which it was refused
+    refused: int  # number of cases that it refused
 
 
 def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
@@ -218,16 +213,17 @@ def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
 def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
     """Return the indexes of the points that no other beats in time and error together, by rising time.
 
-    Points that are not finite take no part; of errors that differ by rounding only the fastest point stays.
-    Both sequences have equal lengths.
+    Points that are not finite take no part; errors up to 1e-14 are rounding, and count as equal. Both
+    sequences have equal lengths.
     """
+    errors = [max(error, 1e-14) for error in errors]
     is_finite = [math.isfinite(t) and math.isfinite(e) for t, e in zip(seconds, errors, strict=True)]
     usable = [i for i, is_known in enumerate(is_finite) if is_known]
     front: list[int] = []
     least_error = math.inf
     for i in sorted(usable, key=lambda i: (seconds[i], errors[i])):
-        if max(errors[i], _FLOOR) < least_error:
-            least_error = max(errors[i], _FLOOR)
+        if errors[i] < least_error:
+            least_error = errors[i]
             front.append(i)
     return front
 
@@ -246,10 +242,10 @@ _PARSERS: dict[str, Callable[[str], object]] = {
 
 
 def read_rows(path: str | Path) -> list[Row]:
-    """Return the rows of a measurement from the CSV file that ``stickslip accuracy`` wrote.
+    """Return the rows of a measurement from the CSV file that ``stickslip accuracy`` wrote; empty is ``nan``.
 
     Raises:
-        ConfigurationError: The file cannot be read or is no measurement.
+        ConfigurationError: The file cannot be read, is no measurement, or has a cell that is not a number.
     """
     try:
         text = read_file(path, MAX_TABLE_BYTES).decode()
@@ -281,7 +277,7 @@ def _single_and_bulk(
 ) -> tuple[Method, Method]:
     """Return a method for one operating point, and one for ``AT_ONCE`` copies of it in one call.
 
-    ``amplitude`` takes the number of copies before the operating point.
+    ``amplitude`` takes the number of copies before the operating point; ``name`` is also the family.
     """
     bulk = Method(f'{name}, {AT_ONCE} at once', name, partial(amplitude, AT_ONCE), points=AT_ONCE)
     return Method(name, name, partial(amplitude, 1)), bulk
@@ -295,22 +291,22 @@ def _smoothed_method(width: float, tight: bool) -> Method:
 
 
 def _switching_method(name: str, tight: bool, longest: float = math.inf) -> Method:
-    """Return the method of :func:`.switching` with its first two arguments."""
+    """Return the method of :func:`.switching` with its first two arguments; ``name`` is their short name."""
     return Method(f'switching, {name}', 'switching, solve_ivp', partial(switching, tight, longest))
 
 
-def _harmonic_balance(harmonics: int) -> Method:
+def _harmonic_balance_method(harmonics: int) -> Method:
     """Return the method of :func:`.harmonic_balance` with some harmonics; slow with more than 31."""
     name, solve = f'harmonic balance, H = {harmonics}', partial(harmonic_balance, harmonics)
     return Method(name, 'harmonic balance', solve, has_resolvent, slow=harmonics > 31)
 
 
 BASE, _AVERAGING_IN_BULK = _single_and_bulk('KBM', averaging)
-"""The first is the method whose time others are compared with."""
+"""The method whose time others are compared with, and the same in bulk."""
 METHODS = (
     BASE,
     _AVERAGING_IN_BULK,
-    *map(_harmonic_balance, HARMONICS),
+    *map(_harmonic_balance_method, HARMONICS),
     *(_smoothed_method(width, tight) for tight in (False, True) for width in WIDTHS),
     _switching_method('default', False),
     _switching_method('tight', True),

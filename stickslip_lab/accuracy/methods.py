@@ -44,9 +44,8 @@ class MethodResult:
     """Result of a method at one operating point."""
 
     amplitude: float  # half the peak-to-peak displacement of the stable cycle [m]; ``nan`` without
-    outcome: str
-    # How often the friction law was asked, an array of speeds counting once; ``None`` where it
-    # is not counted.
+    outcome: str  # ``CYCLE``, ``NO_CYCLE``, ``NOT_CONVERGED`` or ``REFUSED``
+    # Evaluations of the friction law, an array of speeds counting once; ``None`` where they are not counted.
     evaluations: int | None
 
 
@@ -75,11 +74,10 @@ def typical_period(bearing: Bearing, speed: float, load: float) -> float:
     return 2.0 * np.pi / bearing.natural_frequency + 2.0 * max(lead, 0.0) / speed
 
 
-# Periods that are integrated, and the share of them after which the amplitude is taken: it has settled.
-_CYCLES, _WATCHED = 10.0, 0.6
-# Amplitudes below this share of the sliding limit V/omega are no cycle; nor is a swing whose last
-# stroke is below this share of its first.
-_QUIET, _DECAYS = 0.5, 0.8
+# Cycles that are integrated.
+_CYCLES = 10.0
+# Amplitudes below this share of the sliding limit V/omega are no cycle.
+_MIN_AMPLITUDE = 0.5
 
 
 def _velocity_event(_: float, y: FloatArray) -> float:
@@ -97,24 +95,30 @@ def _late_amplitude(runs: Sequence[Any], span: float, speed: float, omega: float
         omega: Natural frequency [rad/s].
 
     Returns:
-        The amplitude; ``nan`` where the motion decays, or stays below half the sliding limit ``V/omega``.
+        The amplitude; ``nan`` where the motion decays, its last stroke being below 0.8 times its first, or
+        stays below half the sliding limit ``V/omega``.
     """
     turns = [(t, y[0]) for way in runs for t, y in zip(way.t_events[0], way.y_events[0], strict=True)]
-    late = np.array([x for t, x in turns if t > _WATCHED * span])
-    if late.size < 2 or abs(late[-1] - late[-2]) < _DECAYS * abs(late[1] - late[0]):
+    late = np.array([x for t, x in turns if t > 0.6 * span])
+    if late.size < 2 or abs(late[-1] - late[-2]) < 0.8 * abs(late[1] - late[0]):
         return math.nan
     amplitude = 0.5 * float(np.ptp(late))
-    return amplitude if amplitude * omega > _QUIET * speed else math.nan
+    return amplitude if amplitude * omega > _MIN_AMPLITUDE * speed else math.nan
 
 
 def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Compute the amplitude by regularised friction: the sign of ``v`` becomes ``tanh(v/width)`` [m/s].
+    """Compute the amplitude by regularised friction: the sign of ``v`` becomes ``tanh(v/width)``.
 
-    LSODA integrates in SI units from breakaway for ten cycles, the last four of which are
-    measured, with tolerances of scipy's (1e-3 relative, 1e-6 absolute in metres and metres a
-    second) or tight (1e-10 and 1e-14). Common practice; Vigue, Vergez, Karkar and Cochelin,
-    J. Sound Vib. 389 (2017) 350-363. It has not converged where LSODA fails; a wrong amplitude goes
-    unnoticed.
+    LSODA integrates in SI units from breakaway for ten cycles, the last four of which are measured. Common
+    practice; Vigue, Vergez, Karkar and Cochelin, J. Sound Vib. 389 (2017) 350-363. It has not converged where
+    LSODA fails; a wrong amplitude goes unnoticed.
+
+    Args:
+        width: The width [m/s].
+        tight: Whether tolerances are 1e-10 relative and 1e-14 absolute [m, m/s]; else scipy's 1e-3 and 1e-6.
+        bearing: The bearing.
+        speed: Surface speed > 0 [m/s].
+        load: Load > 0 [N].
     """
     span = _CYCLES * typical_period(bearing, speed, load)
     start = (breakaway(bearing, speed, load), speed)
@@ -122,6 +126,7 @@ def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: fl
     law = scalar_law(bearing.friction).plain
 
     def friction(relative: float) -> float:
+        """Return the force [N] at a relative speed [m/s]."""
         mu = law.top - friction_drop(law.numbers, 0.0, abs(relative))
         return load * math.tanh(relative / width) * mu
 
@@ -146,20 +151,19 @@ def _build_flow(bearing: Bearing, speed: float, friction: Callable[[float], floa
     return flow
 
 
-# Slip phases after which switching ends: ten cycles have about twenty, chatter has no end.
-_MAX_PHASES = 200
-# The dead time after a contact, in units of 1/omega.
-_DEAD_TIME = 1e-6
-
-
 def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load: float) -> MethodResult:
     """Compute the amplitude by switching between stick and slip: slip ends at the event ``x' = V``.
 
     Sticking is a straight line; ten cycles from breakaway in SI units, the last four of which are
     measured. Common practice; Leine, van Campen, de Kraker and van den Steen, Nonlinear Dyn. 16
-    (1998) 41-54. Tight is DOP853 with tolerances 1e-12 and 1e-15, else it is RK45 with scipy's
-    own; the longest step is in units of ``1/omega``, ``inf`` as users leave it. It has not converged
-    where ``solve_ivp`` fails.
+    (1998) 41-54. It has not converged where ``solve_ivp`` fails.
+
+    Args:
+        tight: Whether to use DOP853 with tolerances 1e-12 and 1e-15; else RK45 with scipy's 1e-3 and 1e-6.
+        longest: Longest step [1/omega]; ``inf`` as users leave it.
+        bearing: The bearing.
+        speed: Surface speed > 0 [m/s].
+        load: Load > 0 [N].
     """
     omega = bearing.natural_frequency
     method: Any
@@ -167,13 +171,13 @@ def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load:
     span = _CYCLES * typical_period(bearing, speed, load)
     time, x, side = 0.0, breakaway(bearing, speed, load), 1.0
     ways: list[Any] = []
-    while time < span and len(ways) < _MAX_PHASES:
+    while time < span and len(ways) < 200:  # ten cycles have about twenty phases, chatter has no end
         way = solve_ivp(
             _slip_flow(side, bearing, speed, load),
             (time, span),
             (x, speed),
             method=method,
-            events=[_velocity_event, _contact_event(speed, side, time + _DEAD_TIME / omega)],
+            events=[_velocity_event, _contact_event(speed, side, time + 1e-6 / omega)],
             rtol=rtol,
             atol=atol,
             max_step=longest / omega,
@@ -195,6 +199,7 @@ def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow
     law = scalar_law(bearing.friction).plain
 
     def friction(relative: float) -> float:
+        """Return the force [N] at a relative speed [m/s], of one sign."""
         return load * side * (law.top - friction_drop(law.numbers, 0.0, side * relative))
 
     return _build_flow(bearing, speed, friction)
@@ -243,30 +248,23 @@ def _find_slip_start(
     return time + max(start - x, 0.0) / speed, start, 1.0
 
 
-# Samples of a free vibration, between which turning points are interpolated.
-_PER_CYCLE = 512
-# Amplitudes of successive parts that differ by less than this share are equal.
-_SETTLED = 1e-13
-# Parts of one and a half cycles after which a motion that has not settled is given up.
-_MAX_PARTS = 400
-
-
 def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
     """Compute the amplitude by the package's integrator, from breakaway until the motion repeats.
 
-    Stick and slip are phases, with transitions located to rounding. It ends where two successive parts
-    of the motion have the same amplitude, or one has stuck. There is no cycle where the amplitude falls below
-    half of ``V/omega``; after 400 parts, or where the integrator gives up, it has not converged. Evaluations
-    are the steps while slipping.
+    Stick and slip are phases, with transitions located to rounding. It ends where two successive parts of one
+    and a half cycles have the same amplitude to 1e-13, or one but the first has stuck. There is no cycle
+    where the amplitude falls below half of ``V/omega``; after 400 parts, or where the integrator gives up, it
+    has not converged. Evaluations are the steps while slipping.
     """
     omega = bearing.natural_frequency
     duration = 1.5 * typical_period(bearing, speed, load)
-    count = math.ceil(_PER_CYCLE * duration * omega / (2.0 * np.pi))
+    # 512 samples of a free vibration, between which turning points are interpolated.
+    count = math.ceil(512 * duration * omega / (2.0 * np.pi))
     times = np.linspace(0.0, duration, count + 1)
     drive = Drive.constant(speed, load, duration)
     state = MotionState(breakaway(bearing, speed, load), 0.0, Phase.STICK)
     before, evaluations = math.nan, 0
-    for _ in range(_MAX_PARTS):
+    for _ in range(400):
         motion = integrate(bearing, drive, state, times)
         evaluations, state = evaluations + motion.slip_steps, motion.final
         if motion.outcome is not MotionOutcome.COMPLETE:
@@ -274,11 +272,11 @@ def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
         x, v, a = motion.displacement, motion.velocity, motion.acceleration
         turns = turning_points(x, v, a, duration / count)
         now = 0.5 * float(np.ptp(turns)) if turns.size > 1 else 0.0
-        if now * omega < 0.5 * speed:
+        if now * omega < _MIN_AMPLITUDE * speed:
             return cycle_result(math.nan, evaluations)
-        # Stick forgets where the motion came from: one stretch that has it is enough.
+        # After sticking a motion does not depend on its past: one part that sticks is enough.
         sticks = np.any(motion.transitions.after == Phase.STICK)
-        if (sticks and not math.isnan(before)) or abs(now - before) <= _SETTLED * now:
+        if (sticks and not math.isnan(before)) or abs(now - before) <= 1e-13 * now:
             return cycle_result(now, evaluations)
         before = now
     return unconverged_result(evaluations)
@@ -312,20 +310,15 @@ def turning_points(x: FloatArray, v: FloatArray, a: FloatArray, step: float) -> 
     return turns
 
 
-# Newton steps of the balance, halvings of one of them, and steps to a slip speed.
-_MAX_STEPS, _MAX_HALVINGS, _MAX_INNER_STEPS = 80, 12, 40
-# A residual below this share of the penalty is a solution.
-_CONVERGED = 1e-11
-# Samples of a turn in which friction is taken: at least, and for each harmonic.
-_SAMPLES_PER_HARMONIC, _FEWEST = 32, 256
-# The penalty over the friction force and over its root: above the steepest fall, with few steps.
-_LINEAR, _ROOT = 2.0, 4.0
-# Phases at least on which the extremes of a series are looked for.
-_FINE = 1024
-
-
 class _Law:
-    """The friction force in units of ``m omega V`` over relative speeds in units of ``V``."""
+    """The friction force in units of ``m omega V`` over relative speeds in units of ``V``.
+
+    Attributes:
+        force: The load in units of ``m omega V``.
+        static: The largest force of sticking.
+        penalty: The number ``e`` of the module's equations, above the steepest fall of the force.
+        evaluations: Evaluations of the law so far, an array of speeds counting once.
+    """
 
     def __init__(self, bearing: Bearing, speed: float, load: float) -> None:
         self.law, self.speed = bearing.friction, speed
@@ -334,7 +327,7 @@ class _Law:
         panels = speed * np.linspace(0.0, 4.0, 401)
         fall = -self.force * speed * float(np.min(self.law.slope(panels)))
         scale = max(fall, 0.0) + self.static
-        self.penalty = _LINEAR * scale + _ROOT * math.sqrt(scale)
+        self.penalty = 2.0 * scale + 4.0 * math.sqrt(scale)  # chosen for few steps
         self.evaluations = 0
 
     def resolvent(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -354,7 +347,7 @@ class _Law:
         target = np.abs(y[slips])
         v = (target - self.static) / self.penalty
         rate = np.full_like(v, self.penalty)
-        for _ in range(_MAX_INNER_STEPS):
+        for _ in range(40):
             self.evaluations += 1
             force = self.force * self.law.coefficient(self.speed * v)
             rate = self.penalty + self.force * self.speed * self.law.slope(self.speed * v)
@@ -368,13 +361,17 @@ class _Law:
 
 
 class _Series:
-    """Fourier series with H harmonics: ``[a_0, a_1, b_1, a_2, b_2, ...]`` on a grid of phases."""
+    """Fourier series with H harmonics: ``[a_0, a_1, b_1, a_2, b_2, ...]`` on a grid of n phases of a turn.
+
+    Attributes:
+        wave: Matrix from coefficients to values on the grid, shape (n, 2 H + 1).
+        project: Matrix from values to coefficients, shape (2 H + 1, n).
+        turn: Matrix of the derivative by the phase, on coefficients, shape (2 H + 1, 2 H + 1).
+    """
 
     def __init__(self, harmonics: int) -> None:
-        wanted = max(_FEWEST, _SAMPLES_PER_HARMONIC * (harmonics + 1))
-        count = 2 ** math.ceil(math.log2(wanted))
+        count = 2 ** math.ceil(math.log2(max(256, 32 * (harmonics + 1))))
         phase = 2.0 * np.pi * np.arange(count) / count
-        self.order = np.repeat(np.arange(1, harmonics + 1), 2)
         angle = phase[:, None] * np.arange(1, harmonics + 1)
         self.wave = np.ones((count, 2 * harmonics + 1))
         self.wave[:, 1::2], self.wave[:, 2::2] = np.cos(angle), np.sin(angle)
@@ -431,18 +428,19 @@ class _Problem:
             frequency: Its frequency, in units of ``omega``.
 
         Returns:
-            Coefficients, frequency, and True; or those of the last step, and False, if it has not converged.
+            Coefficients, frequency, and True; or those of the last of 80 steps, and False, if it has not
+            converged.
         """
         free = np.delete(np.arange(q.size + 1), 2)
         z = np.append(q, frequency)
         value, jacobian = self.residual(q, frequency)
-        for _ in range(_MAX_STEPS):
+        for _ in range(80):
             size = float(np.linalg.norm(value))
-            if size <= _CONVERGED * self.law.penalty:
+            if size <= 1e-11 * self.law.penalty:
                 return z[:-1], float(z[-1]), True
             step = np.zeros_like(z)
             step[free] = _solve_linear(jacobian[:, free], -value)
-            for halvings in range(_MAX_HALVINGS):
+            for halvings in range(12):
                 trial = z + 0.5**halvings * step
                 value, jacobian = self.residual(trial[:-1], float(trial[-1]))
                 if float(np.linalg.norm(value)) < size:
@@ -460,10 +458,13 @@ def _solve_linear(matrix: FloatArray, value: FloatArray) -> FloatArray:
 
 
 def series_amplitude(q: FloatArray) -> float:
-    """Return half the peak-to-peak of a Fourier series ``[a_0, a_1, b_1, ...]`` over a turn, in its unit."""
+    """Return half the peak-to-peak of a Fourier series ``[a_0, a_1, b_1, ...]`` over a turn, in its unit.
+
+    The series must not be constant.
+    """
     n = np.arange(1, (q.size - 1) // 2 + 1)
     series = q[1::2] - 1j * q[2::2]
-    count = max(_FINE, 16 * n.size)
+    count = max(1024, 16 * n.size)
     # One phase more than a turn, so that an extreme at its end is between two.
     phase = 2.0 * np.pi * np.arange(count + 2) / count
     waves = np.exp(1j * np.multiply.outer(phase, n))
@@ -503,7 +504,7 @@ def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float
         return unconverged_result(law.evaluations)
     size = series_amplitude(q)
     # The solver may fall to steady sliding, which balances too.
-    return cycle_result(size * speed / omega if size > 0.5 else math.nan, law.evaluations)
+    return cycle_result(size * speed / omega if size > _MIN_AMPLITUDE else math.nan, law.evaluations)
 
 
 def averaging(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:

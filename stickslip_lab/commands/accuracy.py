@@ -38,13 +38,11 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.bearing_records import number
 
 SCHEMA = 'stickslip_monitor/accuracy/1'
-# Letters of a line where no terminal limits it: the whole table.
-_WIDEST = 220
 _WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the arguments of the command."""
     parser.add_argument('--quick', action='store_true', help='a few cases, done in seconds')
     options.add_file(
         parser, '--from', dest='source', metavar='FILE', help='show an earlier result (.csv); measure nothing'
@@ -57,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print a measurement, new or from a file, and write the outputs asked for; return 0.
+    """Make a measurement or read it from a file; write the outputs asked for, print the result and return 0.
 
     Raises:
         ConfigurationError: ``--from`` and ``--quick`` are both given, or the file cannot be read or is no
@@ -82,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def measure_all(*, quick: bool) -> list[Row]:
-    """Measure all methods at all cases, or the quick ones, and return the rows; show progress on stderr."""
+    """Measure all methods at all cases, or the quick ones of both, and return the rows; show progress."""
     cases = [case for case in CASES if case.quick or not quick]
     steps = [(m, case) for m in METHODS if not (quick and m.slow) for case in cases]
     rows = []
@@ -142,7 +140,7 @@ def _method_marks(points: list[tuple[str, int, float, float]]) -> list[MethodMar
 
 
 def footnote_text(rows: Sequence[Row]) -> str:
-    """Return the caveats below the picture, with how many times were disturbed, if any."""
+    """Return the caveats below the picture, with the number of disturbed times, if any."""
     disturbed = sum(row.disturbed for row in rows)
     text = 'median of warm calls; errors against 40-digit references, drawn at 1e-16 if below'
     return text + (f'; {disturbed} of {len(rows)} times disturbed' if disturbed else '')
@@ -170,7 +168,7 @@ def time_text(seconds: float) -> str:
 
 
 def table_cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
-    """Return the headings and, for each method, the cells of the table of methods and cases."""
+    """Return the headings of the table of methods and cases, and the cells of each method's line."""
     cases = list(dict.fromkeys(row.case for row in rows))
     at = {(row.method, row.case): row for row in rows}
     lines = [
@@ -195,7 +193,7 @@ def markdown_table(rows: Sequence[Row]) -> str:
 def _print_rows(out: Console, rows: Sequence[Row]) -> None:
     """Print the table of methods and cases, and a warning where times were disturbed.
 
-    Sets the width of ``out`` where no terminal limits it.
+    Sets the width of ``out`` to hold the whole table where no terminal limits it.
     """
     headings, lines = table_cells(rows)
     caption = (
@@ -206,7 +204,7 @@ def _print_rows(out: Console, rows: Sequence[Row]) -> None:
     for line in lines:
         table.add_row(*line)
     if output.line_width() is None:
-        out.width = _WIDEST
+        out.width = 220
     out.print(table)
     disturbed = sum(row.disturbed for row in rows)
     if disturbed:

@@ -43,7 +43,7 @@ from stickslip_monitor.physics.probability import QUANTILES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the arguments of the command."""
     options.add_file(parser, 'bags', nargs='+', metavar='BAG', help='recording or log')
     options.add_config(parser)
     options.add_shared(parser, '--bearing', help=options.ONE_OF_SEVERAL)
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate a bearing; print the result and write the outputs asked for.
+    """Calibrate a bearing; write the outputs asked for and print the result.
 
     Where the level has no two modes, its picture is written before the error is raised.
 
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         1 with a warning about the result, else 0.
 
     Raises:
-        CalibrationError: The evidence is none, contradictory or of another bearing.
+        CalibrationError: There is no evidence, or it is contradictory or of another bearing.
         ConfigurationError: The configuration or an option is invalid.
         BagError: A recording cannot be read.
         PhysicsError: The friction law cannot be moved so far.
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def source_of(reports: str | None, config: MonitorConfig) -> EvidenceSource:
-    """Return the source of evidence: the operator's file ``reports``, or by ``None`` the recordings.
+    """Return the source of evidence: the file of an operator's reports, or for ``None`` the recordings.
 
     Raises:
         CalibrationError: The file cannot be read or breaks a rule.

@@ -45,13 +45,13 @@ SCHEMA = 'stickslip_monitor/fit/2'
 FRAGMENT_MARK = '# Fitted to '
 # The columns of an outlier in the JSON object.
 _POINT = ('speed', 'coefficient', 'residual', 'weight')
-# Quantiles of a boundary: the ends of its 95 % interval, and its middle.
-_INTERVAL = (0.025, 0.5, 0.975)
 Boundaries = dict[str, list[float]]
+"""Lower end, middle and upper end of the 95 % interval of ``hopf_speed`` and ``fold_speed`` [m/s]; 0 for
+none."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the arguments of the command."""
     options.add_file(parser, 'curve', metavar='CURVE.csv', help='the measured curve')
     for name in NAMES:
         parser.add_argument(f'--{name}-column', metavar='HEADING', help=f'column of the {name}')
@@ -118,6 +118,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 BearingResults = list[tuple[BearingConfig, Boundaries, dict[str, float] | None]]
+"""Bearings, each with its boundaries by the fit and the probability of each regime, ``None`` without a
+speed."""
 
 
 def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> FrictionCurve:
@@ -135,19 +137,16 @@ def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> 
 
 
 def boundary_quantiles(belief: Belief, load: float) -> Boundaries:
-    """Return both boundary speeds at a load [N]: 2.5, 50 and 97.5 % quantile [m/s] by name; 0 for none.
-
-    The names are ``hopf_speed`` and ``fold_speed``.
-    """
+    """Return the quantiles of both boundary speeds at a load [N]: 2.5, 50 and 97.5 %."""
     functions = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
     return {
-        name: [float(speed_over_load(belief.bearing, partial(of, p=p), load)) for p in _INTERVAL]
+        name: [float(speed_over_load(belief.bearing, partial(of, p=p), load)) for p in (0.025, 0.5, 0.975)]
         for name, of in functions.items()
     }
 
 
 def _regime_probabilities(args: argparse.Namespace, belief: Belief, load: float) -> dict[str, float] | None:
-    """Return the probability of each regime at ``--speed`` and a load [N]; ``None`` without that option.
+    """Return the probability of each regime by name at ``--speed`` and a load [N]; ``None`` without speed.
 
     Raises:
         ConfigurationError: The speed is not a number with a unit, or is 0.
@@ -181,8 +180,8 @@ def columns_of_points(fit: StribeckFit) -> dict[str, Any]:
     }
 
 
-def _curve_sentence(source: str, fit: StribeckFit) -> str:
-    """Return the name of the curve's file, on one line, with the numbers of points and outliers."""
+def _curve_clause(source: str, fit: StribeckFit) -> str:
+    """Return a clause on the curve: the name of its file ``source``, the numbers of points and outliers."""
     name, outliers = ' '.join(Path(source).name.split()), plural(fit.outliers.size, 'outlier')
     return f'{name}: {fit.weight.size} points, {outliers}'
 
@@ -190,15 +189,15 @@ def _curve_sentence(source: str, fit: StribeckFit) -> str:
 def _footnote_text(args: argparse.Namespace, fit: StribeckFit, results: BearingResults) -> str:
     """Return the line below the picture: the curve, and the bearing whose boundaries are drawn, if any."""
     if len(results) != 1:
-        return _curve_sentence(args.curve, fit)
+        return _curve_clause(args.curve, fit)
     bearing = results[0][0]
-    return f'{_curve_sentence(args.curve, fit)}; boundaries of {bearing.name} at {args.load}, 95 % intervals'
+    return f'{_curve_clause(args.curve, fit)}; boundaries of {bearing.name} at {args.load}, 95 % intervals'
 
 
 def to_json(
     fit: StribeckFit, args: argparse.Namespace, load: float, results: BearingResults
 ) -> dict[str, Any]:
-    """Return the fit as the documented JSON object."""
+    """Return the fit at ``load`` [N] as the documented JSON object."""
     points, test = columns_of_points(fit), fit.viscous_test
     return {
         'schema': SCHEMA,
@@ -268,14 +267,14 @@ def yaml_fragment(source: str, fit: StribeckFit) -> str:
             values += f', load_exponent: {fit.lubrication.load_exponent:.4g}'
             errors += f', load_exponent {fit.exponent_error:.2g}'
     return (
-        f'{FRAGMENT_MARK}{_curve_sentence(source, fit)}.\n'
+        f'{FRAGMENT_MARK}{_curve_clause(source, fit)}.\n'
         f'# Standard errors: {errors}.\n'
         f'friction: {{law: stribeck, {values}}}\n'
     )
 
 
 def viscous_slope_sentence(fit: StribeckFit, option: str) -> str:
-    """Return a sentence on why the law has a viscous slope or not, by the F-test and ``--viscous``."""
+    """Return a sentence on why the law has a viscous slope or not, by F-test and option ``--viscous``."""
     used, test = 'viscous' in fit.names, fit.viscous_test
     if test is None:
         return 'no viscous slope: too few points to test one'

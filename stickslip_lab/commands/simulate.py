@@ -17,7 +17,7 @@ from stickslip_monitor.errors import SceneError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the arguments of the command."""
     options.add_file(parser, 'scene', metavar='SCENE', help='scene file')
     options.add_file(
         parser, '--sensors', metavar='FILE', help="a file of sensors, in place of the scene's own"
@@ -30,7 +30,8 @@ def run(args: argparse.Namespace) -> int:
     """Write the bag of a scene, with progress, and print a sentence on it; return 0.
 
     Raises:
-        SceneError: The scene is invalid.
+        SceneError: The scene is invalid; the text names its file.
+        ConfigurationError: The configuration it refers to cannot be read or breaks a rule.
         BagError: The bag exists already or cannot be written.
     """
     scene = load_scene(args.scene, sensors=args.sensors)

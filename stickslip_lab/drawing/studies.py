@@ -26,8 +26,6 @@ from stickslip_monitor.physics.probability import QUANTILES
 
 _LINE = canvas.REGIME_COLOUR[Regime.STABLE]
 _OUTLIER = canvas.REGIME_COLOUR[Regime.UNSTABLE]
-# Room above and below the values, and how far the curve goes beyond the highest speed, as shares.
-_ROOM, _BEYOND = 0.05, 1.05
 
 
 def draw_friction_fit(
@@ -59,15 +57,15 @@ def draw_friction_fit(
 
 
 def _draw_law(axes: canvas.Axes, fit: StribeckFit) -> None:
-    """Draw the law with its 95 % band, and set limits of the axes that hold both and the points."""
-    top = _BEYOND * float(fit.curve.speed.max())
+    """Draw the law with its 95 % band, and set limits of the axes that hold law and points."""
+    top = 1.05 * float(fit.curve.speed.max())
     speed = np.linspace(0.0, top, 400)
     law, half = fit.law.coefficient(speed), fit.band(speed)
     band: canvas.Look = {'color': _LINE, 'alpha': 0.25, 'lw': 0.0, 'label': '95 % confidence band'}
     axes.fill_between(speed, law - half, law + half, **band)
     axes.plot(speed, law, color=_LINE, zorder=4, label='fitted law')
     values = np.concatenate([fit.curve.coefficient, law])
-    room = _ROOM * float(np.ptp(values))
+    room = 0.05 * float(np.ptp(values))
     axes.set_xlim(-0.02 * top, top)
     axes.set_ylim(min(0.0, float(values.min()) - room), float(values.max()) + 2.0 * room)
 
@@ -94,7 +92,7 @@ def _draw_points(axes: canvas.Axes, fit: StribeckFit) -> None:
 
 
 def _draw_boundary(axes: canvas.Axes, name: str, low: float, middle: float, high: float) -> None:
-    """Draw a boundary speed as a line in its interval, named at the foot of the axes; none if it is 0.
+    """Draw a boundary speed as a line in its interval, with its name at the foot; nothing if it is 0.
 
     Args:
         axes: The axes, with their limits set.
@@ -115,13 +113,8 @@ def _draw_boundary(axes: canvas.Axes, name: str, low: float, middle: float, high
 
 
 _QUIET, _VIBRATING = canvas.REGIME_COLOUR[Regime.STABLE], canvas.REGIME_COLOUR[Regime.UNSTABLE]
-# Loads at which the boundaries are drawn.
-_LOADS = 60
-# Values above this multiple of the configured fold speed are not drawn: nothing happens there.
-_FASTEST = 2.5
-# Values of the level drawn at most: more only make the file larger.
-_MAX_POINTS = 6000
-_SIZE, _LEFT, _RIGHT = (11.0, 5.0), (0.065, 0.125, 0.42, 0.79), (0.56, 0.125, 0.42, 0.79)
+# Multiple of the configured fold speed up to which values are drawn: there is no stick-slip above.
+_MAX_RATIO = 2.5
 
 
 def draw_calibration(config: BearingConfig, calibration: Calibration) -> canvas.Figure:
@@ -139,17 +132,17 @@ def draw_calibration(config: BearingConfig, calibration: Calibration) -> canvas.
             'shaft speed / configured fold speed',
             'level / surface speed [dB]' if has_level else 'passage',
             title=f'{config.name}: {", ".join(count)}',
-            size=_SIZE,
-            box=_LEFT,
+            size=(11.0, 5.0),
+            box=(0.065, 0.125, 0.42, 0.79),
         )
         (_draw_levels if has_level else _draw_reports)(axes, calibration)
         _draw_ends(axes, calibration, has_level)
         axes.axvline(1.0, color=canvas.INK, ls=':', lw=1.2, label='configured fold')
         _draw_fold(axes, calibration)
         fastest = max(float(track.over.max()) for track in calibration.edges.tracks)
-        axes.set_xlim(0.0, max(1.2, min(1.05 * fastest, _FASTEST)))
+        axes.set_xlim(0.0, max(1.2, min(1.05 * fastest, _MAX_RATIO)))
         axes.legend(loc='best', frameon=True, framealpha=0.9, fontsize=8.5, markerscale=2.0)
-        _draw_boundaries(figure.add_axes(_RIGHT), config, calibration)
+        _draw_boundaries(figure.add_axes((0.56, 0.125, 0.42, 0.79)), config, calibration)
     return figure
 
 
@@ -162,8 +155,8 @@ def _is_vibrating(track: ReportedCourse, time: FloatArray) -> np.ndarray:
 def _draw_levels(axes: canvas.Axes, calibration: Calibration) -> None:
     """Draw the values of the levels over the speed, coloured as quiet or vibration by the reports.
 
-    Values above 2.5 times the configured fold speed are left out, and of the others so many that about
-    ``_MAX_POINTS`` remain.
+    Values above 2.5 times the configured fold speed are left out, and of the others so many that up to about
+    6000 remain: more only make the file larger.
     """
     by_name = {one.name: one.level for one in calibration.evidence}
     rows = []
@@ -174,8 +167,8 @@ def _draw_levels(axes: canvas.Axes, calibration: Calibration) -> None:
             over = np.interp(time, track.time, track.over)
             rows.append([over, level.value[about], _is_vibrating(track, time)])
     points = np.concatenate(rows, axis=1)
-    points = points[:, points[0] < _FASTEST]
-    points = points[:, :: max(1, points.shape[1] // _MAX_POINTS)]
+    points = points[:, points[0] < _MAX_RATIO]
+    points = points[:, :: max(1, points.shape[1] // 6000)]
     look: canvas.Look = {'ms': 2.5, 'alpha': 0.5, 'mew': 0.0, 'rasterized': True}
     for flag, colour, name in ((0.0, _QUIET, 'quiet'), (1.0, _VIBRATING, 'vibration')):
         axes.plot(*points[:2, points[2] == flag], '.', color=colour, label=name, **look)
@@ -221,7 +214,7 @@ def _draw_ends(axes: canvas.Axes, calibration: Calibration, has_level: bool) -> 
 
 
 def _draw_fold(axes: canvas.Axes, calibration: Calibration) -> None:
-    """Draw the calibrated fold at the geometric middle of the loads, with its band of 5 to 95 %."""
+    """Draw the calibrated over the configured fold at the geometric middle of the loads, 5 to 95 %."""
     load = float(np.sqrt(calibration.loads[0] * calibration.loads[1]))
     configured = float(np.exp(calibration.reference.fold(np.array([np.log(load)]))[0]))
     low, middle, high = (float(calibration.belief.fold_speed(load, p)) / configured for p in QUANTILES)
@@ -236,7 +229,7 @@ def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, calibration: Cali
     Sets title, labels, limits and legend of the axes.
     """
     low, high = calibration.loads
-    load, rpm = np.linspace(0.6 * low, 1.4 * high, _LOADS), config.bearing.speed.factor('rpm')
+    load, rpm = np.linspace(0.6 * low, 1.4 * high, 60), config.bearing.speed.factor('rpm')
     top = 0.0
     for name in ('fold', 'Hopf'):
         regime, colour, dashes = canvas.BOUNDARY_LINES[name]
@@ -289,9 +282,6 @@ _LOOKS = (
     ('#000000', '*'),
     ('#7a1f5c', 'h'),
 )
-# Heights of the smallest error and of a failure, and the limits of the axis, which hold both.
-_SMALLEST, _FAILED = 1e-16, 30.0
-_LOWEST, _HIGHEST = 3e-17, 100.0
 _FRONT = '#444444'
 
 
@@ -301,17 +291,17 @@ class MethodMark:
 
     family: str  # groups marks by colour and shape
     seconds: float  # time per operating point [s]
-    error: float  # relative error [-]; infinite where it fails
+    error: float  # absolute relative error [-]; infinite where it fails
     front: bool  # whether no other method beats it
     # Whether many points were solved in one call; such marks are drawn hollow.
-    together: bool = False
+    in_bulk: bool = False
 
 
 def draw_pareto(panels: Mapping[str, Sequence[MethodMark]], footnote: str = '') -> canvas.Figure:
     """Draw error against time of methods, on logarithmic axes in panels beside each other.
 
     Args:
-        panels: Methods by the title of their panel.
+        panels: Methods by the title of their panel; at least one panel.
         footnote: Text at the foot.
 
     Raises:
@@ -329,14 +319,14 @@ def draw_pareto(panels: Mapping[str, Sequence[MethodMark]], footnote: str = '') 
             axes.set(
                 xscale='log',
                 yscale='log',
-                ylim=(_LOWEST, _HIGHEST),
+                ylim=(3e-17, 100.0),
                 xlim=(0.4 * min(times, default=1e-6), 3.0 * max(times, default=1.0)),
                 yticks=[10.0**k for k in range(-16, 1, 2)],
                 xlabel='time per operating point [s]',
             )
             axes.minorticks_off()
             axes.grid(color='#e6e6e6', lw=0.6)
-            axes.axhspan(6.0, _HIGHEST, color='#f0f0f0', lw=0.0)
+            axes.axhspan(6.0, 100.0, color='#f0f0f0', lw=0.0)
             axes.set_title(title, loc='left', size=11.0, color=canvas.INK)
             _draw_methods(axes, marks, looks)
         figure.axes[0].set_ylabel('relative error of the amplitude [-]')
@@ -346,8 +336,8 @@ def draw_pareto(panels: Mapping[str, Sequence[MethodMark]], footnote: str = '') 
 
 
 def _error_height(error: float) -> float:
-    """Return the height at which an error is drawn: within the axes, and a failure in a band of its own."""
-    return _FAILED if math.isinf(error) else float(np.clip(error, _SMALLEST, 5.0))
+    """Return the height at which an error is drawn, from 1e-16 to 5; for a failure 30, in its own band."""
+    return 30.0 if math.isinf(error) else float(np.clip(error, 1e-16, 5.0))
 
 
 def _draw_methods(axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[str, tuple[str, str]]) -> None:
@@ -368,9 +358,9 @@ def _draw_methods(axes: canvas.Axes, marks: Sequence[MethodMark], looks: dict[st
             _error_height(mark.error),
             shape,
             ms=_marker_size(shape),
-            mfc=canvas.PAPER if mark.together else colour,
-            mec=colour if mark.together else canvas.INK if mark.front else canvas.PAPER,
-            mew=1.4 if mark.front or mark.together else 0.8,
+            mfc=canvas.PAPER if mark.in_bulk else colour,
+            mec=colour if mark.in_bulk else canvas.INK if mark.front else canvas.PAPER,
+            mew=1.4 if mark.front or mark.in_bulk else 0.8,
             zorder=4,
         )
     if any(math.isinf(mark.error) for mark in marks):
