@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 SHARE = 0.5
 """Of the time-out: a source without a number for longer is given up, before the input is lost."""
+# Less is disorder of lines [s].
+_LEAST_SET_BACK = 1.0
 
 
 class SourceAdmission:
@@ -22,7 +24,7 @@ class SourceAdmission:
 
     def __init__(self, label: str, timeout: float, only: str, log: Callable[[str], object]) -> None:
         self._label, self._timeout, self._only, self._log = label, timeout, only, log
-        self._used, self._valid_at = only, -math.inf
+        self._used, self._valid_at, self._latest = only, -math.inf, -math.inf
         self._left_out: set[str] = set()
 
     def admits(self, source: str, now: float, *, valid: bool = True) -> bool:
@@ -34,9 +36,12 @@ class SourceAdmission:
 
         Args:
             source: Who sends it.
-            now: When, by a steady clock [s].
+            now: When [s]. Where the clock was set back, as that of a log may be, silences go on from there.
             valid: Whether it is a number.
         """
+        if now < self._latest - _LEAST_SET_BACK:
+            self._valid_at += now - self._latest
+        self._latest = now
         silent = now - self._valid_at
         is_given_up = not self._used or (valid and silent > SHARE * self._timeout)
         if source != self._used and is_given_up and not self._only:

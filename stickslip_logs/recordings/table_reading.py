@@ -83,17 +83,18 @@ class _PartBuffer:
                     yield pickle.load(file)
 
 
-def _filled_columns(is_there: BoolArray) -> IntArray:
-    """Return, for each row, a number whose bits are the topics with a number in the row, shape (n,).
+def _filled_columns(is_there: BoolArray, bits: Sequence[int]) -> IntArray:
+    """Return, for each row, a number whose bits are the columns with a number in the row, shape (n,).
 
-    Bit k is of topic k modulo 62: later topics share a bit. 0 is a row without any.
+    0 is a row without any.
 
     Args:
         is_there: Whether each topic has a number, shape (k, n).
+        bits: The bit of the column of each topic.
     """
     filled = np.zeros(is_there.shape[1], np.int64)
-    for k, is_filled in enumerate(is_there):
-        filled |= is_filled.astype(np.int64) << k % _BITS
+    for bit, is_filled in zip(bits, is_there, strict=True):
+        filled |= is_filled.astype(np.int64) << bit
     return filled
 
 
@@ -111,6 +112,9 @@ class TableReading:
         self._progress = progress
         self._rows, self._last_ns, self._distinct = 0, dict.fromkeys(columns, -1), Counter[str]()
         self._keys = {topic: recording.keys_of(source.column) for topic, source in columns.items()}
+        # One column may be several topics; beyond 62 columns two share a bit.
+        places_of = {column: k for k, column in enumerate({s.column: None for s in columns.values()})}
+        self._bits = [places_of[source.column] % _BITS for source in columns.values()]
         places = [source.column.place for source in columns.values()]
         keys = [place for pairs in self._keys.values() for place, _ in pairs]
         statuses = {k for source in columns.values() if (k := source.status) is not None}
@@ -155,7 +159,7 @@ class TableReading:
         """
         recording, row, done = self._recording, 0, 0
         order, whole, has_whole_lines, has_numbers = TimeOrder(), TimeOrder(), False, False
-        every = _filled_columns(np.ones((len(self._columns), 1), np.bool_))
+        every = _filled_columns(np.ones((len(self._columns), 1), np.bool_), self._bits)
 
         def add(time_ns: IntArray, source: IntArray, place: IntArray) -> None:
             """Add lines to the order of all, and until any line fills all columns to that by source.
@@ -174,7 +178,7 @@ class TableReading:
                 rows.time_ns[rows.is_timed] = days.add(rows.time_ns[rows.is_timed])
             part = self._read_rows(rows)
             self._buffer.add(part)
-            time_ns, source = part[0], _filled_columns(part[1])
+            time_ns, source = part[0], _filled_columns(part[1], self._bits)
             place, at = np.arange(time_ns.size) + row, np.flatnonzero(source)
             begin = 0
             if at.size:
@@ -282,7 +286,8 @@ class TableReading:
         for time_ns, is_there, values in self._buffer:
             place = np.arange(row, row + time_ns.size)
             row += time_ns.size
-            source = np.full(place.size, _ALL_LINES) if self._has_whole_lines else _filled_columns(is_there)
+            source = _filled_columns(is_there, self._bits)
+            source = np.full_like(source, _ALL_LINES) if self._has_whole_lines else source
             yield self._course.follow(time_ns, source, place), is_there, values
 
     def _read_rows(self, rows: Rows) -> Part:
@@ -328,7 +333,8 @@ class TableReading:
         """Return which numbers of a topic are of the sender that is used at that time, shape (n,).
 
         The admission of the topic advances with each number, and notes who is left out or used instead. As in
-        live operation, a number in a unit of another quantity counts for no sender.
+        live operation, a number in a unit of another quantity counts for no sender; nor does one without a
+        time.
 
         Args:
             topic: The topic.
@@ -343,7 +349,8 @@ class TableReading:
             texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
             self._convert_units(numbers, [texts[k] for k in where], self._columns[topic].column)
         valid = np.isfinite(numbers.value)
-        is_offered, seconds = (valid | ~is_number).tolist(), (rows.time_ns[where] * 1e-9).tolist()
+        is_offered = (rows.is_timed[where] & (valid | ~is_number)).tolist()
+        seconds = (rows.time_ns[where] * 1e-9).tolist()
         admits = self._admissions[topic].admits
         offers = zip(where.tolist(), is_offered, seconds, valid.tolist(), strict=True)
         return np.array(

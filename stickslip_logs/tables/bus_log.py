@@ -26,7 +26,9 @@ SOURCE = len(NAMES)
 """Place of the sender in a row, behind the columns that have a heading."""
 Row = tuple[str, str, str, str, str]
 """Time, name, value, unit and sender of a number."""
-_FROM = ' from '
+_FROM, _NOT_VALID = ' from ', 'not valid'
+# Numbers of a name since the last time, over one more than ever came between two: a lost time or two is none.
+_MAX_SINCE_CLOCK = 3
 NO_SENTENCE: tuple[()] = ()
 """Stands for a line of something else, as another instrument on the same wire sends."""
 
@@ -47,8 +49,8 @@ def bus_log_of(lines: Sequence[str]) -> str:
 def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """Yield the numbers of the sentences of a log as rows.
 
-    None for a damaged sentence, for a line that only begins as one, and for a number without a time; an empty
-    row for a line of something else, nothing for a blank line.
+    None for a damaged sentence, for a line that only begins as one, and for a number without a time, as
+    behind a clock that fell silent; an empty row for a line of something else, nothing for a blank line.
 
     A row with only a time stands for the first and for the last time of the log,
     if no number has it: other instruments may go on where a sender falls silent. Numbers of a second talker
@@ -56,6 +58,7 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """
     when, has_clock, first = '', False, dict[str, str]()
     latest = ''  # the time of the latest row
+    clocks, tallies = 0, dict[str, _Tally]()
     for line in lines:
         end = 0
         for match in _SENTENCE.finditer(line):
@@ -69,11 +72,13 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
             clock = _time_before(head) or ('' if kind == 'RMC' else _own_time(kind, fields))
             has_clock |= clock != ''
             # RMC may be of another receiver, some seconds late, or of a date 1024 weeks ago.
-            when = clock or ('' if has_clock else _own_time(kind, fields)) or when
+            clock = clock or ('' if has_clock else _own_time(kind, fields))
+            when, clocks = clock or when, clocks + (clock != '')
             for number, value, unit in _sentence_numbers(kind, fields):
                 name = _name_of(number, talker, first)
                 latest = when
-                yield (when, name, value, unit, talker) if when else None
+                is_timed = when and tallies.setdefault(name, _Tally()).is_timed(clocks)
+                yield (when, name, value, unit, talker) if is_timed else None
             if when and not latest:
                 latest = when
                 yield _row_of_time(when)
@@ -81,6 +86,27 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
             yield None if line.lstrip().startswith(('$', '!')) else NO_SENTENCE
     if when != latest:
         yield _row_of_time(when)
+
+
+class _Tally:
+    """Counts the numbers of a name since the last time that was read."""
+
+    def __init__(self) -> None:
+        self._clock = self._count = self._most = 0
+
+    def is_timed(self, clock: int) -> bool:
+        """Count a number; return whether the last time that was read may be its own.
+
+        It is not where far more numbers have come since than ever came between two times: the clock fell
+        silent, or its times cannot be read any more.
+
+        Args:
+            clock: How many times have been read.
+        """
+        if clock != self._clock:
+            self._clock, self._count, self._most = clock, 0, max(self._most, self._count)
+        self._count += 1
+        return not self._most or self._count <= _MAX_SINCE_CLOCK * (self._most + 1)
 
 
 def _row_of_time(when: str) -> Row:
@@ -126,9 +152,9 @@ def _own_time(kind: str, fields: Sequence[str]) -> str:
 def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
     """Yield name, value and unit of each number of a sentence RPM or XDR, as texts; nothing for other kinds.
 
-    The value may be a word: 'not valid' for an RPM without the status A, or a damaged field in quotation
-    marks. Nothing is yielded for an RPM of less than three fields, nor for what is left of an XDR behind its
-    last four.
+    The value may be a word: 'not valid' for an RPM without the status A and for an empty field, or a damaged
+    field in quotation marks. Nothing is yielded for an RPM of less than three fields, nor for what is left of
+    an XDR behind its last four.
 
     Args:
         kind: The three letters of the kind, as 'RPM'.
@@ -138,7 +164,7 @@ def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, s
         # As the live link reads it: some ships leave the pitch out, none the status.
         is_valid = len(fields) > 3 and fields[min(len(fields) - 1, 4)] == 'A'
         number = fields[1].lstrip('0') or fields[1][:1]
-        yield f'RPM {fields[0]} {number}', _plain_number(fields[2]) if is_valid else 'not valid', 'rpm'
+        yield f'RPM {fields[0]} {number}', _plain_number(fields[2]) if is_valid else _NOT_VALID, 'rpm'
     elif kind == 'XDR':
         for at in range(0, len(fields) - 3, 4):
             kind, value, unit, name = fields[at : at + 4]
@@ -152,8 +178,8 @@ def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, s
 
 
 def _plain_number(text: str) -> str:
-    """Return a field that is empty or a number without exponent unchanged, any other in quotation marks."""
-    return text if not text or _NUMBER.fullmatch(text.strip()) else f"'{text}'"
+    """Return a number without exponent unchanged, 'not valid' for no text, any other in quotation marks."""
+    return (text if _NUMBER.fullmatch(text.strip()) else f"'{text}'") if text.strip() else _NOT_VALID
 
 
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:

@@ -338,14 +338,14 @@ class BusInputs:
         log: Given a line for what becomes of sources, and for each input that has values again.
 
     Attributes:
-        groups: Inputs that are one value of the bus, as the speed of a shaft with several bearings,
-            and what admits its sources.
+        groups: Inputs that are one value of the bus for as long, as the speed of a shaft with several
+            bearings, and what admits its sources.
     """
 
     def __init__(self, inputs: Iterable[BusInput], log: Callable[[str], object]) -> None:
         by_source: dict[BusInput, list[BusInput]] = {}
         for item in inputs:
-            by_source.setdefault(replace(item, bearing='', timeout=0.0, hold=0.0), []).append(item)
+            by_source.setdefault(replace(item, bearing=''), []).append(item)
         self.groups = [
             (items, SourceAdmission(items[0].label, items[0].timeout, items[0].only, log))
             for items in by_source.values()

@@ -53,8 +53,9 @@ class BearingMonitor(Standing):
 
     def __init__(self, config: BearingConfig, state: State | None = None) -> None:
         super().__init__(config, settings_of(config), state or State())
-        # Of inputs that may stand the latest number, and when it is repeated on the memory's own time [ns].
-        self._held: dict[int, tuple[float, int]] = {}
+        # Of inputs that may stand the latest number, when it came and when it is repeated: on the memory's
+        # own time [ns].
+        self._held: dict[int, tuple[float, int, int]] = {}
         self.await_inputs()
         self.counts = np.zeros((len(Input), len(Status)), dtype=np.int64)
 
@@ -148,30 +149,40 @@ class BearingMonitor(Standing):
             raise ConfigurationError(
                 f"parameter '{self.config.name}.{name}.topic' is missing: no {name} is configured"
             )
-        update = self._take_sample(
-            place, time_ns, float(number), time_ns if arrival_ns is None else arrival_ns
-        )
+        arrival_ns = time_ns if arrival_ns is None else arrival_ns
+        update = self._take_sample(place, time_ns, float(number), arrival_ns)
         status = update.status
         self.counts[place, status] += 1
         if rule.has_repeats(self.settings.live, place) and not self.config.inputs[INPUTS[place]].is_assumed:
             if status.valid:
-                self._held[place] = number, self.state.came[place] + repeat_step(0)
+                came = arrival_ns + self.state.shift
+                self._held[place] = number, came, came + repeat_step(0)
             elif status in VALUE_FAULTS:
                 self._held.pop(place, None)
         return update
 
-    def repeats(self) -> Iterator[Update]:
-        """Take once more the values that still stand and are due, and yield the result of each.
+    def repeats(self, before_ns: int) -> Iterator[Update]:
+        """Take once more, each at its time, the values that stand and are due, and yield the result of each.
 
-        Only inputs whose source sends changes only are repeated. The memory changes as results are taken
-        from the iterator; ``counts`` stays.
+        Only inputs whose source sends changes only are repeated, for as long as their values stand. The
+        memory changes as results are taken from the iterator; ``counts`` stays.
+
+        Args:
+            before_ns: The time before which they are due, on the clock of arrivals [ns].
         """
         state = self.state
-        for place, (number, due_ns) in self._held.items():
-            if state.now < due_ns or state.stamp[place] == NEVER:
+        while due := [
+            (due_ns, place)
+            for place, (_, _, due_ns) in self._held.items()
+            if due_ns < before_ns + state.shift and state.stamp[place] != NEVER
+        ]:
+            due_ns, place = min(due)
+            number, came, _ = self._held[place]
+            if due_ns - came > self.settings.live.hold[place]:
+                del self._held[place]
                 continue
-            self._held[place] = number, state.now + repeat_step(state.now - state.came[place])
-            yield self._take_sample(place, state.stamp[place], number, state.now - state.shift)
+            self._held[place] = number, came, due_ns + repeat_step(due_ns - came)
+            yield self._take_sample(place, state.stamp[place], number, due_ns - state.shift)
 
     def _take_sample(self, place: int, time_ns: int, number: float, arrival_ns: int) -> Update:
         """Run the rule on one sample; compute the amplitude of the cycle where that is due.

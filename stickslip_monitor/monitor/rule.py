@@ -131,7 +131,7 @@ def receive_sample(
     if stamped and stamp == s.stamp[place]:
         if judged == place and si == latest_value(s, place):
             if has_repeats(c, place):
-                advance(s, c, max(s.now, time))
+                advance(s, c, max(s.now, arrival + s.shift))
             return REPEATED, 0, si
         time = max(arrival + s.shift, came)
     elif stamped and stamp < s.stamp[place] and time - came < clock_step_delay(s, c, place):

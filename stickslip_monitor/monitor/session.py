@@ -225,11 +225,12 @@ class Session:
                 published only where the condition changes; it waits for :meth:`catch_up` otherwise.
 
         Returns:
-            Status, verdict and events of this number, not of values that are repeated after it.
+            Status, verdict and events of this number, not of values that are repeated before it.
         """
         self.follow(now)
         # While simulated time is silent nobody knows when it came.
         arrival = now.time_ns or None
+        self._repeat_values(name, time_ns if arrival is None else arrival, now)
         update = self.monitor.bearings[name].update(place, time_ns, value, arrival)
         value_fault, source = VALUE_FAULTS.get(update.status), None
         if self._inputs is not None:
@@ -244,9 +245,7 @@ class Session:
             changes += self.annunciator.take_fault(
                 name, place, value_fault, time_ns, mixed=source is not None and source.is_mixed
             )
-        update = self._take_update(name, update, changes, now, latest=latest)
-        self._repeat_values(name, now)
-        return update
+        return self._take_update(name, update, changes, now, latest=latest)
 
     def _take_update(
         self, name: str, update: Update, changes: list[AlarmChange], now: Moment, *, latest: bool
@@ -275,9 +274,9 @@ class Session:
         self._publish_changes(changes, update.events)
         return update
 
-    def _repeat_values(self, name: str, now: Moment) -> None:
-        """Repeat the values of a bearing that still stand and are due, and publish what follows from each."""
-        for update in self.monitor.bearings[name].repeats():
+    def _repeat_values(self, name: str, before_ns: int, now: Moment) -> None:
+        """Repeat the values of a bearing that stand and are due before a time [ns]; publish what follows."""
+        for update in self.monitor.bearings[name].repeats(before_ns):
             self._take_update(name, update, [], now, latest=True)
 
     def follow(self, now: Moment) -> None:
@@ -303,10 +302,10 @@ class Session:
         Values that still stand and are due are repeated, and a step of the clock is followed.
         """
         self.follow(now)
+        self._repeat_values(name, time_ns + 1, now)
         events = self._explain_events(self.monitor.bearings[name].advance(time_ns), now)
         self._publish_events(events)
         self._publish_changes([], events)
-        self._repeat_values(name, now)
 
     def excuse(self, held_ns: int) -> None:
         """Leave a stall of this process [ns] out of the age of every input."""

@@ -262,7 +262,8 @@ class ColumnBinding:
         # counts for three intervals, because a lost line is no lost input.
         if not self._log.is_sent or self._log.shares_times(column):
             timeout_ns = max(min(round(3.0 * interval * 1e9), _MAX_TIMEOUT_NS), timeout_ns)
-        sent = replace(use.conversion(), timeout=timeout_ns * 1e-9 if self._log.is_sent else None)
+        stands = max(timeout_ns, source.hold_ns) * 1e-9
+        sent = replace(use.conversion(), timeout=stands if self._log.is_sent else None)
         topic = source.topic
         if not topic or self.columns.get(topic, sent) != sent:
             topic = f'/{bearing.name}/{quantity}'

@@ -32,3 +32,16 @@ def test_one_source_is_used_and_the_others_are_named() -> None:
     chosen = SourceAdmission(label, 5.0, 'b', notes.append)
     assert [chosen.admits(source, 9.0) for source in 'aba'] == [False, True, False]
     assert notes[4:] == [f"{label}: source 'a' is left out: 'b' is chosen"]
+
+
+def test_a_clock_that_is_set_back_keeps_no_silent_sender() -> None:
+    """By the clock of a log a silence of 2 s before the step and of 1 s behind it is one of 3 s."""
+    admission = SourceAdmission('RPM S 1', 5.0, '', str)
+    steps = [
+        ('a', 3600.0, True),
+        ('b', 3602.0, False),
+        ('b', 0.0, False),
+        ('b', 0.4, False),
+        ('b', 1.0, True),
+    ]
+    assert [admission.admits(source, now) for source, now, _ in steps] == [taken for *_, taken in steps]

@@ -52,3 +52,25 @@ def test_the_time_of_a_tag_block_may_stand_behind_its_source() -> None:
         for tag in ('s:ER1,c:1776074400', 'g:1-1-7,s:ER1,n:4,c:1776074401500', 'c:1776074402,s:ER1')
     ]
     assert [row[0] for row in nmea_rows(iter(lines)) if row] == ['1776074400', '1776074401.500', '1776074402']
+
+
+def test_numbers_behind_a_clock_that_fell_silent_have_no_time() -> None:
+    """Two came between two times: up to 3 (2 + 1) are of the last one, until there is a clock again."""
+    clock = [nmea_sentence(f'GPZDA,0600{second:02}.00,04,05,2026,00,00') for second in range(60)]
+    speed = nmea_sentence('ERRPM,S,1,30.0,,A')
+    lines = [line for time in clock[:5] for line in (time, speed, speed)] + [speed] * 38 + [clock[50], speed]
+    rows = list(nmea_rows(iter(lines)))[1:]  # behind that of the first time
+    assert [row[0][11:19] if row else None for row in rows] == [
+        *[f'06:00:0{second}' for second in range(5) for _ in range(2)],
+        *['06:00:04'] * 7,
+        *[None] * 31,
+        '06:00:50',
+    ]
+
+
+def test_lines_whose_times_cannot_be_read_any_more_have_none() -> None:
+    """A logger's clock that lost its date, say: its lines are no lines of the last second that had one."""
+    body = nmea_sentence('ERRPM,S,1,30.0,,A')
+    heads = [f'2026-05-04T06:00:{second:02}Z' for second in range(10)] + ['2026-05-04T06-00:10'] * 20
+    rows = list(nmea_rows(iter([f'{head} {body}' for head in heads])))
+    assert [row is None for row in rows] == [False] * 15 + [True] * 15
