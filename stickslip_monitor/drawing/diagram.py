@@ -24,7 +24,13 @@ from stickslip_monitor.drawing import canvas
 from stickslip_monitor.drawing.map import Range, corners, diagram_speeds, water_note
 from stickslip_monitor.monitor.assessment import Regime, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.physics.averaging import fold_speed, growth_rate, hopf_speed, stationary_amplitudes
+from stickslip_monitor.physics.averaging import (
+    count_cycles,
+    fold_speed,
+    growth_rate,
+    hopf_speed,
+    stationary_amplitudes,
+)
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import end_of_vibration, exact_amplitude, exact_fold_speed
 
@@ -82,7 +88,8 @@ def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: in
     end = [v for v in [float(end_of_vibration(bearing, load))] if grid[0] < v < grid[-1]]
     grid = np.union1d(grid, last)
     # At both sides of the law's break points the balance may jump.
-    between = np.linspace(grid[0], grid[-1], 500), corners(bearing, (grid[0], grid[-1]), load)
+    columns = np.linspace(grid[0], grid[-1], max(points, 400))
+    between = columns, corners(bearing, (grid[0], grid[-1]), load)
     scan = np.union1d(grid, np.concatenate(between))
     cycles = _find_amplitudes(bearing, scan, load)
     turns = _find_turns(bearing, load, scan, cycles)
@@ -132,12 +139,12 @@ def _find_turns(bearing: Bearing, load: float, speeds: FloatArray, amplitude: Fl
     counts = np.isfinite(amplitude).sum(axis=1)
     ends, cycles = (np.stack([c[:-1], c[1:]]) for c in (speeds, counts))
     while np.any(ends[1] - ends[0] > 1e-14 * ends[1]):
-        low, high = ends[:, cycles[0] != cycles[1]]
-        parts = np.linspace(low, high, 33)
-        cycle_counts = np.isfinite(_find_amplitudes(bearing, parts.ravel(), load)).sum(axis=1)
-        ends, cycles = (
-            np.stack([c[:-1].ravel(), c[1:].ravel()]) for c in (parts, cycle_counts.reshape(parts.shape))
-        )
+        changes = cycles[0] != cycles[1]
+        low, high = ends[:, changes]
+        parts = np.linspace(low, high, 9)
+        inside = count_cycles(bearing, parts[1:-1], load)
+        counts = np.concatenate([cycles[:1, changes], inside, cycles[1:, changes]])
+        ends, cycles = (np.stack([c[:-1].ravel(), c[1:].ravel()]) for c in (parts, counts))
     ends = ends[:, cycles[0] != cycles[1]]
     ends = ends[:, np.argsort(ends[0])]
     # Those so close to one another are one, at which the number flickers by rounding.

@@ -31,20 +31,19 @@ from stickslip_monitor.physics.numerics import gauss_rule, last_above, root_on_b
 
 # Stretches of half cycles that are summed at a time, which the processor's cache holds.
 _STRETCHES = 16384
-# Rules for stretches up to a width [rad]: of a table, cubic between its points, the narrowest that will do,
-# of other laws the last. All leave 1e-13.
-_RULES = ((0.02, gauss_rule(3)), (0.3, gauss_rule(6)), (np.inf, gauss_rule(16)))
-# Amplitude coordinates of a scan up to the sliding limit, whose last is the limit, and beyond it.
-_BELOW = np.linspace(0.0, 1.0, 49)
-_ABOVE = 1.0 + np.concatenate([np.geomspace(1e-9, 1e-2, 15), np.linspace(0.02, 0.98, 25)])
+# Width of a stretch [rad] up to which 6 nodes will do for a table, which is cubic there, and the rule for
+# wider ones and other laws. Of tables that scatter they leave 2e-15; 3 nodes, up to 0.02, left 2e-8.
+_NARROW, _NARROW_RULE, _WIDE_RULE = 0.3, gauss_rule(6), gauss_rule(16)
+# Amplitude coordinates of a scan, densest where mean falls differ most: about small amplitudes and, far
+# beyond a law's scales, where the belt is almost met. The limit stands twice: friction reverses there. Of the
+# heights of 33 laws the worst hundredth is 0.4 % low; by sums at 49 places 0.6 %, in four times the time.
+_NEAR_LIMIT = np.geomspace(1e-7, 1e-2, 11)
+_BELOW = np.sort(np.concatenate([np.linspace(0.0, 1.0, 101)[:-1] ** 1.5, 1.0 - _NEAR_LIMIT, [1.0]]))
+_ABOVE = np.concatenate([[1.0], 1.0 + np.sqrt(_NEAR_LIMIT), np.linspace(1.12, 1.98, 25)])
 GRID = np.concatenate([_BELOW, _ABOVE])
-CUSP = _BELOW.size - 1
 # Halvings of a bracket about a turn of rho before a parabola: where rho bends suddenly, as of a table, they
 # leave 1e-6 of its height.
 _HALVINGS = 5
-# Amplitude coordinates of the rough scan. Of the heights of 33 laws the worst hundredth is 0.4 % low; by all
-# sums at 49 coordinates, which took four times as long, 0.6 %.
-_ROUGH = 101
 # Speeds of a curve up to the last breakpoint, at least (by 200 a fold read between them was 0.3 % off for a
 # noisy table of 40 points), and beyond it up to a million times as far, densest where it ends.
 _SPEEDS, _FAR = 400, 1.0 + np.geomspace(1e-3, 1e6, 65)
@@ -127,11 +126,10 @@ def _varying_harmonic(
         level: ``mu(V)``, shape (n,) [-].
     """
     begin, extent, element = _smooth_stretches(law, speed, amplitude)
-    rules = _RULES if len(getattr(law, 'kinks', ())) else _RULES[-1:]
-    which = np.searchsorted([widest for widest, _ in rules], extent)
+    is_narrow = (extent <= _NARROW) & (len(getattr(law, 'kinks', ())) > 0)
     total = np.zeros(element.size)
-    for number, (_, (nodes, weights)) in enumerate(rules):
-        rows = np.flatnonzero(which == number)
+    for (nodes, weights), chosen in ((_NARROW_RULE, is_narrow), (_WIDE_RULE, ~is_narrow)):
+        rows = np.flatnonzero(chosen)
         index = element[rows, None]
         sine = np.sin(0.5 * (begin[rows, None] + nodes * extent[rows, None]))
         drop = 2.0 * sine * sine
@@ -232,40 +230,52 @@ def _find_turns(
 
 
 @lru_cache(maxsize=1)
-def _rough_scan() -> tuple[FloatArray, FloatArray]:
-    """Return amplitude coordinates of a rough scan, and how ``rho`` follows at each from mean falls; cached.
+def _scan_weights() -> tuple[FloatArray, FloatArray]:
+    """Return how ``rho`` on the grid follows from mean falls of friction; cached.
 
-    ``rho`` at ``x`` <= 1 is ``4/pi`` times the integral of ``sin^2(u) m(x sin(u))`` over a quarter turn, with
-    the mean fall ``m(s)`` of friction from ``V (1 - s)`` to ``V (1 + s)``, here straight from place to place.
+    ``rho`` at an amplitude ``x V`` is ``4/pi`` times the integral of ``sin^2(u) m(x sin(u))`` over a quarter
+    turn, with the mean fall ``m(s)`` from ``V (1 - s)`` to ``V (1 + s)``, here straight from place to place.
 
     Returns:
-        Places from 0 to 1, shape (n,), and of each place a row of weights of the mean falls, shape (n, n).
+        Amplitudes of the grid in units of ``V``, shape (n,), and of each a row of weights of the mean falls
+        there, shape (n, n).
     """
-    # Falls differ most about small amplitudes and, far beyond a law's scales, where the belt is almost met.
-    inner, near_limit = np.linspace(0.0, 1.0, _ROUGH)[:-1] ** 1.5, np.geomspace(1e-7, 1e-2, 11)
-    places = np.sort(np.concatenate([inner, 1.0 - near_limit, [1.0]]))
-    n, x = places.size, places[1:, None]
+    places = _velocity_amplitude(GRID, np.ones(1))
+    n, x, width = places.size, places[1:, None], np.diff(places)
     u = np.arcsin(np.minimum(places / x, 1.0))
     area = np.diff(0.5 * (u - 0.5 * np.sin(2.0 * u)))
     moment = np.diff(x * (np.cos(u) ** 3 / 3.0 - np.cos(u)))
+    share = np.where(width > 0.0, 1.0 / np.where(width > 0.0, width, 1.0), 0.0)
     weights = np.zeros((n, n))
     weights[0, 0] = 0.25 * np.pi
-    weights[1:, :-1] = (places[1:] * area - moment) / np.diff(places)
-    weights[1:, 1:] += (moment - places[:-1] * area) / np.diff(places)
+    weights[1:, :-1] = (places[1:] * area - moment) * share
+    weights[1:, 1:] += (moment - places[:-1] * area) * share
     return places, 4.0 / np.pi * weights
 
 
-def _scan_roughly(law: FrictionLaw, speed: FloatArray) -> IndexArray:
-    """Return which place of the rough scan has the highest ``rho`` at each speed, shape (n,)."""
-    places, weights = _rough_scan()
-    best = np.empty(speed.size, np.intp)
-    block, x = _STRETCHES // places.size, places[1:]
-    for first in range(0, speed.size, block):
-        v = speed[first : first + block, None]
-        falls = law.coefficient(v * (1.0 - x)) - law.coefficient(v * (1.0 + x))
-        rows = np.hstack([-law.slope(v), falls / (2.0 * v * x)]) @ weights.T
-        best[first : first + block] = np.argmax(rows, axis=1)
-    return best
+def _scan_roughly(law: FrictionLaw, speed: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return ``rho`` at the first places of the grid, from mean falls of friction that are joined by lines.
+
+    Args:
+        law: The law.
+        speed: Shape (n,) [m/s].
+        count: Number of places.
+
+    Returns:
+        ``rho``, and how far it may be off, by how far each mean fall is off the line between those beside it;
+        shape (n, count) each [s/m].
+    """
+    places, weights = (part[:count] for part in _scan_weights())
+    v, x = speed[:, None], places[1:]
+    ahead = np.where(np.arange(1, count) < _BELOW.size, 1.0, -1.0)
+    falls = ahead * law.coefficient(v * np.abs(1.0 - x)) - law.coefficient(v * (1.0 + x))
+    falls = np.hstack([-law.slope(v), falls / (2.0 * v * x)])
+    share = np.diff(places)[:-1] / (places[2:] - places[:-2])
+    bend = np.zeros_like(falls)
+    bend[:, 1:-1] = np.abs(falls[:, :-2] + share * (falls[:, 2:] - falls[:, :-2]) - falls[:, 1:-1])
+    # Not by ``@``: its threads take more than they spare.
+    rho, error = (np.einsum('ij,kj->ik', part, weights[:, :count]) for part in (falls, bend))
+    return rho, error
 
 
 def _find_peaks(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -274,10 +284,12 @@ def _find_peaks(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatA
     Beyond the sliding limit ``rho`` falls, so the highest stands at an amplitude ``a <= V``: at rest, at the
     limit, or where it turns between, about the highest of a rough scan.
     """
-    best, places = _scan_roughly(law, speed), _rough_scan()[0]
-    turns = np.flatnonzero(best < places.size - 1)
+    best = np.empty(speed.size, np.intp)
+    for part in _scan_blocks(speed.size):
+        best[part] = np.argmax(_scan_roughly(law, speed[part], _BELOW.size)[0], axis=1)
+    turns = np.flatnonzero(best < _BELOW.size - 1)
     beside = np.maximum(best[turns] - 1, 0), best[turns] + 1
-    x, height = _find_turns(law, speed[turns], places[beside[0]], places[beside[1]])
+    x, height = _find_turns(law, speed[turns], _BELOW[beside[0]], _BELOW[beside[1]])
     cusp = cusp_slope(law, speed)
     candidates = np.stack([-law.slope(speed), np.full(speed.size, -np.inf), cusp])
     candidates[1, turns] = height
@@ -519,6 +531,11 @@ def cycles(
     return _all_cycles(law, speed, damping_per_load(damping, load))
 
 
+def count_cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> IndexArray:
+    """Return the number of cycles at speeds [m/s] and ``q = c/N`` [s/m], shape (n,)."""
+    return np.bincount(_cycle_brackets(law, speed, q)[0].astype(np.intp), minlength=speed.size)
+
+
 def _all_cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return what :func:`cycles` returns, from ``q = c/N``, shape (n,) [s/m]."""
     point, low, high, below, above = _cycle_brackets(law, speed, q)
@@ -538,6 +555,12 @@ def _all_cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[Flo
     return amplitude, stable
 
 
+def _scan_blocks(size: int) -> list[slice]:
+    """Return the parts of so many speeds that are scanned at a time, which the processor's cache holds."""
+    block = _STRETCHES // GRID.size
+    return [slice(first, min(first + block, size)) for first in range(0, size, block)]
+
+
 def _cycle_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
     """Return the stretches of the amplitude coordinate within which ``rho`` passes ``q`` once.
 
@@ -545,22 +568,38 @@ def _cycle_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> Float
         Rows of shape (stretches,): index of the point in ``speed``, amplitude coordinates of begin and end,
         and ``rho - q`` at begin and end [s/m].
     """
-    rows = slope_surface(law, GRID, speed[:, None]) - q[:, None]
+    brackets = [np.zeros((5, 0))]
+    for part in _scan_blocks(speed.size):
+        found = _brackets_of_block(law, speed[part], q[part])
+        found[0] += part.start
+        brackets.append(found)
+    return np.concatenate(brackets, axis=1)
+
+
+def _brackets_of_block(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
+    """Return :func:`_cycle_brackets` of few speeds."""
+    rows, error = _scan_roughly(law, speed, GRID.size)
+    rows -= q[:, None]
+    steps = np.abs(np.diff(rows, axis=1, prepend=rows[:, :1], append=rows[:, -1:]))
+    # Exact wherever the way to a place beside may lead through 0.
+    point, k = np.nonzero(np.abs(rows) <= np.maximum(steps[:, :-1], steps[:, 1:]) + error)
+    is_near = np.zeros(rows.shape, bool)
+    is_near[point, k] = True
+    rows[point, k] = slope_surface(law, GRID[k], speed[point]) - q[point]
     point, k = np.nonzero((rows[:, :-1] > 0.0) != (rows[:, 1:] > 0.0))
     before, after = rows[point, k], rows[point, k + 1]
     # Friction that is level gives and takes nothing up to some amplitude: that is no cycle of none.
     before = np.where(before == 0.0, -after, before)
     crossings = np.stack([point, GRID[k], GRID[k + 1], before, after])
-    # A turn towards 0 between places of the grid may hide two roots. That at the cusp is none, but one may
-    # lie just below.
+    # A turn towards 0 between places of the grid may hide two roots.
     side = np.sign(rows[:, 1:-1])
     middle, beside = side * rows[:, 1:-1], np.minimum(side * rows[:, :-2], side * rows[:, 2:])
-    point, k = np.nonzero((middle > 0.0) & (middle <= beside))
-    side, last = side[point, k], np.where(k + 1 == CUSP, k + 1, k + 2)
-    turn, value = _find_turns(law, speed[point], GRID[k], GRID[last], -side)
+    point, k = np.nonzero(is_near[:, 1:-1] & (middle > 0.0) & (middle <= beside))
+    side = side[point, k]
+    turn, value = _find_turns(law, speed[point], GRID[k], GRID[k + 2], -side)
     value = value - q[point]
     hides = value * side < 0.0
-    point, k, last, turn, value = point[hides], k[hides], last[hides], turn[hides], value[hides]
+    point, k, turn, value = point[hides], k[hides], turn[hides], value[hides]
     to = np.stack([point, GRID[k], turn, rows[point, k], value])
-    back = np.stack([point, turn, GRID[last], value, rows[point, last]])
+    back = np.stack([point, turn, GRID[k + 2], value, rows[point, k + 2]])
     return np.concatenate([crossings, to, back], axis=1)

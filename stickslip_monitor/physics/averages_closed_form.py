@@ -24,7 +24,7 @@ from functools import cache
 
 import numpy as np
 
-from stickslip_monitor.arrays import BoolArray, FloatArray
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics import averages_by_quadrature
 from stickslip_monitor.physics.bearing import damping_per_load, load_for
 from stickslip_monitor.physics.bessel import i0e, i1e
@@ -305,3 +305,10 @@ def cycles(
     order = np.argsort(pair, axis=1, kind='stable')
     stable = np.broadcast_to([0.0, 1.0], pair.shape)
     return np.take_along_axis(pair, order, 1), np.take_along_axis(stable, order, 1)
+
+
+def count_cycles(law: Stribeck, speed: FloatArray, q: FloatArray) -> IndexArray:
+    """Return the number of cycles at speeds [m/s] and ``q = c/N`` [s/m], shape (n,)."""
+    hopf, fold = boundaries(law, q)
+    inside = speed < fold
+    return inside.astype(np.intp) + (inside & (speed >= hopf))

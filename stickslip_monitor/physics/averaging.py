@@ -166,9 +166,7 @@ def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -
     >>> (1e3 * cycles.amplitude).round(3).tolist(), cycles.stable.tolist()  # in mm
     ([0.593, 0.891], [False, True])
     """
-    shape, (v, n) = flatten(speed, load)
-    v = np.abs(v)
-    usable = np.isfinite(v) & np.isfinite(n) & (v > 0.0)
+    shape, (v, n), usable = _usable_points(speed, load)
     with np.errstate(all='ignore'):
         law = bearing.friction
         a, stable = averaged(law).cycles(law, v[usable], bearing.damping, n[usable])
@@ -182,6 +180,38 @@ def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -
         amplitude[:, used].reshape(*shape, used.size),
         ((stability > 0.0) & exists)[:, used].reshape(*shape, used.size),
     )
+
+
+@at_points(lambda counts, _: counts)
+def count_cycles(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> NDArray[np.intp]:
+    """Return the number of cycles of :func:`stationary_amplitudes`, without solving them.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed [m/s].
+        load: Load [N]; broadcasts with ``speed``.
+
+    >>> count_cycles(bearing, bearing.speed.to_surface([20.0, 34.0, 50.0], 'rpm'), 1000.0).tolist()
+    [1, 2, 0]
+    """
+    shape, (v, n), usable = _usable_points(speed, load)
+    counts, law = np.zeros(v.size, np.intp), bearing.friction
+    with np.errstate(all='ignore'):
+        q = damping_per_load(bearing.damping, n[usable])
+        counts[usable] = averaged(law).count_cycles(law, v[usable], q)
+    return counts.reshape(shape)
+
+
+def _usable_points(
+    speed: ArrayLike, load: ArrayLike
+) -> tuple[tuple[int, ...], list[FloatArray], NDArray[np.bool_]]:
+    """Return the common shape of points, speeds ahead and loads, and which points may have a cycle.
+
+    Speeds, loads and the last are flat: they are finite there, and the shaft turns.
+    """
+    shape, (v, n) = flatten(speed, load)
+    v = np.abs(v)
+    return shape, [v, n], np.isfinite(v) & np.isfinite(n) & (v > 0.0)
 
 
 def stable_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:

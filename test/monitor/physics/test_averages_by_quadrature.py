@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stickslip_monitor.physics import averages_by_quadrature
-from stickslip_monitor.physics.averaging import fold_speed, hopf_speed, stationary_amplitudes
+from stickslip_monitor.physics.averaging import count_cycles, fold_speed, hopf_speed, stationary_amplitudes
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import CycleKind, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
@@ -204,3 +204,23 @@ def test_the_highest_average_is_that_of_a_dense_scan_also_just_below_the_sliding
     for speed in (*np.geomspace(0.01, 0.4, 12), 0.2290, 0.2325):
         dense = averages_by_quadrature.slope_surface(law, shares, np.full(1600, speed)).max()
         assert averages_by_quadrature.peak_slope(law, np.array([speed]))[0] >= dense * (1.0 - 1e-10)
+
+
+def test_the_average_of_a_table_that_scatters_is_its_integral(
+    harmonic_by_quad: Callable[[FrictionLaw, float, float], float],
+) -> None:
+    """By scipy's quadrature; three nodes in narrow stretches, which a smooth table bears, left 1e-9."""
+    law = measured_curve(300, 0.002, 0.0)
+    for v, share in ((0.1, 0.93), (0.02, 0.7), (0.3, 1.4)):
+        expected = harmonic_by_quad(law, v, v * share)
+        average = averages_by_quadrature.harmonic(law, np.array([v]), np.array([v * share]))[0]
+        assert average == pytest.approx(expected, abs=1e-13)
+
+
+@pytest.mark.parametrize('law', [STRIBECK, Sharper(0.3, 0.1, 5.0), TWO_FALLS, measured_curve(60, 0.003, 0.0)])
+def test_cycles_are_counted_as_they_are_found(law: FrictionLaw) -> None:
+    """At rest and without a load there are none."""
+    bearing, speed = Bearing(50.0, 400.0, 2.0e6, law, 0.1), np.linspace(0.0, 0.4, 200)
+    for load in (0.0, 300.0, 1000.0):
+        found = np.isfinite(stationary_amplitudes(bearing, speed, load).amplitude).sum(axis=1)
+        np.testing.assert_array_equal(count_cycles(bearing, speed, load), found)
