@@ -98,7 +98,9 @@ def fit_pieces(law: FrictionLaw) -> Pieces:
     rows = np.concatenate([*fitted, line[None, :]])
     rows = rows[np.argsort(rows[:, 0])]
     begin, base, width = (np.ascontiguousarray(column) for column in rows[:, :3].T)
-    return Pieces(begin, base, width, _DEGREE, top, np.ascontiguousarray(rows[:, 3:]).ravel())
+    powers = np.ascontiguousarray(rows[:, 3:])
+    # The first piece's own value, so that a lining released from the belt feels no fall at once.
+    return Pieces(begin, base, width, _DEGREE, float(np.polyval(powers[0, ::-1], -1.0)), powers.ravel())
 
 
 def _piece_coefficient(law: Pieces, speed: float) -> float:

@@ -4,8 +4,8 @@
 ``m x'' + c x' + k x = N(t) mu(V(t) - x')``, with friction set-valued at zero relative speed: the
 lining sticks (``x' = V``) until the friction it needs, ``m V' + c V + k x``, exceeds ``mu_s N``;
 it slips forward while the belt is faster (``v = V - x' > 0``) and backward while it is slower.
-The law is never smoothed: every change of phase is located to rounding. Steps of slip phases are
-by Dormand and Prince's method of order 8 (:mod:`.slip_step`).
+The law is never smoothed: every change of phase is located to rounding. A step is a power series of
+the time (:mod:`.slip_series`).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, require_finite, require_positive
-from stickslip_monitor.physics import march, slip_step
+from stickslip_monitor.physics import march, series, slip_series
 from stickslip_monitor.physics import scalar_law as scalars
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.lubrication import as_measured
-from stickslip_monitor.physics.scalar_law import LawInUse, ScalarLaw, scalar_law
+from stickslip_monitor.physics.scalar_law import LawInUse, ScalarLaw, series_law
 
 Phases = NDArray[np.int8]
 
@@ -124,7 +124,7 @@ class Motion:
         final: State at the drive's end, from which the next drive may go on.
         outcome: How it ended; unless ``COMPLETE``, arrays end where the motion does.
         steps: Steps taken in all phases.
-        slip_steps: Those of slip phases, twelve evaluations of the friction law each.
+        slip_steps: Those of slip phases.
         span: First and last instant [s].
     """
 
@@ -282,10 +282,9 @@ def integrate(
     at = np.atleast_1d(np.asarray(times, dtype=float))
     _check_times(at, drive)
     require_positive('accuracy', accuracy)
-    law = scalar_law(bearing.friction)
-    use = is_compiled(compiled) and law.module is not None
+    law, use = series_law(bearing.friction), is_compiled(compiled)
     law_functions = law.compiled if use and law.compiled else law.plain
-    body = _make_body(bearing, drive, law_functions, accuracy)
+    body = _make_body(bearing, drive, law, accuracy)
 
     def columns(kind: type, *values: Any) -> Any:
         """Return each sequence as the inner loops take it: an array of ``kind`` if compiled, else a list."""
@@ -303,11 +302,12 @@ def integrate(
     x, z = float(state.displacement), float(state.relative_speed)
     begun = (0, 0.0, 0.0, x, z, int(phase), float(state.trial), 0, 0, 0, 0, 0)
     now = march.Now(march.EVENTS_FULL, *begun)
+    (work,) = columns(float, series.new_work())
     loop = _march_loop(law) if use else march.march
     instants: list[FloatArray] = []
     afters: list[Phases] = [np.array([phase], dtype=np.int8)]
     while now.status == march.EVENTS_FULL:
-        now = march.Now(*loop(law_functions, body, lines, now, samples, log))
+        now = march.Now(*loop(law_functions, body, lines, now, samples, log, work))
         instants.append(np.array(log.time[: now.events], dtype=float))
         afters.append(np.array(log.phase[: now.events], dtype=np.int8))
         now = now._replace(events=0)
@@ -332,7 +332,7 @@ def integrate(
 
 def _march_loop(law: ScalarLaw) -> Callable[..., Any]:
     """Return :func:`.march.march` compiled for a law with functions of its own."""
-    return jit.compiled('march', scalars, slip_step, march, law=law.module, inline=False)
+    return jit.compiled('march', scalars, series, slip_series, march, law=law.module, inline=False)
 
 
 def is_compiled(compiled: bool | None) -> bool:
@@ -363,12 +363,12 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
         )
 
 
-def _make_body(bearing: Bearing, drive: Drive, law: LawInUse, accuracy: float) -> march.Body:
+def _make_body(bearing: Bearing, drive: Drive, law: ScalarLaw, accuracy: float) -> march.Body:
     """Return the oscillator; its limit of steps is several times what its fastest time scale can need."""
     fastest = bearing.natural_frequency + bearing.damping / bearing.mass
-    fastest += float(np.max(drive.load)) * law.steepest / bearing.mass
+    fastest += float(np.max(drive.load)) * law.plain.steepest / bearing.mass
     steps = (drive.end - drive.start) * fastest / min(accuracy**0.125, 1.0)
-    limit = int(min((1000.0 + 4.0 * (drive.time.size + steps)) * (len(law.kinks) + 1), 2.0**62))
+    limit = int(min((1000.0 + 4.0 * (drive.time.size + steps)) * (law.pieces + 1), 2.0**62))
     damping = 2.0 * bearing.damping_ratio
     return march.Body(bearing.natural_frequency, damping, bearing.momentum, accuracy, limit)
 

@@ -3,43 +3,39 @@
 
 Speeds are in m/s, and with the natural frequency times are in ``1/omega``, displacements
 ``e = omega x`` in m/s and forces in units of ``m omega``. While the lining slips it takes the
-steps of :mod:`.slip_step`, as seen from its side of the belt; while it sticks ``x' = V``, and the
-friction that this needs is a parabola. A step ends at the first event in it. numba may compile
-these functions; without it they run on lists of floats, with the same operations in the same
-order.
+steps of :mod:`.slip_series`, as seen from its side of the belt; while it sticks ``x' = V``, and the
+friction that this needs is a parabola. Either way a step is a power series of the time, and ends at
+the first event in it. numba may compile these functions; without it they run on lists of floats,
+with the same operations in the same order.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import MutableSequence, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from stickslip_monitor.physics.scalar_law import LawInUse, friction_slope
-from stickslip_monitor.physics.slip_step import (
-    Medium,
-    SlipState,
-    acceleration,
-    bend,
-    cut_step,
-    next_length,
-    slip_step,
-    time_to_rise,
-    until_kink,
+from stickslip_monitor.physics.scalar_law import LawInUse
+from stickslip_monitor.physics.series import (
+    PLACE,
+    RELATIVE_SPEED,
+    find_level,
+    find_turn,
+    place_and_speed,
+    value_and_slope,
 )
+from stickslip_monitor.physics.slip_series import LONGEST, Medium, expand, first_unit, time_to_rise
 
 # How a march has ended, and how a step has.
 DONE, EVENTS_FULL, EXHAUSTED, NOT_FINITE = 0, 1, 2, 3
 NOTHING, RELEASE_FORWARD, RELEASE_BACKWARD, CONTACT = 0, 1, 2, 3
 
-# Error [m/s] that is no more than a number's last digits, and the shortest step.
-_UNDERFLOW, _SHORTEST = 1e-280, 1e-14
+# Shortest unit of a step that is tried [1/omega].
+_SHORTEST = 1e-28
 # Rounding of the friction that sticking needs, as a share of its terms.
 _ROUNDING = 2e-15
 # Events in a row, at one instant, after which sticking is let live for a while.
 _STALLED, _LET_LIVE = 8, 1e-6
-# The first step of a slip, in units of its time scale and the eighth root of the tolerance.
-_FIRST = 4.0
 
 
 class Body(NamedTuple):
@@ -123,16 +119,25 @@ class TransitionLog(NamedTuple):
 
 
 class Advance(NamedTuple):
-    """Length of a step, what it ended with, the state then, and the length to try next."""
+    """A step in the row of work.
+
+    Attributes:
+        length: Its length [1/omega].
+        event: What it ended with.
+        order: Highest power of the time in its series.
+        unit: Length of time in whose powers they are [1/omega].
+        trial: The unit to try next; 0 for none yet, ``inf`` where no step is short enough.
+    """
 
     length: float
     event: int
-    state: SlipState
+    order: int
+    unit: float
     trial: float
 
 
 class Whole(NamedTuple):
-    """A step: when in a piece of the inputs it began, the place then, in what, and how it ended."""
+    """A step: when in a piece of the inputs it began, the place then, its phase and medium, and itself."""
 
     base: float
     time: float
@@ -140,9 +145,7 @@ class Whole(NamedTuple):
     e: float
     phase: int
     medium: Medium
-    begin: SlipState
-    length: float
-    after: SlipState
+    step: Advance
 
 
 def medium_at(law: LawInUse, body: Body, lines: Lines, piece: int, s: float, side: float) -> Medium:
@@ -160,90 +163,67 @@ def medium_at(law: LawInUse, body: Body, lines: Lines, piece: int, s: float, sid
     return Medium(1.0, force, body.damping, offset, 0.0, speed, force_rate, offset_rate, rise)
 
 
-def may_meet_belt(begin: SlipState, end: SlipState, h: float) -> bool:
-    """Return whether ``z``, convex where it turns, may have been below 0 within a step.
-
-    It stays above its tangents at both ends: only where these meet below 0 it may.
-
-    Args:
-        begin: State before the step.
-        end: State after it.
-        h: Length of the step in units of ``1/omega``.
-    """
-    if not begin.rate < 0.0 < end.rate:
-        return False
-    s = (end.z - begin.z - end.rate * h) / (begin.rate - end.rate)
-    return not begin.z + begin.rate * s > 0.0
-
-
-def speed_scale(law_numbers: Any, medium: Medium, begin: SlipState, length: float) -> float:
-    """Return the scale of the relative speeds in a step, to which its error limit is relative.
-
-    Args:
-        law_numbers: :attr:`LawInUse.numbers` of the friction law.
-        medium: What the lining is in as the step begins.
-        begin: Slip state as the step begins.
-        length: Length of the step, in units of ``1/omega``.
-
-    Returns:
-        An upper estimate in the units of ``begin.z``; for a lining released from a belt at rest, the
-        speed that the change of the load gives it.
-    """
-    size: float = abs(begin.z) + length * (abs(medium.drift) + abs(begin.rate))
-    if size == 0.0:
-        # Released at the limit from a belt at rest: only the change of the load moves it.
-        size = 0.5 * length * length * abs(bend(law_numbers, medium, begin))
-    return size
-
-
 def slip_advance(
-    law: LawInUse, body: Body, medium: Medium, begin: SlipState, trial: float, left: float
+    law: LawInUse,
+    body: Body,
+    medium: Medium,
+    z: float,
+    trial: float,
+    left: float,
+    work: MutableSequence[float],
 ) -> Advance:
-    """Take one step of a slip, up to a contact with the belt in it; lengths are in 1/omega.
-
-    The state is infinite where no step is short enough.
+    """Take one step of a slip, up to a contact with the belt in it.
 
     Args:
         law: The law.
         body: The oscillator and the accuracy.
         medium: What the lining slips in.
-        begin: The state as the step begins.
-        trial: Its length to try; 0 for none yet.
-        left: The longest that it may be.
+        z: Relative speed as the step begins, not below 0.
+        trial: The unit to try; 0 for none yet [1/omega].
+        left: The longest that the step may be [1/omega].
+        work: Written: the series of the step.
     """
-    law_numbers, h = law.numbers, trial
-    if h == 0.0:
-        rate = abs(medium.force * friction_slope(law_numbers, begin.z))
-        h = (
-            _FIRST
-            * math.sqrt(math.sqrt(math.sqrt(body.tolerance)))
-            / (1.0 + body.damping + min(rate, 1.0 / _SHORTEST))
-        )
+    unit = trial if trial != 0.0 else first_unit(law.numbers, medium, z)
+    longest = min(left, LONGEST)
     while True:
-        length = min(until_kink(law_numbers, law.kinks, medium, begin, h), left)
-        state, error = slip_step(law_numbers, medium, begin, length)
-        allowed = max(body.tolerance * speed_scale(law_numbers, medium, begin, length), _UNDERFLOW)
-        after = next_length(length, error, allowed)
-        fine = error <= allowed
-        if fine and begin.z == 0.0 and state.z < 0.0 and length > _SHORTEST:
-            turn = begin.rate if begin.rate != 0.0 else bend(law_numbers, medium, begin)
-            if turn > 0.0:  # it left the belt, and came back within the step
-                fine, after = False, 0.5 * length
-        if fine:
+        order, share, unit, after = expand(
+            law.numbers, medium, 0.0, z, min(unit, left), longest, body.tolerance, work
+        )
+        if share > 0.0:
             break
-        if not after > _SHORTEST * _SHORTEST:
-            return Advance(length, NOTHING, SlipState(math.inf, math.inf, math.inf), 0.0)
-        h = after
-    after = max(after, h)  # the step was short for the sake of a kink or of the inputs
-    if state.z < 0.0:
-        length, state = cut_step(law_numbers, medium, begin, length, False, 0.0)
-        return Advance(length, CONTACT, state, 0.0)
-    if may_meet_belt(begin, state, length):
-        s, lowest = cut_step(law_numbers, medium, begin, length, True, 0.0)
-        if lowest.z < 0.0:
-            s, lowest = cut_step(law_numbers, medium, begin, s, False, 0.0)
-            return Advance(s, CONTACT, lowest, 0.0)
-    return Advance(length, NOTHING, state, after)
+        unit = after
+        if not unit > _SHORTEST:
+            return Advance(left, NOTHING, 0, unit, math.inf)
+    if trial > unit:
+        after = max(after, trial)  # the step was short for the sake of the inputs
+    contact = find_contact(work, order, share)
+    if contact < share or contact == 0.0:
+        return Advance(contact * unit, CONTACT, order, unit, 0.0)
+    return Advance(left if share >= left / unit else share * unit, NOTHING, order, unit, after)
+
+
+def find_contact(work: MutableSequence[float], order: int, share: float) -> float:
+    """Return the share of the unit at which the relative speed, begun at 0 or above, falls through 0.
+
+    Args:
+        work: The row of work; the rate of the relative speed may be written.
+        order: Highest power of the relative speed.
+        share: Length of the step.
+
+    Returns:
+        ``share`` where it does not.
+    """
+    end, rate = value_and_slope(work, RELATIVE_SPEED, order, share)
+    if end >= 0.0 and work[RELATIVE_SPEED + 1] < 0.0 < rate:
+        share_low, lowest = find_turn(work, order, share, rate)
+        if lowest < 0.0:
+            return find_level(work, RELATIVE_SPEED, order, share_low, lowest, 0.0)
+    if end >= 0.0:
+        return share
+    row, last = RELATIVE_SPEED, RELATIVE_SPEED + order
+    while work[row] == 0.0 and row < last:  # it leaves the belt: this contact is divided out
+        row, end = row + 1, end / share
+    return find_level(work, row, last - row, share, end, 0.0) if work[row] > 0.0 else 0.0
 
 
 def friction_needed(medium: Medium, e: float) -> float:
@@ -257,7 +237,9 @@ def rounding_of(law: LawInUse, medium: Medium, e: float) -> float:
     return _ROUNDING * (inner + abs(e) + law.hold * abs(medium.force))
 
 
-def stick_advance(law: LawInUse, medium: Medium, e: float, stalled: int, left: float) -> Advance:
+def stick_advance(
+    law: LawInUse, medium: Medium, e: float, stalled: int, left: float, work: MutableSequence[float]
+) -> Advance:
     """Take one step of sticking, up to the release if it comes within the step.
 
     The friction needed, less what the belt can hold, is a parabola of the time on each side.
@@ -269,6 +251,7 @@ def stick_advance(law: LawInUse, medium: Medium, e: float, stalled: int, left: f
         stalled: How many steps in a row have had no length. After more than ``_STALLED`` of them a short
             step is taken without a check for release, so that time goes on.
         left: The longest that the step may be, in units of ``1/omega``.
+        work: Written: the series of the step, its displacement counted from the begin.
 
     Returns:
         The step, with the release that ends it (``RELEASE_FORWARD`` or ``RELEASE_BACKWARD``), or
@@ -286,12 +269,9 @@ def stick_advance(law: LawInUse, medium: Medium, e: float, stalled: int, left: f
             first = first_excess(0.0 if abs(excess) <= slack else excess, rate, side * medium.drift_rate)
             if first <= left and (event == NOTHING or first < length):
                 length, event = first, kind
-    return Advance(length, event, move_with_belt(medium, length), 0.0)
-
-
-def move_with_belt(medium: Medium, t: float) -> SlipState:
-    """Return the state after sticking for a time ``t`` [1/omega], its displacement counted from the begin."""
-    return SlipState(t * (medium.drift + 0.5 * medium.drift_rate * t), 0.0, 0.0)
+    work[PLACE], work[PLACE + 1], work[PLACE + 2] = 0.0, medium.drift, 0.5 * medium.drift_rate
+    work[RELATIVE_SPEED] = work[RELATIVE_SPEED + 1] = work[RELATIVE_SPEED + 2] = 0.0
+    return Advance(length, event, 2, 1.0, 0.0)
 
 
 def first_excess(value: float, rate: float, turn: float) -> float:
@@ -328,14 +308,14 @@ def phase_after_contact(law: LawInUse, medium: Medium, e: float, sign: int) -> i
 
 
 def write_samples(
-    law_numbers: Any, omega: float, step: Whole, samples: MotionSamples, cursor: int, end: float
+    work: Sequence[float], omega: float, whole: Whole, samples: MotionSamples, cursor: int, end: float
 ) -> int:
     """Write the samples that lie within a step to ``samples``.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.numbers`.
+        work: The series of the step.
         omega: Natural frequency [rad/s].
-        step: The step.
+        whole: The step.
         samples: The samples, written.
         cursor: How many are written already.
         end: Where the piece of the inputs ends with the step [s], else infinity.
@@ -343,22 +323,20 @@ def write_samples(
     Returns:
         How many are written in all.
     """
-    medium, side = step.medium, 1.0 if step.phase >= 0 else -1.0
+    medium, side = whole.medium, 1.0 if whole.phase >= 0 else -1.0
+    length, _, order, unit, _ = whole.step
     while cursor < len(samples.times) and samples.times[cursor] <= end:
-        t = max((samples.times[cursor] - step.base) - step.time - step.rest, 0.0) * omega
-        if t > step.length and end == math.inf:
+        t = max((samples.times[cursor] - whole.base) - whole.time - whole.rest, 0.0) * omega
+        if t > length and end == math.inf:
             break
-        t = min(t, step.length)
-        state = step.after
-        if step.phase == 0:
-            state = move_with_belt(medium, t)
-        elif t < step.length:
-            state = slip_step(law_numbers, medium, step.begin, t).state
-        samples.displacement[cursor] = (step.e + side * state.e) / omega
-        samples.velocity[cursor] = side * (medium.drift + medium.drift_rate * t - state.z)
-        samples.acceleration[cursor] = omega * (side * (medium.drift_rate - state.rate))
-        samples.relative_speed[cursor] = side * state.z
-        samples.phase[cursor] = step.phase
+        t = min(t, length)
+        e, _ = value_and_slope(work, PLACE, order, t / unit)
+        z, rate = value_and_slope(work, RELATIVE_SPEED, order, t / unit)
+        samples.displacement[cursor] = (whole.e + side * e) / omega
+        samples.velocity[cursor] = side * (medium.drift + medium.drift_rate * t - z)
+        samples.acceleration[cursor] = omega * (side * (medium.drift_rate - rate / unit))
+        samples.relative_speed[cursor] = side * z
+        samples.phase[cursor] = whole.phase
         cursor += 1
     return cursor
 
@@ -376,12 +354,19 @@ def recenter_medium(law: LawInUse, medium: Medium, e: float, z: float) -> Medium
 
 
 def march(
-    law: LawInUse, body: Body, lines: Lines, now: Now, samples: MotionSamples, log: TransitionLog
+    law: LawInUse,
+    body: Body,
+    lines: Lines,
+    now: Now,
+    samples: MotionSamples,
+    log: TransitionLog,
+    work: MutableSequence[float],
 ) -> tuple[int, int, float, float, float, float, int, float, int, int, int, int, int]:
     """Follow the motion to the end of the inputs, or until ``log`` is full; then it may be called again.
 
-    Writes ``samples`` and ``log``. The status is ``DONE``, ``EVENTS_FULL`` where the log is full,
-    ``EXHAUSTED`` where the limit of steps is reached, or ``NOT_FINITE`` where the state overflows.
+    Writes ``samples`` and ``log``, and in ``work`` the series of each step. The status is ``DONE``,
+    ``EVENTS_FULL`` where the log is full, ``EXHAUSTED`` where the limit of steps is reached, or
+    ``NOT_FINITE`` where the state overflows.
 
     Returns:
         The fields of :class:`Now` as a plain tuple. Compiled code makes a named one by a call of Python,
@@ -399,23 +384,22 @@ def march(
             status = EVENTS_FULL if events >= len(log.time) else EXHAUSTED
             continue
         steps, e, side = steps + 1, omega * x, 1.0 if phase >= 0 else -1.0
-        medium, begin = medium_at(law, body, lines, piece, time, side), SlipState(0.0, 0.0, 0.0)
+        medium = medium_at(law, body, lines, piece, time, side)
         if phase == 0:
-            step = stick_advance(law, medium, e, stalled, left * omega)
+            step = stick_advance(law, medium, e, stalled, left * omega, work)
         else:
             slips += 1
             medium = recenter_medium(law, medium, side * e, side * z)
-            begin = SlipState(0.0, side * z, acceleration(law.numbers, medium, 0.0, side * z))
-            step = slip_advance(law, body, medium, begin, trial, left * omega)
-        h, event, after, trial = step
-        if not (abs(after.e) < math.inf and abs(after.z) < math.inf):
+            step = slip_advance(law, body, medium, side * z, trial, left * omega, work)
+        h, event, order, unit, trial = step
+        e_after, z_after = place_and_speed(work, order, h / unit)
+        if not (trial < math.inf and abs(e_after) < math.inf and abs(z_after) < math.inf):
             status = NOT_FINITE
             continue
-        whole = Whole(base, time, rest, e, phase, medium, begin, h, after)
+        whole = Whole(base, time, rest, e, phase, medium, step)
         is_last = event == NOTHING and h >= left * omega
-        until = end if is_last else math.inf
-        cursor = write_samples(law.numbers, omega, whole, samples, cursor, until)
-        x, z = (e + side * after.e) / omega, side * after.z
+        cursor = write_samples(work, omega, whole, samples, cursor, end if is_last else math.inf)
+        x, z = (e + side * e_after) / omega, side * z_after
         stalled = stalled + 1 if h == 0.0 else 0
         # What rounding takes from the time is kept.
         more = h / omega + rest

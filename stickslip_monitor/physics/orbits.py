@@ -30,7 +30,6 @@ from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics import scalar_law as scalar_laws
 from stickslip_monitor.physics import series, slip_series
-from stickslip_monitor.physics import slip_step as slip_steps
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw
 from stickslip_monitor.physics.numerics import gauss_rule
@@ -43,8 +42,7 @@ from stickslip_monitor.physics.scalar_law import (
     series_law,
 )
 from stickslip_monitor.physics.series import PLACE, RELATIVE_SPEED, find_level, new_work, place_and_speed
-from stickslip_monitor.physics.slip_series import expand
-from stickslip_monitor.physics.slip_step import Medium, acceleration
+from stickslip_monitor.physics.slip_series import LONGEST, Medium, acceleration, expand, first_unit
 
 # How an orbit ended: steps ran out, at a turn, on the belt, past the place that could hold it, at
 # rest, or, back in time, from far outside.
@@ -211,7 +209,7 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
         _Effort.steps += int(written[-1])
         begun += 1
     if begun < n:
-        modules = import_module(__name__), slip_steps, slip_series, series, scalar_laws
+        modules = import_module(__name__), slip_series, series, scalar_laws
         loop = jit.compiled('follow_each', *modules, law=law.module, inline=False)
         loop(law.compiled.numbers, *shared, rows[begun:], plain, np.array(work), out[begun:])
     end, time, place, first, second, gain, _ = out.T
@@ -270,15 +268,12 @@ def follow_one(
     if drift:
         rest = -acceleration(law_numbers, medium, 0.0, 1.0)
     energy = _motion_energy(e - rest, z - drift)
-    stiffness = abs(
-        medium.force * medium.speed * friction_slope(law_numbers, medium.origin + medium.speed * z)
-    )
-    unit = route.direction * 0.1 / (1.0 + medium.damping + min(stiffness, 1e6))
+    unit = route.direction * first_unit(law_numbers, medium, z)
     side = z - drift or route.direction * acceleration(law_numbers, medium, e, z)
     time, turns, first, second, end, gain, steps = 0.0, 0, math.nan, math.nan, EXHAUSTED, 0.0, 0
     for _ in range(route.max_steps):
         steps += 1
-        order, share, now, unit = expand(law_numbers, medium, e, z, unit, route.error, work)
+        order, share, now, unit = expand(law_numbers, medium, e, z, unit, LONGEST, route.error, work)
         if not abs(unit) > _SHORTEST:
             break
         e_after, z_after = place_and_speed(work, order, share)

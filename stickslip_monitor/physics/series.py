@@ -7,7 +7,7 @@ places of the row. Plain functions of numbers, which run as they stand and compi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 
 # Highest power of the time: 12 takes 40 % longer in a noisy table, and 20 no less. And places of a series.
 ORDER = 16
@@ -46,6 +46,24 @@ def value_and_slope(work: Sequence[float], row: int, order: int, share: float) -
     for k in range(order - 1, -1, -1):
         slope, value = slope * share + value, value * share + work[row + k]
     return value, slope
+
+
+def find_turn(
+    work: MutableSequence[float], order: int, share: float, rate: float, close: float = 0.0
+) -> tuple[float, float]:
+    """Return the share of the unit at which the relative speed turns, and the relative speed there.
+
+    Args:
+        work: The row of work; written: the rate of the relative speed.
+        order: Highest power of the relative speed.
+        share: Share by which it has turned.
+        rate: Its rate there, of another sign than that at the begin.
+        close: What may be left of that rate, as a share.
+    """
+    for k in range(order):
+        work[RATE + k] = (k + 1.0) * work[RELATIVE_SPEED + k + 1]
+    turn = find_level(work, RATE, order - 1, share, rate, 0.0, close * abs(rate))
+    return turn, value_and_slope(work, RELATIVE_SPEED, order, turn)[0]
 
 
 def find_level(

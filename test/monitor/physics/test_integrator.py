@@ -15,12 +15,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from stickslip_monitor import jit
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import exact_cycle
-from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import Coulomb, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.integrator import Drive, Motion, MotionOutcome, MotionState, Phase, integrate
 
 REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
@@ -275,6 +276,70 @@ def test_many_cycles_do_not_drift() -> None:
     assert (releases[-1] - releases[0]) / (releases.size - 1) == pytest.approx(exact.period, rel=1e-12)
     for x in (motion.displacement[:2001], motion.displacement[2001:]):
         assert 0.5 * np.ptp(x) == pytest.approx(exact.amplitude, rel=1e-5)
+
+
+def slip_flow(bearing: Bearing, side: int, since: float, speed: np.poly1d, load: np.poly1d):
+    """``(x', x'')`` of a slip on a side of the belt, with speed and load by the time since an instant."""
+    top = float(bearing.friction.coefficient(1e-300))
+
+    def flow(t: float, y: np.ndarray) -> list[float]:
+        relative = side * (speed(t - since) - y[1])
+        mu = float(bearing.friction.coefficient(relative)) if relative > 0.0 else top
+        force = load(t - since) * side * mu - bearing.damping * y[1] - bearing.stiffness * y[0]
+        return [y[1], force / bearing.mass]
+
+    return flow
+
+
+def follow_independently(bearing: Bearing, drive: Drive, motion: Motion, x: float, v: float) -> np.ndarray:
+    """Displacement and velocity by scipy's DOP853 at the ends of all pieces of a motion, shape (n, 3).
+
+    It changes its phase when the motion does, and has no other number of it. The third column is what
+    must vanish where a phase ends: the relative speed at a contact, the share of the limit that is
+    missing at a release; else 0.
+    """
+    changes = motion.transitions
+    phase, time, rows = motion.start.phase, drive.start, []
+    for end in np.union1d(changes.time, drive.time[1:]).tolist():
+        piece = int(np.searchsorted(drive.time, end)) - 1
+        since, length = drive.time[piece], drive.time[piece + 1] - drive.time[piece]
+        speed, load = (np.poly1d([np.diff(y)[piece] / length, y[piece]]) for y in (drive.speed, drive.load))
+        if phase == Phase.STICK:
+            x, v = x + 0.5 * (speed(time - since) + speed(end - since)) * (end - time), speed(end - since)
+        else:
+            flow = slip_flow(bearing, phase, since, speed, load)
+            way = solve_ivp(flow, (time, end), (x, v), 'DOP853', rtol=1e-13, atol=1e-18, max_step=2e-4)
+            x, v = way.y[:, -1].tolist()
+        miss = 0.0
+        for after in changes.after[changes.time == end]:
+            if phase == Phase.STICK:
+                need = bearing.mass * speed[1] + bearing.damping * v + bearing.stiffness * x
+                miss = 1.0 - after * need / (bearing.friction.static * load(end - since))
+            else:
+                miss = speed(end - since) - v
+            phase = after
+        rows.append((x, v, miss))
+        time = end
+    return np.array(rows)
+
+
+@pytest.mark.parametrize('law', [*LAWS, Stretched(0.3, 0.1, 10.0), Stretched(0.3, 0.1, 10.0, 0.0, 1.5)])
+def test_motion_is_that_of_an_independent_integrator(law: Stribeck) -> None:
+    """Sticks, slips, overtakes and a belt that reverses, with load and speed that change in each piece."""
+    bearing = replace(REFERENCE, friction=law)
+    drive = Drive.sampled([0.0, 0.11, 0.2, 0.33], [0.06, 0.01, -0.05, -0.03], [1500.0, 900.0, 400.0, 2100.0])
+    first = integrate(bearing, drive, MotionState(4e-4, 0.01), compiled=False)
+    assert {(Phase.FORWARD, Phase.STICK), (Phase.STICK, Phase.BACKWARD)} <= set(
+        zip(first.transitions.before.tolist(), first.transitions.after.tolist(), strict=True)
+    )
+    times = np.union1d(first.transitions.time, drive.time[1:])
+    motion = integrate(bearing, drive, MotionState(4e-4, 0.01), times, compiled=False)
+    x, v, miss = follow_independently(bearing, drive, motion, 4e-4, 0.05).T
+    # The steps of the other method pass the points of a table as they come.
+    close = 1e-10 if isinstance(law, Tabulated) else 1e-12
+    assert motion.displacement == pytest.approx(x, abs=close * np.ptp(x))
+    assert motion.velocity == pytest.approx(v, abs=close * np.ptp(v))
+    assert np.max(np.abs(miss)) < close
 
 
 def random_case(seed: int) -> tuple[Bearing, Drive]:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The integrator where numbers break, against other methods and closed forms.
 
-The exact cycle is another method (Runge-Kutta steps of one slip phase), which test/physics holds
+The exact cycle is one slip phase at constant speed and load, which test/physics holds
 to Taylor series in 40 digits at the same hard places.
 """
 

@@ -21,8 +21,7 @@ from stickslip_monitor.physics.series import (
     new_work,
     place_and_speed,
 )
-from stickslip_monitor.physics.slip_series import expand
-from stickslip_monitor.physics.slip_step import Medium
+from stickslip_monitor.physics.slip_series import Medium, expand
 
 COURSE = [0.9, -0.4, 0.3, -0.05, 0.02, 0.01]  # of a relative speed in powers of the time, unit 0.2 m/s
 UNIT, ORIGIN = 0.2, 0.05
@@ -88,7 +87,9 @@ def test_a_kink_that_no_breakpoint_names_is_found():
 
 def test_a_step_without_friction_is_a_swing():
     numbers, work = series_law(Coulomb(0.0, 0.0)).plain.numbers, new_work()
-    order, share, unit, _ = expand(numbers, Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0), 1.0, 0.0, 0.8, 1e-13, work)
+    order, share, unit, _ = expand(
+        numbers, Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0), 1.0, 0.0, 0.8, 1.0, 1e-13, work
+    )
     t = share * unit
     assert 0.5 < t <= 1.0
     assert order == ORDER
@@ -101,6 +102,6 @@ def test_a_step_ends_just_past_a_point_of_a_table():
     law = Tabulated([0.0, 0.5, 1.0], [0.3, 0.2, 0.15])
     numbers, work = series_law(law).plain.numbers, new_work()
     medium = Medium(1.0, 3.0, 0.04, 0.0, 0.0, 1.0)
-    order, share, *_ = expand(numbers, medium, 0.5, 0.4, 0.5, 1e-13, work)
+    order, share, *_ = expand(numbers, medium, 0.5, 0.4, 0.5, 1.0, 1e-13, work)
     assert place_and_speed(work, order, share)[1] == pytest.approx(0.5 + 1e-8, abs=8e-9)
     assert scalar_law(law).plain.kinks == (0.5, 1.0)
