@@ -35,7 +35,7 @@ def plural(number: int, noun: str) -> str:
     return f'{number} {noun}{"" if number == 1 else "s"}'
 
 
-MOST_NAMED = 10
+MAX_NAMED = 10
 """Topics, files or texts that a sentence lists: more fill a terminal, and show nothing new."""
 
 
@@ -45,12 +45,12 @@ def join_names(texts: Sequence[str], separator: str = ', ') -> str:
     >>> join_names([*'abcdefghijkl'])
     'a, b, c, d, e, f, g, h, i, j and 2 more'
     """
-    more = f' and {len(texts) - MOST_NAMED} more' if len(texts) > MOST_NAMED else ''
-    return separator.join(texts[:MOST_NAMED]) + more
+    more = f' and {len(texts) - MAX_NAMED} more' if len(texts) > MAX_NAMED else ''
+    return separator.join(texts[:MAX_NAMED]) + more
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Return up to ten texts in quotation marks, and how many more there are."""
+    """Return up to ten texts in quotation marks, with commas between, and how many more there are."""
     return join_names([f"'{text}'" for text in texts])
 
 

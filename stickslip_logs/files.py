@@ -17,8 +17,6 @@ from typing import IO
 from stickslip_logs.errors import did_you_mean
 
 DRAFT = '.draft'
-# A draft younger than this may not be held yet [s].
-_SETTLED = 10.0
 KINDS = {
     stat.S_IFIFO: 'a pipe',
     stat.S_IFSOCK: 'a socket',
@@ -87,7 +85,7 @@ def _check_kind(path: str | Path, mode: int) -> None:
         raise OSError(errno.EINVAL, f'it is {kind}, not a file', str(path))
 
 
-def hold(number: int) -> bool:
+def lock_draft(number: int) -> bool:
     """Lock an open draft, by its descriptor, until it is closed; return whether that was possible.
 
     It is not where another process has locked the draft, nor on a file system without locks.
@@ -99,15 +97,15 @@ def hold(number: int) -> bool:
     return True
 
 
-def sweep(folder: Path, name: str) -> None:
+def remove_drafts(folder: Path, name: str) -> None:
     """Delete the drafts of an output that are older than 10 s and that no process has locked.
 
-    Their writers were killed. Drafts that cannot be deleted are left. ``name`` is that of the output in
-    ``folder``.
+    Their writers were killed; a younger one may not be locked yet. Drafts that cannot be deleted are left.
+    ``name`` is that of the output in ``folder``.
     """
     for draft in folder.glob(f'{glob.escape(name)}.*{DRAFT}'):
         with contextlib.suppress(OSError), contextlib.ExitStack() as opened:
             number = os.open(draft, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
             opened.callback(os.close, number)
-            if time.time() - draft.stat().st_mtime > _SETTLED and hold(number):
+            if time.time() - draft.stat().st_mtime > 10.0 and lock_draft(number):
                 shutil.rmtree(draft) if draft.is_dir() else draft.unlink()

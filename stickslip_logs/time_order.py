@@ -99,10 +99,12 @@ class TimeCourse:
     """Course of a recording: what to add to its times, and how long rows wait for their turn.
 
     Attributes:
+        shifts: What to add to the times as written, as :meth:`follow` does.
         wait_ns: The longest that a row comes behind a later one [ns]; None where all have to be sorted.
         is_unordered: Whether rows were written in another order than they happened.
         steps_ns: By how much the clock was set back, each time [ns].
-        ahead_count: Times that leapt ahead and came back.
+        ahead_count: Times that jumped ahead and came back.
+        late_count: Rows that are written later or earlier than they belong, and are sorted.
         start_ns: The first resulting time [ns], None where there is none.
         end_ns: The last resulting time [ns], likewise.
         gap_ns: The longest time without rows [ns], where it is far longer than all the rest; else 0.

@@ -11,15 +11,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from stickslip_logs.files import DRAFT, KINDS, hold, near_name, open_file, read_file, sweep
+from stickslip_logs.files import DRAFT, KINDS, lock_draft, near_name, open_file, read_file, remove_drafts
 from stickslip_monitor.errors import ConfigurationError, OutputError
 
 __all__ = [
     'PICTURES',
     'check_replaceable',
-    'hold',
     'holds_mark',
     'is_same',
+    'lock_draft',
     'near_name',
     'open_file',
     'printable',
@@ -27,8 +27,8 @@ __all__ = [
     'read_json',
     'read_token',
     'redirect_to_null',
+    'remove_drafts',
     'replace_file',
-    'sweep',
     'write_whole',
 ]
 
@@ -165,11 +165,11 @@ def replace_file(target: Path, data: bytes) -> None:
         OSError: It cannot be written; what was there stays.
     """
     name = f'.{target.name[:100]}'
-    sweep(target.parent, name)
+    remove_drafts(target.parent, name)
     draft = target.with_name(f'{name}.{os.urandom(8).hex()}{DRAFT}')
     try:
         with draft.open('xb') as file:
-            hold(file.fileno())
+            lock_draft(file.fileno())
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

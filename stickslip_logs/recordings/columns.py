@@ -44,21 +44,21 @@ class LogColumn:
 class SourceColumn:
     """A column as the sensor of an input would have sent it: ``(ratio x - offset) / scale``.
 
-    ``kept`` are numbers that mean "no value", and have no unit. ``status`` is the place of the column that
-    says whether its numbers count, if there is one. With a ``timeout`` [s] of its input other senders of the
-    same number count while the first one is silent.
+    ``no_values`` are numbers that mean "no value", and have no unit. ``status`` is the place of the column
+    that says whether its numbers count, if there is one. With a ``timeout`` [s] of its input other senders of
+    the same number count while the first one is silent.
     """
 
     column: LogColumn
     ratio: float = 1.0
     scale: float = 1.0
     offset: float = 0.0
-    kept: tuple[float, ...] = ()
+    no_values: tuple[float, ...] = ()
     status: int | None = None
     timeout: float | None = None
 
     def sent(self, values: FloatArray) -> FloatArray:
-        """Return numbers of the column as the sensor would have sent them; those in ``kept`` unchanged.
+        """Return numbers of the column as the sensor would have sent them; those in ``no_values`` unchanged.
 
         Numbers that become too large are infinite. Without a conversion the array itself is returned.
         """
@@ -66,4 +66,4 @@ class SourceColumn:
             return values
         with np.errstate(over='ignore'):  # infinite is no value either
             sent = (values * self.ratio - self.offset) / self.scale
-        return np.where(np.isin(values, self.kept), values, sent)
+        return np.where(np.isin(values, self.no_values), values, sent)

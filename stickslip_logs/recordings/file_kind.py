@@ -13,7 +13,7 @@ from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.mcap_chunks import MAGIC
 from stickslip_logs.recordings.sqlite_recording import MAGIC as SQLITE_MAGIC
-from stickslip_logs.tables.text_file import PACKED, ZSTD, unpacked_begin
+from stickslip_logs.tables.text_file import BEGIN_BYTES, PACKED, ZSTD, unpacked_begin
 
 MCAP, SQLITE, TABLE, UNKNOWN = 'mcap', 'sqlite', 'table', 'unknown'
 """Kinds of content; a table is text with cells or Parquet."""
@@ -51,15 +51,9 @@ _LOADERS = {
 _OTHER_LOADER = 'mysql NEW < {0}', "mysql --batch NEW -e 'SELECT * FROM TABLE' > NEW.tsv"
 # Measurement and tags, fields, and a time of 10 digits [s] to 19 [ns].
 _INFLUX_LINE = re.compile(rb'([^\s,=#]+)(?:,[^\s,=]+=[^\s,]+)* [^\s,=]+=(?:"[^"]*"|[^\s,"]+)\S* \d{10,19}\s*')
-# Bytes that are looked at.
-_LOOK = 4096
-# Where a dump says what it is: behind a comment or two [bytes].
-_DUMP_LOOK = 300
 # STX and ETX frame the lines of some instruments, and SUB ends texts of DOS.
 _CONTROLS = re.compile(rb'[\x01\x04-\x08\x0e-\x19\x1b-\x1f\x7f]')
 _CELL_MARKS = b',', b';', b'\t', b'|', b' '
-# Where the name of its format stands in a tar archive.
-_TAR = slice(257, 262)
 _RECORDING = re.compile(r'.*\.(?:mcap|mcap\.active|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 _SQLITE = re.compile(r'.*\.db3(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 _TABLE = re.compile(r'.*\.(?:csv|tsv|parquet)(?:\.gz)?', re.IGNORECASE | re.DOTALL)
@@ -95,7 +89,7 @@ def read_content(path: Path) -> Content:
     if remedy := _remedy_for_text(inner):
         raise BagError(f"'{path}' is {remedy.format(path)}")
     is_damaged = is_packed and not inner and not begin.startswith(ZSTD)
-    # Who reads a damaged table says what is wrong with its packing.
+    # The reader of a damaged table reports what is wrong with its packing.
     is_table = is_damaged or inner.startswith((b'PAR1', b'\xff\xfe', b'\xfe\xff')) or _is_text(inner)
     return Content(TABLE if is_table else UNKNOWN, inner)
 
@@ -108,12 +102,12 @@ def read_begin(path: Path) -> bytes:
     """
     try:
         with open_file(path) as file:
-            begin: bytes | None = file.read(_LOOK)
+            begin: bytes | None = file.read(BEGIN_BYTES)
         if begin is None:
             raise OSError(errno.EAGAIN, 'it has nothing to read yet')
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be read: {cause(error)}") from None
-    if begin[_TAR] == b'ustar':
+    if begin[257:262] == b'ustar':
         raise BagError(f"'{path}' is a tar archive: unpack it")
     for magic, kind in _FOREIGN:
         if begin.startswith(magic):
@@ -129,7 +123,8 @@ def _remedy_for_text(begin: bytes) -> str:
 
     The result is the end of a sentence, with ``{0}`` or ``{}`` in place of the path.
     """
-    if dump := _SQL_DUMP.search(begin[:_DUMP_LOOK]):
+    # A dump names its program behind a comment or two.
+    if dump := _SQL_DUMP.search(begin[:300]):
         program = dump[1] or b''
         load, write = _LOADERS.get(program, _OTHER_LOADER)
         return (

@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-from stickslip_logs.errors import MOST_NAMED, BagError, cause, listed, plural
+from stickslip_logs.errors import MAX_NAMED, BagError, cause, listed, plural
 from stickslip_logs.files import near_name, read_file
 from stickslip_logs.recordings import file_kind
 from stickslip_logs.recordings.file_kind import (
@@ -38,11 +38,8 @@ from stickslip_logs.recordings.sqlite_recording import SqliteRecording, open_dat
 from stickslip_logs.tables.table_file import is_number_table
 from stickslip_logs.tables.text_file import ZSTD
 
-# Parts of one recording lap over by less than that, and are not further apart [ns].
-_OVERLAP_NS, _APART_NS = 10**9, 3600 * 10**9
-# Of metadata: ten thousand topics or files [bytes].
-_LARGEST = 8 << 20
-_DEEPEST = 30
+# Room for ten thousand topics or files [bytes].
+_MAX_METADATA_BYTES = 8 << 20
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _NOT_METADATA = (
     yaml.YAMLError,
@@ -87,18 +84,18 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
     return list(bags.values())
 
 
-def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
+def describe_unchecked(paths: Iterable[str | Path], checked: Iterable[str | Path]) -> str:
     """Return a sentence that names files of data under some paths that are not checked.
 
     Args:
         paths: Files and folders that are to be checked.
-        found: What is checked, and what is read for another purpose.
+        checked: What is checked, and what is read for another purpose.
 
     Returns:
         The sentence; empty where everything else is excluded by a rule: hidden and empty files,
         documents, pictures, programs, and texts without lines of numbers.
     """
-    checked = {os.path.realpath(path) for path in found}
+    read = {os.path.realpath(path) for path in checked}
     unread = {
         folder / name
         for path in map(Path, paths)
@@ -106,7 +103,7 @@ def left_out(paths: Iterable[str | Path], found: Iterable[str | Path]) -> str:
         for name in names
         if _kind_of(folder / name) in (_LOG, _OTHER)
     }
-    files = sorted(str(file) for file in unread if os.path.realpath(file) not in checked)
+    files = sorted(str(file) for file in unread if os.path.realpath(file) not in read)
     if not files:
         return ''
     return (
@@ -143,7 +140,7 @@ def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list
         # Drafts of recordings that are being written begin with a dot.
         folders[:] = [name for name in folders if not name.startswith('.')]
         subfolder = Path(where)
-        # A link that leads nowhere stays: whoever reads it says so.
+        # A link that leads nowhere stays: its reader reports it.
         names = [
             name
             for name in files
@@ -250,7 +247,7 @@ def are_consecutive(files: Sequence[McapFile | SqliteRecording]) -> bool:
     """
     spans = [(f.start_ns, f.end_ns) for f in files if f.start_ns is not None]
     return all(
-        -_OVERLAP_NS <= (start or 0) - (end or 0) <= _APART_NS
+        -(10**9) <= (start or 0) - (end or 0) <= 3600 * 10**9
         for (_, end), (start, _) in itertools.pairwise(spans)
     )
 
@@ -332,7 +329,7 @@ def _report_missing_numbers(names: Sequence[str], findings: Findings) -> None:
     first, last = min(numbers, default=0), max(numbers, default=0)
     if last - first < 2 * len(numbers):
         lacking = sorted({*range(first, last)} - numbers)
-        for number in lacking[:MOST_NAMED]:
+        for number in lacking[:MAX_NAMED]:
             findings.lose(f'file {number} is missing between those of the lower and the higher numbers')
 
 
@@ -354,10 +351,10 @@ def _complete_metadata(folder: Path, metadata: Metadata, present: list[str], fin
     by_name = {compose_letters(name): name for name in present}
     names = [by_name[name] for name in map(compose_letters, metadata.names) if name in by_name]
     missing = [name for name in metadata.names if compose_letters(name) not in by_name]
-    for name in missing[:MOST_NAMED]:
+    for name in missing[:MAX_NAMED]:
         findings.lose(f"file '{name}' is listed in {METADATA_NAME} but missing")
-    if len(missing) > MOST_NAMED:
-        findings.lose(f'{len(missing) - MOST_NAMED} more files that it lists are missing')
+    if len(missing) > MAX_NAMED:
+        findings.lose(f'{len(missing) - MAX_NAMED} more files that it lists are missing')
     if not names:
         raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
     count = metadata.count
@@ -385,7 +382,7 @@ def read_metadata(folder: Path) -> Metadata | str:
     """
     path = folder / METADATA_NAME
     try:
-        information = _load_yaml(read_file(path, _LARGEST))[METADATA_ROOT]
+        information = _load_yaml(read_file(path, _MAX_METADATA_BYTES))[METADATA_ROOT]
         storage = information.get('storage_identifier', 'mcap')
         mode = str(information.get('compression_mode') or 'none').lower()
         format_ = str(information.get('compression_format') or 'zstd').lower()
@@ -414,13 +411,13 @@ def _load_yaml(data: bytes) -> Any:
     """Load YAML within limits.
 
     Raises:
-        ValueError: It has aliases, which rosbag2 does not write, or is nested too deeply.
+        ValueError: It has aliases, which rosbag2 does not write, or is nested more than 30 deep.
         yaml.YAMLError: It is no YAML.
     """
     depth = 0
     for event in yaml.parse(data, _LOADER):
         depth += isinstance(event, yaml.CollectionStartEvent)
         depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST or isinstance(event, yaml.AliasEvent):
+        if depth > 30 or isinstance(event, yaml.AliasEvent):
             raise ValueError('it has aliases or is nested too deeply')
     return yaml.load(data, _LOADER)

@@ -11,14 +11,11 @@ import numpy as np
 from stickslip_logs.recordings.recording import DATES_FROM_NS, Request, Series
 from stickslip_logs.time_order import MAX_TIME_NS
 
-# No telemetry has more messages of a topic [1/s].
-_MAX_RATE = 1000.0
-
 
 def ask_for_time_unit(start_ns: int | None, end_ns: int | None, max_count: int) -> str:
     """Return a question to the owner where log times look like dates in another unit than ns; else empty.
 
-    They do where the messages of a topic are improbably dense, and in another unit are dates of 1973 to 2116.
+    They do where a topic has more than 1000 messages a second, and in another unit are dates of 1973 to 2116.
 
     Args:
         start_ns: The first log time [ns]; None without messages.
@@ -29,7 +26,7 @@ def ask_for_time_unit(start_ns: int | None, end_ns: int | None, max_count: int) 
         return ''
     rate = max_count / ((end_ns - start_ns) * 1e-9)
     for factor, unit in ((10**3, 'microseconds'), (10**6, 'milliseconds'), (10**9, 'seconds')):
-        if rate > _MAX_RATE and start_ns * factor >= DATES_FROM_NS and end_ns * factor <= MAX_TIME_NS:
+        if rate > 1000.0 and start_ns * factor >= DATES_FROM_NS and end_ns * factor <= MAX_TIME_NS:
             return (
                 f'log times are of January 1970, and one topic has {rate:.4g} messages a second:'
                 f' are they in {unit}, not in nanoseconds?'
@@ -40,8 +37,8 @@ def ask_for_time_unit(start_ns: int | None, end_ns: int | None, max_count: int) 
 MAX_PACE = 1.5
 """Clocks that were not rewritten never differ by this factor."""
 Part = Mapping[Request, Series]
-# Shorter series are too short to tell a pace, longer intervals are pauses [ns].
-_MIN_SERIES_NS, _MAX_INTERVAL_NS = 5 * 10**9, 60 * 10**9
+# Longer intervals are pauses [ns].
+_MAX_INTERVAL_NS = 60 * 10**9
 
 
 class LogTimes:
@@ -93,12 +90,12 @@ class LogTimes:
 def _measure_pace(series: Series) -> float | None:
     """Return the seconds of log time that pass in a second of stamps; None for a series without own stamps.
 
-    A series has none where its stamps equal its log times. Pauses and backward steps of either clock are left
-    out. A series of less than five seconds has the pace 1.
+    A series has none where its stamps equal its log times. Pauses of a minute and backward steps of either
+    clock are skipped. A series of less than five seconds is too short to tell a pace and has the pace 1.
     """
     if np.array_equal(series.log_time_ns, series.stamp_ns):
         return None
     log, stamp = np.diff(series.log_time_ns), np.diff(series.stamp_ns)
     usual = (log >= 0) & (log < _MAX_INTERVAL_NS) & (stamp >= 0) & (stamp < _MAX_INTERVAL_NS)
     passed = int(stamp[usual].sum())
-    return 1.0 if passed < _MIN_SERIES_NS else int(log[usual].sum()) / passed
+    return 1.0 if passed < 5 * 10**9 else int(log[usual].sum()) / passed

@@ -42,8 +42,6 @@ _WINDOW = 4 << 20
 _MAX_DEFINITION = 4 << 20
 # Shorter runs of messages of one length are not read as an array [bytes].
 _MIN_RUN = 1 << 16
-# Up to so many channels are looked for one by one, which is faster than to sort them.
-_MAX_UNSORTED = 8
 _ZEROS = re.compile(rb'\0*')
 # Plain numbers: members of an enumeration are looked up slowly.
 _MESSAGE = int(Opcode.MESSAGE)
@@ -55,8 +53,6 @@ MAX_CHUNK = 128 << 20
 _MAX_TRUNCATED = 32 << 20
 # Start and end [ns], size and checksum of what is compressed, length of the compression's name.
 CHUNK_HEAD = struct.Struct('<QQQII')
-# At least as long as what a chunk has in front of its compressed data [bytes].
-_MAX_CHUNK_HEAD = 200
 
 # A decompressor is fed in small pieces, so that an error inside costs only what follows it, and so
 # that none of them grows to more than some 20 MB.
@@ -150,7 +146,8 @@ def load_block(block: Block) -> bytes:
             has a wrong checksum.
         BagError: The file cannot be read.
     """
-    max_bytes = min(block.length, (_MAX_TRUNCATED if block.is_cut else MAX_CHUNK) + _MAX_CHUNK_HEAD)
+    # In front of its compressed data a chunk has less than 200 bytes.
+    max_bytes = min(block.length, (_MAX_TRUNCATED if block.is_cut else MAX_CHUNK) + 200)
     try:
         with open_file(block.path) as file:
             data = os.pread(file.fileno(), max_bytes, block.offset)
@@ -223,7 +220,8 @@ class Piece:
         """Yield each channel id that has messages, rising, and the indexes of these, shape (m,)."""
         counts = np.bincount(self.channel)
         keys = np.flatnonzero(counts)
-        if len(keys) <= _MAX_UNSORTED:
+        # To search for a few one by one is faster than to sort them.
+        if len(keys) <= 8:
             yield from ((key, np.flatnonzero(self.channel == key)) for key in keys.tolist())
             return
         rows = np.argsort(self.channel, kind='stable')

@@ -34,7 +34,7 @@ from stickslip_logs.recordings.mcap_chunks import (
     walk_records,
 )
 from stickslip_logs.recordings.mcap_heads import MAX_RECORD, RecordHeads
-from stickslip_logs.recordings.message_types import LONGEST_TEXT
+from stickslip_logs.recordings.message_types import MAX_DEFINITION_BYTES
 from stickslip_logs.recordings.recording import DATES_FROM_NS, Cut, Findings, encoding_problem
 
 
@@ -104,7 +104,7 @@ class McapFile:
             number, is_same = self._add_schema(stream) if is_schema else self._add_channel(stream)
         except PARSE_ERRORS:
             return False
-        if is_same and len(record) <= LONGEST_TEXT:
+        if is_same and len(record) <= MAX_DEFINITION_BYTES:
             self._records[key] = record
         elif not is_same and block is not None:
             users = [c.id for c in self.channels.values() if number == (c.schema_id if is_schema else c.id)]
@@ -125,7 +125,7 @@ class McapFile:
         """
         schema = Schema.read(stream)
         # A longer definition is not used, and not kept.
-        schema.data = schema.data[: LONGEST_TEXT + 1]
+        schema.data = schema.data[: MAX_DEFINITION_BYTES + 1]
         is_same = self.schemas.setdefault(schema.id, schema) == schema
         if not is_same:
             self._ambiguous.add(schema.id)
@@ -324,7 +324,7 @@ class FilePass:
         self.file = file
         self.counts: Counter[int] = Counter()
         self.is_over = False
-        self._most = self._left = limit_bytes(file.size)
+        self._max_bytes = self._left_bytes = limit_bytes(file.size)
 
     def charge(self, block: Block, size: int) -> None:
         """Charge memory to the pass; where its limit is exceeded, set ``is_over`` and report a loss.
@@ -333,12 +333,12 @@ class FilePass:
             block: The block that takes it.
             size: How much it takes [bytes].
         """
-        self._left -= size
-        if self._left < 0 and not self.is_over:
+        self._left_bytes -= size
+        if self._left_bytes < 0 and not self.is_over:
             self.is_over = True
             self.file.findings.lose(
                 f"file '{block.path.name}' was read to byte {block.offset}: what it holds grows to"
-                f' more than {self._most} bytes, the limit for its size'
+                f' more than {self._max_bytes} bytes, the limit for its size'
             )
 
     def read_groups(self, block: Block) -> Iterator[tuple[Piece, list[tuple[int, IntArray]]]]:

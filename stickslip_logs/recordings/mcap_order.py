@@ -30,10 +30,10 @@ from stickslip_logs.time_order import MAX_TIME_NS, Row, TimeCourse, TimeOrder
 _BYTE_BITS = 32
 # An index of messages: its channel, and how long its entries of a time and a byte are [bytes].
 _INDEX_BEGIN, _ENTRY_BYTES = HEAD.size + 6, 16
-# Larger blocks without indexes, which no recorder writes, are not looked into [bytes].
+# Larger blocks without indexes, which no recorder writes, are not searched [bytes].
 _MAX_WALKED_BYTES = 16 << 20
-# Pieces with fewer messages than one in so many bytes are sparse; no more of them are looked into in one
-# pass: what was made to grow has 160 MB of records of 9 bytes, which take 5 s [bytes].
+# Pieces with fewer messages than one in so many bytes are sparse; up to so many bytes of them are searched in
+# one pass: a file that was made to grow has 160 MB of records of 9 bytes, which take 5 s.
 _SPARSE_BYTES, _MAX_SPARSE_BYTES = 1 << 16, 32 << 20
 
 _NONE = np.empty(0, np.int64)

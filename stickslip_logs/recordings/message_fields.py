@@ -41,9 +41,9 @@ from stickslip_logs.recordings.message_types import (
 from stickslip_logs.recordings.recording import Fault, Request, Series, short_name
 
 # Beyond this a message is no telemetry, and its tokens would cost more than they save.
-_MOST_TOKENS = 500
+_MAX_TOKENS = 500
 # A type that contains itself has no end.
-_DEEPEST = 50
+_MAX_DEPTH = 50
 # Names of elements that messages for others have are reported; a robot has some dozen joints.
 _MAX_NAMES = 20
 
@@ -89,7 +89,7 @@ def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPat
     tokens: list[Token] = []
     numbers: dict[FieldPath, int] = {}
     for path, token in _list_tokens(definitions, short_name(root), ()):
-        if token is None or len(tokens) >= _MOST_TOKENS:
+        if token is None or len(tokens) >= _MAX_TOKENS:
             return None
         numbers[path] = len(tokens)
         tokens.append(token)
@@ -108,7 +108,7 @@ def _list_tokens(
     An array of numbers is one token, a text one without a length. A wstring, an array without a fixed size
     and too deep nesting have no layout.
     """
-    if len(prefix) > _DEEPEST:
+    if len(prefix) > _MAX_DEPTH:
         yield prefix, None
         return
     if not definitions[root]:

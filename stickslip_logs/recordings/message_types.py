@@ -33,18 +33,16 @@ NUMBERS: Mapping[str, str] = {
 }
 TEXTS = ('string', 'wstring')
 
-LONGEST_TEXT = 1 << 18
+MAX_DEFINITION_BYTES = 1 << 18
 """Longer definitions are none of telemetry; the longest of ROS 2 have some 60 kB [bytes]."""
-_MOST_DIGITS = 10
 # CDR counts items with 32 bits.
-_LONGEST_SEQUENCE = (1 << 32) - 1
+_MAX_LENGTH = (1 << 32) - 1
 
 _TYPE = re.compile(r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?P<bound><=)?(?P<number>\d*)\])?')
 _SEPARATOR = re.compile(r'^={3,}$', re.MULTILINE)
 _CONSTANT = re.compile(r'\S+\s+\w+\s*=')
 
 _BUILT_IN = Path(__file__).with_name('definitions.txt')
-_RULE = '=' * 80
 
 
 class SchemaError(Exception):
@@ -56,14 +54,14 @@ class Field:
     """A field of a type.
 
     ``base`` is a primitive or a type's name. ``array`` is how the definition writes that it is an
-    array, empty for none; ``size`` the length of a fixed one, ``most`` the largest of any.
+    array, empty for none; ``size`` the length of a fixed one, ``max_length`` the largest of any.
     """
 
     name: str
     base: str
     array: str = ''
     size: int | None = None
-    most: int = _LONGEST_SEQUENCE
+    max_length: int = _MAX_LENGTH
 
     @property
     def text(self) -> str:
@@ -90,8 +88,8 @@ def parse_schema(name: str, data: bytes) -> Definitions:
         SchemaError: It is too long or no text, a part has no name, a line is not a field, or a type is used
             but not defined.
     """
-    if len(data) > LONGEST_TEXT:
-        raise SchemaError(f'its definition is longer than {LONGEST_TEXT} letters, the limit')
+    if len(data) > MAX_DEFINITION_BYTES:
+        raise SchemaError(f'its definition is longer than {MAX_DEFINITION_BYTES} letters, the limit')
     try:
         first, *sections = _SEPARATOR.split(data.decode())
     except UnicodeDecodeError:
@@ -151,11 +149,12 @@ def _parse_field(line: str, package: str) -> Field:
     base, array, number = match['base'], match['array'] or '', match['number'] or ''
     if base not in NUMBERS and base not in TEXTS and '/' not in base:
         base = f'{package}/{base}'
-    if len(number) > _MOST_DIGITS or int(number or 0) > _LONGEST_SEQUENCE:
+    # Python refuses to read thousands of digits.
+    if len(number) > 10 or int(number or 0) > _MAX_LENGTH:
         raise SchemaError(f"its definition has the line '{line}', an array that is too long")
     if match['bound'] and not number:
         raise SchemaError(f"its definition has the line '{line}', a bound without a number")
-    max_length = int(number) if number else _LONGEST_SEQUENCE
+    max_length = int(number) if number else _MAX_LENGTH
     return Field(rest[0], base, array, max_length if number and not match['bound'] else None, max_length)
 
 
@@ -210,7 +209,7 @@ def _take_element(member: Field, steps: list[str | int | ByName], members: Mappi
         return
     if not isinstance(index, int):
         raise SchemaError(f"'{name}' is a {text}: name an element, e.g. {name}[0]")
-    if index >= member.most:
+    if index >= member.max_length:
         raise SchemaError(f"'{name}' is a {text}, which has no element {index}")
 
 
@@ -223,7 +222,7 @@ def definition_of(kind: str) -> str | None:
     if not _collect_texts(short_name(kind), parts):
         return None
     first, *referred = parts.items()
-    return first[1] + ''.join(f'{_RULE}\nMSG: {name}\n{text}' for name, text in referred)
+    return first[1] + ''.join(f'{"=" * 80}\nMSG: {name}\n{text}' for name, text in referred)
 
 
 def _collect_texts(name: str, parts: dict[str, str]) -> bool:
@@ -254,7 +253,7 @@ def _load_built_in() -> dict[str, str]:
 def _read_installed_type(name: str) -> str | None:
     """Return the text of a type from the packages of a sourced ROS 2; None where none has it.
 
-    A file that cannot be read, or has more than 256 KiB, is passed over.
+    A file that cannot be read, or has more than 256 KiB, is skipped.
 
     Args:
         name: The short name, as ``std_msgs/Float64``; None is returned for any other text.
@@ -265,7 +264,7 @@ def _read_installed_type(name: str) -> str | None:
     for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
         path = Path(prefix) / 'share' / package / 'msg' / f'{short_name}.msg'
         try:
-            return read_file(path, LONGEST_TEXT).decode('utf-8', 'replace').rstrip() + '\n'
+            return read_file(path, MAX_DEFINITION_BYTES).decode('utf-8', 'replace').rstrip() + '\n'
         except OSError:
             continue
     return None

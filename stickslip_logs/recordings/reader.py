@@ -30,7 +30,7 @@ from stickslip_logs.recordings.recording import METADATA_NAME, Findings, Recordi
 from stickslip_logs.recordings.sqlite_recording import MAGIC as SQLITE
 from stickslip_logs.recordings.sqlite_recording import SqliteRecording, open_database
 from stickslip_logs.recordings.table_recording import TableRecording
-from stickslip_logs.tables.text_file import ZSTD, opened
+from stickslip_logs.tables.text_file import ZSTD, open_unpacked
 
 _PIECE = 1 << 20
 
@@ -121,7 +121,7 @@ def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
     target = scratch.folder / path.stem
     max_bytes = limit_bytes(path.stat().st_size)
     try:
-        with opened(path) as packed, target.open('wb') as file:
+        with open_unpacked(path) as packed, target.open('wb') as file:
             try:
                 # One read of the file below at a time: what comes before its end is kept.
                 while piece := packed.read1(_PIECE):

@@ -17,13 +17,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.errors import MOST_NAMED, BagError, join_names
+from stickslip_logs.errors import MAX_NAMED, BagError, join_names
 from stickslip_logs.fields import FieldPath, parse_field
 
 METADATA_NAME, METADATA_ROOT = 'metadata.yaml', 'rosbag2_bagfile_information'
 """The file that describes a rosbag2 folder, and the key of all in it."""
-# Warnings that are listed: more say nothing new.
-_MAX_LISTED = 50
 
 
 class Scratch:
@@ -64,9 +62,9 @@ class Findings:
 
 
 def _first_texts(texts: list[str]) -> tuple[str, ...]:
-    """Return the first 50 texts, and one on how many more there are."""
-    more = len(texts) - _MAX_LISTED
-    return (*texts[:_MAX_LISTED], *([f'{more} more findings are not listed'] if more > 0 else []))
+    """Return the first 50 texts, and one on how many more there are: they say nothing new."""
+    more = len(texts) - 50
+    return (*texts[:50], *([f'{more} more findings are not listed'] if more > 0 else []))
 
 
 @dataclass(frozen=True, slots=True)
@@ -365,7 +363,7 @@ def encoding_problem(of: str, encoding: str, supported: str) -> str:
 
 def missing_topic(topics: Collection[str], name: str) -> str:
     """Return the error text on a missing topic, with up to ten that are there, similar names first."""
-    close = difflib.get_close_matches(name, topics, MOST_NAMED, cutoff=0.5)
+    close = difflib.get_close_matches(name, topics, MAX_NAMED, cutoff=0.5)
     ranked = [*close, *(topic for topic in topics if topic not in close)]
     return f"the recording has no topic '{name}': it has {join_names(ranked) or 'no topics'}"
 

@@ -23,7 +23,7 @@ import zstandard
 from mcap.records import Schema
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.errors import MOST_NAMED, BagError, plural
+from stickslip_logs.errors import MAX_NAMED, BagError, plural
 from stickslip_logs.recordings.mcap_chunks import MAX_CHUNK
 from stickslip_logs.recordings.message_fields import MessageReading, TopicNumbers
 from stickslip_logs.recordings.message_types import definition_of
@@ -48,8 +48,8 @@ _ERRORS = sqlite3.Error, MemoryError
 # A place in the recording is the number of a file above the rowid in it, as far as that is none that
 # damage made: 32,768 files of 2.8e14 messages.
 _ROWID_BITS = 48
-# Behind a damaged page reading goes on: the first step over it [row ids] doubles up to so many times.
-_FIRST_SKIP, _MAX_SKIPS = 64, 40
+# Behind a damaged page reading goes on: the first step over it [row ids] doubles up to 40 times.
+_FIRST_SKIP = 64
 Rows = list[tuple[Any, ...]]
 
 
@@ -118,7 +118,7 @@ class SqliteRecording(Recording):
                 database.text_factory = lambda raw: raw.decode('utf-8', 'replace')
                 yield database
         except (*_ERRORS, OSError, ValueError) as error:
-            raise BagError(_refuse_database(file, str(error))) from None
+            raise BagError(_refusal_text(file, str(error))) from None
 
     def _apply_journal(self, file: Path) -> Path:
         """Return the file; with a journal beside it, a copy into which the journal was played back.
@@ -224,7 +224,7 @@ class SqliteRecording(Recording):
             where: The condition, as SQL writes it; trusted.
         """
         begin, step, skips = -(1 << 63), _FIRST_SKIP, 0
-        while begin < 1 << 63 and skips <= _MAX_SKIPS:
+        while begin < 1 << 63 and skips <= 40:
             batch: Rows = []
             try:
                 cursor = database.execute(
@@ -298,7 +298,7 @@ class SqliteRecording(Recording):
             self._findings.note(text)
 
     def _judge_order(self, topics: Sequence[str]) -> TimeCourse:
-        """Return the course of the messages of some topics."""
+        """Return the course of the messages of some topics; may read parts of files again."""
         sources = [self._topic_numbers.get(topic, -1) for topic in topics]
         files = [number << _ROWID_BITS for number in range(1, len(self.files))]
         return self._order.course(sources, functools.partial(self._read_rows, topics), files)
@@ -468,7 +468,7 @@ class SqliteReading(MessageReading):
         return times, topic, stamps, values
 
 
-def _refuse_database(file: Path, problem: str) -> str:
+def _refusal_text(file: Path, problem: str) -> str:
     """Return the error text on a database that cannot be read; open it once more to name its tables.
 
     Args:
@@ -479,7 +479,7 @@ def _refuse_database(file: Path, problem: str) -> str:
         uri = f'{file.absolute().as_uri()}?mode=ro&immutable=1'
         with contextlib.suppress(*_ERRORS), contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
             query = "SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name"
-            names = [str(name) for (name,) in database.execute(query).fetchmany(MOST_NAMED)]
+            names = [str(name) for (name,) in database.execute(query).fetchmany(MAX_NAMED)]
             if names:
                 return (
                     f"'{file}' is a database and no recording of ROS 2: it has the tables {', '.join(names)};"

@@ -36,15 +36,13 @@ _VALUE = re.compile(r'(?:var|tag)? ?(?:value|val)|wert|payload')
 _UNIT = re.compile(r'units?(?: ?abbreviation)?|einheit|uom|eng(?:ineering)? ?units?')
 MAX_LETTERS = 20
 """Letters that are shown of a cell."""
-# Numbers for each time, from which on most share theirs.
-_SHARED_TIMES = 1.5
 
 
 class ColumnRecording(Recording):
     """A table as the recording that it stands for, without the way to its numbers.
 
-    Its topics are its columns, or the names in a table of one value a line, until it is told which of them
-    to deliver as which topics.
+    Its topics are its columns, or the names in a table of one value a line, until :meth:`deliver` chooses
+    which of them stand for which topics.
     """
 
     def __init__(self, path: Path) -> None:
@@ -79,7 +77,7 @@ class ColumnRecording(Recording):
         self.start_ns, self.end_ns = course.start_ns, course.end_ns
 
     def day_counter(self, clock: Clock) -> DayCounter:
-        """Return a counter of the days of a clock, before its first row."""
+        """Return a new counter of the days of a clock of times of the day; its first row is not added yet."""
         return DayCounter(_drop_untimed(self.table.head, clock)[1])
 
     def _shift_to_zero(self) -> None:
@@ -301,7 +299,7 @@ class ColumnRecording(Recording):
     def shares_times(self, column: LogColumn) -> bool:
         """Return whether a column has more than 1.5 cells for each time in the head: the clock is coarse."""
         times = self._rows_of(column, self.table.head)[1]
-        return bool(times.size > _SHARED_TIMES * np.unique(times).size)
+        return bool(times.size > 1.5 * np.unique(times).size)
 
     def _rows_of(self, column: LogColumn, rows: Iterable[Cells]) -> tuple[list[Cells], IntArray]:
         """Return those of some rows that belong to a column, with a cell in it and a time.
@@ -325,7 +323,7 @@ class ColumnRecording(Recording):
         name = () if self.names is None or column.name is None else ((self.names[0], column.name),)
         return (*name, *column.where)
 
-    def chosen(self, column: LogColumn, where: Mapping[str, str]) -> LogColumn:
+    def choose_rows(self, column: LogColumn, where: Mapping[str, str]) -> LogColumn:
         """Return a copy of the column restricted to rows with given texts in other columns.
 
         The file is read where head and tail lack a text.

@@ -8,7 +8,7 @@ import itertools
 import pickle
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.cell_times import DAY
 from stickslip_logs.tables.dialect import with_unit
 from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, is_same_key
-from stickslip_logs.tables.table_file import Numbers, Rows, some_cells, texts_of
+from stickslip_logs.tables.table_file import Numbers, Rows, select_cells, texts_of
 from stickslip_logs.time_order import Row, Sorter, TimeCourse, TimeOrder
 from stickslip_logs.units import conversion
 
@@ -115,18 +115,11 @@ class TableReading:
         # One column may be several topics; beyond 62 columns two share a bit.
         places_of = {column: k for k, column in enumerate({s.column: None for s in columns.values()})}
         self._bits = [places_of[source.column] % _BITS for source in columns.values()]
-        places = [source.column.place for source in columns.values()]
-        keys = [place for pairs in self._keys.values() for place, _ in pairs]
         statuses = {k for source in columns.values() if (k := source.status) is not None}
-        self._unit_place = recording.unit_place
-        units = set() if self._unit_place is None else {self._unit_place} - statuses
-        table = recording.table
-        ends = [] if table.is_sent else find_end_columns(table.head, table.tail, len(table.names))
-        ends = [place for place in ends if place not in keys]
-        self._steps = KeySteps(ends)
-        self._wanted = list(dict.fromkeys([*places, *keys, *statuses, *units, *self._steps.places]))
-        self._converted: set[str] = set()
         self._is_bad = {k: is_bad for k in statuses if (is_bad := recording.quality(k)) is not None}
+        self._unit_place = recording.unit_place
+        self._steps, self._wanted = self._choose_places(statuses)
+        self._converted: set[str] = set()
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
         self._names = {source.column.name for source in columns.values()}
         self._admissions = {
@@ -136,7 +129,7 @@ class TableReading:
         }
         self._wanted += [SOURCE] if self._admissions else []
         self._days = {
-            clock.columns: recording.day_counter(clock) for clock in table.clocks if clock.is_of_day
+            clock.columns: recording.day_counter(clock) for clock in recording.table.clocks if clock.is_of_day
         }
         self._buffer = _PartBuffer(recording.path)
         self._course, self._has_whole_lines = self._judge_order()
@@ -144,6 +137,22 @@ class TableReading:
             recording.note(text)
         if self._course.start_ns is not None:
             recording.start_ns, recording.end_ns = self._course.start_ns, self._course.end_ns
+
+    def _choose_places(self, statuses: Collection[int]) -> tuple[KeySteps, list[int]]:
+        """Return the search for a column of keys, and the places of all columns to read, each once.
+
+        Candidates for keys have one text in the head of the file and another in its tail.
+
+        Args:
+            statuses: The places of columns of quality marks.
+        """
+        table = self._recording.table
+        keys = [place for pairs in self._keys.values() for place, _ in pairs]
+        ends = [] if table.is_sent else find_end_columns(table.head, table.tail, len(table.names))
+        steps = KeySteps(place for place in ends if place not in keys)
+        places = [source.column.place for source in self._columns.values()]
+        units = set() if self._unit_place is None else {self._unit_place} - {*statuses}
+        return steps, list(dict.fromkeys([*places, *keys, *statuses, *units, *steps.places]))
 
     def _judge_order(self) -> tuple[TimeCourse, bool]:
         """Read the file, buffer its numbers, and judge the order of time of lines with numbers.
@@ -309,16 +318,16 @@ class TableReading:
             marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])
             if self._keys[topic]:
                 chosen = self._select_rows(rows, topic, coded)
-                cells, where = some_cells(cells, chosen), np.flatnonzero(chosen)
-                marks = some_cells(marks, chosen) if marks else marks
+                cells, where = select_cells(cells, chosen), np.flatnonzero(chosen)
+                marks = select_cells(marks, chosen) if marks else marks
             if topic in self._admissions and where is not None:
                 where = where[self._are_admitted(topic, cells, rows, where)]
                 chosen = np.isin(np.arange(chosen.size), where)
-                cells = some_cells(rows.columns[self._wanted.index(source.column.place)], chosen)
+                cells = select_cells(rows.columns[self._wanted.index(source.column.place)], chosen)
             numbers = self._recording.table.numbers(cells)
             if source.column.name is not None and self._unit_place is not None:
                 texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
-                self._convert_units(numbers, some_cells(texts, chosen), source.column)
+                self._convert_units(numbers, select_cells(texts, chosen), source.column)
             if status is not None:
                 self._drop_bad_quality(numbers, marks, self._is_bad[status])
             self._count_words(topic, numbers.words)

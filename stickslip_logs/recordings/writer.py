@@ -21,13 +21,12 @@ from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_logs.errors import BagError, cause
-from stickslip_logs.files import hold, open_file, sweep
+from stickslip_logs.files import lock_draft, open_file, remove_drafts
 from stickslip_logs.recordings.chunk_writer import COMPRESSORS, ChunkWriter, Messages
 from stickslip_logs.recordings.mcap_chunks import HEAD
 from stickslip_logs.recordings.message_types import definition_of
 from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT
 
-_LATEST = (1 << 63) - 1
 _SUFFIX = '.mcap'
 # Fixed, so that equal recordings are equal files whatever version wrote them.
 _LIBRARY = 'stickslip_monitor'
@@ -189,7 +188,9 @@ class BagWriter:
             if name not in self._topics:
                 raise BagError(f"topic '{name}' was not added to bag '{self.path}'")
             for log_time in times[times < 0][:1].tolist():
-                raise BagError(f"log time {log_time} ns of topic '{name}' is not between 0 and {_LATEST}")
+                raise BagError(
+                    f"log time {log_time} ns of topic '{name}' is not between 0 and {(1 << 63) - 1}"
+                )
             if len(messages) != times.size:
                 raise BagError(f"topic '{name}' has {times.size} log times for {len(messages)} messages")
             if times.size:
@@ -231,7 +232,7 @@ class BagWriter:
         Raises:
             OSError: It cannot be created.
         """
-        sweep(self.path.parent, f'.{self.path.name}')
+        remove_drafts(self.path.parent, f'.{self.path.name}')
         for number in itertools.count():
             draft = self.path.with_name(f'.{self.path.name}.{number}.draft')
             with contextlib.suppress(FileExistsError):
@@ -239,7 +240,7 @@ class BagWriter:
                     draft.mkdir()
                 file = (draft if self._is_file else draft / self._file_name).open('x+b')
                 self._held = os.open(draft, os.O_RDONLY)
-                hold(self._held)
+                lock_draft(self._held)
                 return draft, file
         raise AssertionError('unreachable: the numbers do not end')
 

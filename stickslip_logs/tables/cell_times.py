@@ -16,6 +16,7 @@ from decimal import Decimal
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, IntArray
+from stickslip_logs.time_order import MAX_TIME_NS
 
 Cells = Sequence[str]
 SECOND, DAY = 10**9, 86_400 * 10**9
@@ -63,8 +64,6 @@ _STAMPS = [
 _DAYS = [re.compile(day) for day in _DATES[:-1]]
 _TIME = re.compile(_CLOCK + _ZONE)
 _SINCE_START = re.compile(r'(\d{2,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9}))?')
-MAX_TIME_NS = 1 << 62
-"""Times are below this, which is in the year 2116: two later ones would have no sum of 64 bits [ns]."""
 MAX_SHOWN = 60
 """Characters of a cell, a line or headings that a sentence quotes."""
 _EPOCH = date(1970, 1, 1).toordinal()

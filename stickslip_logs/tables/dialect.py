@@ -24,13 +24,9 @@ from stickslip_logs.tables.text_file import Extent, lines_of
 from stickslip_logs.tables.time_columns import TIME_WORDS, TableColumns
 from stickslip_logs.units import find_unit, names_of
 
-# Lines of the head that are looked at.
+# Lines of the head by which the layout is detected.
 _MAX_LINES = 2000
 _DELIMITERS = '\t;|, '
-# Weight of a blank among delimiters: it stands between a date and its time, too.
-_WEIGHT_OF_BLANKS = 0.9
-# Characters of a unit, cells of a column by which its unit is found, and keys in a command for a terminal.
-_MAX_UNIT, _MAX_CELLS, _MAX_KEYS = 16, 500, 12
 COMMENTS = '#', '%', '//', '*'
 """What a line begins with that is a comment."""
 _MARKS_OF_COMMENTS = ''.join(COMMENTS) + ' '
@@ -264,7 +260,7 @@ def _jq_command(path: Path, lines: Sequence[str]) -> str:
         first, _ = (json.loads(line) for line in [line for line in lines if line.strip()][:2])
     except (ValueError, RecursionError):
         return ''
-    keys = list(_keys_of(first))[:_MAX_KEYS]
+    keys = list(_keys_of(first))[:12]
     wanted = ','.join('.' + '.'.join(map(json.dumps, key)) for key in keys)
     head, program, file = map(
         shlex.quote, (','.join('.'.join(key) for key in keys), f'[{wanted}]|@csv', str(path))
@@ -386,7 +382,8 @@ def _best_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
         cells = [cell for row in usual[-50:] for cell in row if cell.strip()]
         sound = sum(_is_value(cell) for cell in cells)
         score = len(usual) / len(rows) * (0.1 + sound / max(len(cells), 1))
-        score *= _WEIGHT_OF_BLANKS if delimiter == ' ' else 1.0
+        # A blank stands between a date and its time, too.
+        score *= 0.9 if delimiter == ' ' else 1.0
         if score > best[0] * 1.0001:
             best = score, delimiter, rows
     return best[1:]
@@ -419,9 +416,9 @@ def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
 
 
 def is_row_of_units(row: Cells) -> bool:
-    """Return whether at least one cell is a known unit, and the others are short texts and no numbers."""
+    """Return whether at least one cell is a known unit, and all are below 16 letters and no numbers."""
     return any(unit_of(cell) for cell in row) and all(
-        len(cell.strip()) < _MAX_UNIT and parse_number(cell) is None for cell in row
+        len(cell.strip()) < 16 and parse_number(cell) is None for cell in row
     )
 
 
@@ -443,11 +440,9 @@ def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
         BagError: The sign may as well be a separator of thousands.
     """
     cells = [_SPACES.sub('', cell.strip()) for row in rows for cell in row]
-    with_commas = [cell for cell in cells if _COMMA.fullmatch(cell)]
-    if any(',' in cell and _GROUPED.fullmatch(cell.translate(_SWAP)) for cell in cells):
-        return ','  # 1.000,5
-    if any(not _GROUPED.fullmatch(cell) or cell.lstrip('+-').startswith('0,') for cell in with_commas):
+    if any(map(_has_decimal_comma, cells)):
         return ','
+    with_commas = [cell for cell in cells if _COMMA.fullmatch(cell)]
     with_points = [cell for cell in cells if '.' in cell and _NUMBER.fullmatch(cell.replace(',', ''))]
     if not with_commas or any(',' in cell for cell in with_points):
         return '.'  # 1,000.5
@@ -459,6 +454,14 @@ def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
         f"log '{path}': '{number}' may be {number.replace(',', '.')} or {number.replace(',', '')}: write it"
         f' with a decimal point{remedy}'
     )
+
+
+def _has_decimal_comma(cell: str) -> bool:
+    """Return whether the comma of a number cannot separate thousands, as in '1.000,5', '12,5' and '0,125'."""
+    if ',' in cell and _GROUPED.fullmatch(cell.translate(_SWAP)):
+        return True
+    is_grouped = _GROUPED.fullmatch(cell) and not cell.lstrip('+-').startswith('0,')
+    return bool(_COMMA.fullmatch(cell)) and not is_grouped
 
 
 def _may_be_thousands(rows: Sequence[Cells], decimal: str) -> bool:
@@ -608,20 +611,34 @@ def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[
         The headings, an empty list where there are none; and a unit for each column, an empty text where
         there is none: at least ``width`` of them, and more where there is a row of units.
     """
-    wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
-    bare = [row for row in wide if not (row[0].startswith(COMMENTS) and row[0].strip(_MARKS_OF_COMMENTS))]
-    if not bare:
-        bare = [[row[0].lstrip(_MARKS_OF_COMMENTS), *row[1:]] for row in wide if len(row) >= width]
-    # Of cells cut by blanks the mark of a comment may be one.
-    bare = [row[1:] if row[0].strip(_MARKS_OF_COMMENTS) == '' and len(row) > width else row for row in bare]
-    named = [row for row in bare if not any(_is_value(cell) for cell in row if cell.strip())]
-    # A line below headings has no letters.
-    named = [row for row in named if any(map(str.isalpha, ''.join(row)))]
+    named = [
+        row
+        for row in _rows_without_marks(above, width)
+        # A line below headings has no letters.
+        if any(map(str.isalpha, ''.join(row))) and not any(_is_value(cell) for cell in row if cell.strip())
+    ]
     if not named or named[-1][0].strip().lower().startswith('sep='):
         return [], [''] * width
     units, names = _row_of_units(named)
     pad = [''] * width
     return _with_names_above(names, above), [*units, *pad]
+
+
+def _rows_without_marks(above: Sequence[Cells], width: int) -> list[Cells]:
+    """Return the rows that are wide enough for headings and are no comments.
+
+    If all of them are comments, these are returned without their marks. A cell that is only the mark of a
+    comment is dropped from a row that is too wide.
+
+    Args:
+        above: The rows above the first row of numbers.
+        width: How many cells the rows of numbers have.
+    """
+    wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
+    bare = [row for row in wide if not (row[0].startswith(COMMENTS) and row[0].strip(_MARKS_OF_COMMENTS))]
+    if not bare:
+        bare = [[row[0].lstrip(_MARKS_OF_COMMENTS), *row[1:]] for row in wide if len(row) >= width]
+    return [row[1:] if row[0].strip(_MARKS_OF_COMMENTS) == '' and len(row) > width else row for row in bare]
 
 
 def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
@@ -702,7 +719,7 @@ def _unit_suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
         k: The place of the column.
         heading: Its heading.
     """
-    cells = [row[k] for row in rows[:_MAX_CELLS] if k < len(row) and row[k].strip()]
+    cells = [row[k] for row in rows[:500] if k < len(row) and row[k].strip()]
     counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
     suffix, count = counts.most_common(1)[0] if counts else ('', 0)
     is_north = suffix.strip() == 'N' and not FORCE_WORDS & set(parse_heading(heading).name.split())

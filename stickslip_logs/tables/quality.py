@@ -24,9 +24,9 @@ _BAD = re.compile(
 )
 _CODE = re.compile(r'\s*(0x[0-9a-f]+|[-+]?\d+)(?:\.0*)?(?![\w.])', re.I)
 _HEX = re.compile(r'\s*[0-9A-Fa-f]{8}\s*')
-_MAX_DA, _GOOD_DA, _BITS_UA = 0xFFFF, 0xC0, 30
+_GOOD_DA = 0xC0
 _IS_BAD: dict[str, Callable[[int], bool]] = {
-    'OPC UA': lambda code: code >> _BITS_UA != 0,
+    'OPC UA': lambda code: code >> 30 != 0,
     'OPC DA': lambda code: code & _GOOD_DA != _GOOD_DA,
     'flag': lambda code: code in (3, 4, 9),
     'validity': lambda code: code == 0,
@@ -85,7 +85,8 @@ def find_quality(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | 
     is_hex = bool(seen) and all(map(_HEX.fullmatch, seen))
     codes = [code for mark in seen if (code := _code_of(mark, is_hex=is_hex)) is not None]
     words = {*parse_heading(heading).name.split()}
-    if any(code > _MAX_DA for code in codes) or words & {'statuscode'} or words >= {'status', 'code'}:
+    # A code of OPC DA has 16 bits.
+    if max(codes, default=0) > 0xFFFF or words & {'statuscode'} or words >= {'status', 'code'}:
         kind = 'OPC UA'
     elif any(code & 0xFF >= _GOOD_DA for code in codes):
         kind = 'OPC DA'

@@ -8,20 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from stickslip_logs.arrays import FloatArray, IntArray
-from stickslip_logs.tables.cell_times import Cells
+from stickslip_logs.tables.cell_times import SECOND, Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, unit_of
 
 MAX_WORDS = 100
 """More words of a column are names of files, events or remarks: a fleet's list of ships is shorter."""
-# Share of the rows that have the time of another, and of those that have another word than the one before,
-# from which a column tells things apart: a state of one thing changes seldom.
-_MIN_SHARED, _MIN_CHANGES = 0.1, 0.5
-# Share of the rows of one time and one word: more are samples of one thing, whose times are too coarse.
-_MAX_TWICE = 0.05
-# Two things are so many times further apart than each is from its last row; samples in one second are not.
-_MIN_RATIO = 3.0
-# Smaller steps back are late rows [ns].
-_MIN_STEP_NS = 10**9
 
 
 def is_same_key(cell: str, text: str) -> bool:
@@ -61,7 +52,8 @@ def find_key_column(
         is_apart = _are_times_shared(filled_ns, key)
         if not any(map(_is_number, codes)):
             changes = np.count_nonzero(np.diff(key))
-            if is_apart or changes > max(2, _MIN_CHANGES * len(filled)):
+            # A state of one thing changes seldom.
+            if is_apart or changes > max(2, 0.5 * len(filled)):
                 return place
         elif is_apart and parse_heading(headings[place]).unit is None and all(map(str.isdecimal, codes)):
             values = _read_values([str(rows[k][column]) for k in filled])
@@ -79,7 +71,7 @@ def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
     """Return whether different things share times often, and rows of one thing seldom.
 
     At least two rows and a tenth of all must share the time of another thing, and at most a twentieth that
-    of another row of their own.
+    of another row of their own: more are samples of one thing, whose times are too coarse.
 
     Args:
         time_ns: The times of the rows [ns], shape (n,).
@@ -89,7 +81,7 @@ def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
     is_shared = np.diff(time_ns[order]) == 0
     is_twice = is_shared & (np.diff(key[order]) == 0)
     shared = np.count_nonzero(is_shared & ~is_twice)
-    return bool(shared >= max(2, _MIN_SHARED * key.size) and is_twice.sum() <= _MAX_TWICE * key.size)
+    return bool(shared >= max(2, 0.1 * key.size) and is_twice.sum() <= 0.05 * key.size)
 
 
 def _is_number(word: str) -> bool:
@@ -102,8 +94,8 @@ def _is_number(word: str) -> bool:
 def _are_values_apart(time_ns: IntArray, key: IntArray, value: FloatArray) -> bool:
     """Return whether values of one time differ by more than three times what one thing's value changes.
 
-    Medians are compared, of the differences within a time and of those from one value of a thing to its next.
-    False where no two values share a time.
+    Medians are compared, of the differences within a time and of those from one value of a thing to its next:
+    samples of one thing in one second differ less. False where no two values share a time.
 
     Args:
         time_ns: The times [ns], shape (n,).
@@ -113,7 +105,7 @@ def _are_values_apart(time_ns: IntArray, key: IntArray, value: FloatArray) -> bo
     by_time, by_key = np.lexsort((key, time_ns)), np.lexsort((time_ns, key))
     beside = np.abs(np.diff(value[by_time]))[np.diff(time_ns[by_time]) == 0]
     behind = np.abs(np.diff(value[by_key]))[np.diff(key[by_key]) == 0]
-    return bool(beside.size and np.median(beside) > _MIN_RATIO * (np.median(behind) if behind.size else 0.0))
+    return bool(beside.size and np.median(beside) > 3.0 * (np.median(behind) if behind.size else 0.0))
 
 
 def find_end_columns(head: Sequence[Cells], tail: Sequence[Cells], width: int) -> list[int]:
@@ -152,13 +144,14 @@ class KeySteps:
         """Add the next rows with a value to ``texts``, and count their steps back in time.
 
         Columns whose text stays the same at a step back are dropped from ``places``.
-        A step back is one of more than a second; the first and the last row of two calls are compared too.
+        A step back is one of more than a second, as smaller ones are of late rows; the last and the first row
+        of two calls are compared too.
 
         Args:
             time_ns: The times of the rows [ns], shape (n,), at least one.
             texts: The texts of these rows by place of the column.
         """
-        steps = np.flatnonzero(np.diff(time_ns, prepend=self._last_ns) < -_MIN_STEP_NS).tolist()
+        steps = np.flatnonzero(np.diff(time_ns, prepend=self._last_ns) < -SECOND).tolist()
         self._steps += len(steps)
         for place in [*self.places]:
             column = texts[place]

@@ -13,6 +13,7 @@ import numpy as np
 from stickslip_logs.tables.cell_times import SECOND, Cells, Times
 from stickslip_logs.tables.dialect import parse_number
 from stickslip_logs.tables.time_columns import (
+    MAX_ROWS,
     TIME_WORDS,
     Clock,
     TableColumns,
@@ -21,12 +22,6 @@ from stickslip_logs.tables.time_columns import (
     find_clock,
 )
 
-# Rows by which columns are compared: as many as their times are found by.
-_MAX_ROWS = 500
-# Share of the cells of a column of times that are times at least, and of those that step back at most.
-_MIN_SHARE, _MAX_BACK = 0.5, 0.1
-# Times of another zone are a whole number of these apart, up to 14 hours [ns].
-_ZONE_STEP, _MAX_ZONE = 900 * SECOND, 14 * 3600 * SECOND
 _OF_TIME = re.compile(TIME_WORDS.pattern + r'|\b(?:utc|gmt|stamp|ns|us|ms|s)\b')
 
 
@@ -47,11 +42,10 @@ def find_clocks(path: Path, table: TableColumns) -> tuple[Clock, ...]:
 def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
     """Yield clocks of further columns that hold times in the way of the main clock.
 
-    Most of their cells must be times that go on in the direction of the main ones. A column that is empty in
-    head and tail is among them if it is headed as a time: its signal begins later; one of numbers has to be.
-    Nothing is yielded where the columns of the main clock are not adjacent.
+    A column of numbers has to be headed as a time, and so has one that is empty in head and tail: its signal
+    begins later. Nothing is yielded where the columns of the main clock are not adjacent.
     """
-    first, rows = main.columns[0], [*table.rows[:_MAX_ROWS], *table.tail]
+    first, rows = main.columns[0], [*table.rows[:MAX_ROWS], *table.tail]
     if main.columns != tuple(range(first, first + len(main.columns))):
         return
     main_ns, is_main = _read_rows(main, [row for row in rows if len(row) > main.columns[-1]])
@@ -62,19 +56,25 @@ def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
             continue
         filled = [row for row in rows if len(row) > clock.columns[-1] and row[k].strip()]
         is_named = all(TIME_WORDS.search(table.headings[c][0]) for c in clock.columns)
-        is_number = main.is_count or all(parse_number(row[k]) is not None for row in filled)
-        if filled and is_number and not is_named:
+        if not filled:
+            if is_named:
+                yield clock
             continue
-        if main.is_count and filled:
-            counter = clock_of_numbers(table, filled, k, is_named=True)
-            if counter is None:
-                continue
-            clock = counter
-        time_ns, is_timed = _read_rows(clock, filled)
-        back = np.count_nonzero(direction * np.diff(time_ns[is_timed]) < 0)
-        is_steady = is_timed.sum() > _MIN_SHARE * len(filled) and back <= _MAX_BACK * is_timed.sum()
-        if is_steady if filled else is_named:
-            yield clock
+        if not is_named and (main.is_count or all(parse_number(row[k]) is not None for row in filled)):
+            continue
+        counter = clock_of_numbers(table, filled, k, is_named=True) if main.is_count else clock
+        if counter is not None and _goes_on(counter, filled, direction):
+            yield counter
+
+
+def _goes_on(clock: Clock, rows: Sequence[Cells], direction: int) -> bool:
+    """Return whether more than half of rows have times of a clock, a tenth at most against a direction.
+
+    The direction is 1 for rising times, else -1.
+    """
+    time_ns, is_timed = _read_rows(clock, rows)
+    back = np.count_nonzero(direction * np.diff(time_ns[is_timed]) < 0)
+    return bool(is_timed.sum() > 0.5 * len(rows) and back <= 0.1 * is_timed.sum())
 
 
 def _read_rows(clock: Clock, rows: Sequence[Cells]) -> Times:
@@ -169,10 +169,11 @@ def _clocks_by_name(table: TableColumns, clocks: Sequence[Clock], values: Sequen
 def _is_apart(table: TableColumns, main: Clock, clock: Clock) -> bool:
     """Return whether the times of a clock differ from those of the main one by more than a constant zone.
 
-    False for a clock without times in the head, or with less than half as many different times as the main
-    one. True where no row has times of both.
+    Zones are whole quarters of an hour, up to 14 hours. False for a clock without times in the head, or with
+    less than half as many different times as the main one. True where no row has times of both.
     """
-    rows = [row for row in table.rows[:_MAX_ROWS] if len(row) > max(*main.columns, *clock.columns)]
+    quarter_ns = 900 * SECOND
+    rows = [row for row in table.rows[:MAX_ROWS] if len(row) > max(*main.columns, *clock.columns)]
     (main_ns, is_main), (clock_ns, is_clock) = _read_rows(main, rows), _read_rows(clock, rows)
     if not is_clock.any():
         return False
@@ -180,7 +181,7 @@ def _is_apart(table: TableColumns, main: Clock, clock: Clock) -> bool:
     if not main_ns.size:
         return True
     ahead_ns = clock_ns - main_ns
-    zone_ns = np.rint(ahead_ns / _ZONE_STEP).astype(np.int64) * _ZONE_STEP
+    zone_ns = np.rint(ahead_ns / quarter_ns).astype(np.int64) * quarter_ns
     is_zone = (np.abs(ahead_ns - zone_ns) < SECOND).all() and np.ptp(zone_ns) == 0
-    is_zone &= abs(int(zone_ns[0])) <= _MAX_ZONE
+    is_zone &= abs(int(zone_ns[0])) <= 14 * 3600 * SECOND
     return not is_zone and 2 * np.unique(clock_ns).size >= np.unique(main_ns).size

@@ -33,17 +33,16 @@ from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
 from stickslip_logs.tables.text_file import extent_of, text_lines
 from stickslip_logs.tables.time_columns import WITHOUT_ZONE, Clock, TableColumns, find_clock, rank_stamps
 
-# Rows that are handed on at a time: few enough for the caches.
+# Rows that are yielded at a time: few enough for the caches.
 BLOCK = 1 << 14
-# First bytes of Parquet, and rows of its head and of its tail.
-_PARQUET, _PARQUET_HEAD, _PARQUET_TAIL = b'PAR1', 2000, 9
-# Characters of a word that is counted, and days by which the order of a date is found: ten years of them.
-_MAX_WORD, _MAX_DAYS = 20, 3660
+_PARQUET = b'PAR1'
+# Letters of a word that is counted.
+_MAX_WORD = 20
 _DAY = re.compile(r'\D*\d+\D+\d+')
 # What a line that is no row begins with; WinCC ends with a count of rows.
 _REMARKS = *COMMENTS, '$RT_'
 
-Say = Callable[[str], None]
+TakeSentence = Callable[[str], None]
 """Takes a sentence."""
 
 
@@ -121,7 +120,7 @@ class NumberTable(ABC):
         return clocks or [self.clocks[0]]
 
     @abstractmethod
-    def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
+    def blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of some columns in the order of the file, each block once for each of their clocks.
 
         Args:
@@ -140,7 +139,7 @@ def texts_of(cells: Any) -> list[str]:
     return cells if isinstance(cells, list) else [str(cell) for cell in cells.to_pylist()]
 
 
-def some_cells(cells: Any, chosen: BoolArray) -> Any:
+def select_cells(cells: Any, chosen: BoolArray) -> Any:
     """Return the chosen cells of a block, in the type in which they are: a list or an array of pyarrow.
 
     Args:
@@ -245,7 +244,7 @@ class TextTable(NumberTable):
         rows = dict[str, list[str]]()
         for batch, _ in self._read_batches():
             for row in batch:
-                if len(row) > columns[-1] and len(rows) < _MAX_DAYS:
+                if len(row) > columns[-1] and len(rows) < 3660:  # ten years
                     match = _DAY.match('/'.join([row[k] for k in columns]))
                     rows.setdefault(match[0] if match else '', row)
         return list(rows.values())
@@ -264,7 +263,7 @@ class TextTable(NumberTable):
                     return Numbers(value, np.ones(len(cells), np.bool_))
         return _mixed_numbers(cells, decimal)
 
-    def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
+    def blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of some columns without the units behind numbers, once for each of their clocks.
 
         Args:
@@ -294,7 +293,7 @@ class TextTable(NumberTable):
         """Yield the lines of the file."""
         return text_lines(self._path, self._dialect.encoding, is_plain=self._is_plain)
 
-    def _bus_blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
+    def _bus_blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of a bus log in blocks, a number a row (time, name, value, unit, sender).
 
         At the end lines that are damaged or without a time are counted as lost, lines without a sentence as a
@@ -329,7 +328,7 @@ class TextTable(NumberTable):
         is_over, is_ended = False, self._is_ended
         while not is_over:
             before, batch = cells.line_num, list[list[str]]()
-            # A cell longer than any is ends a batch.
+            # A cell of more than 128 KiB, which csv refuses, ends the batch.
             with contextlib.suppress(csv.Error):
                 batch.extend(itertools.islice(cells, BLOCK))
             is_over = cells.line_num == before
@@ -361,13 +360,13 @@ def _without_unit(clock: Clock, suffixes: Sequence[str]) -> Clock:
         clock: The clock; one whose columns have no units is returned unchanged.
         suffixes: The unit behind the numbers of each column of the table, empty for none.
     """
-    own = [suffixes[k] for k in clock.columns] if suffixes else []
-    if not any(own):
+    units = [suffixes[k] for k in clock.columns] if suffixes else []
+    if not any(units):
         return clock
     return replace(
         clock,
         read=lambda columns: clock.read(
-            [[cell.removesuffix(end) for cell in cells] for cells, end in zip(columns, own, strict=True)]
+            [[cell.removesuffix(end) for cell in cells] for cells, end in zip(columns, units, strict=True)]
         ),
     )
 
@@ -386,9 +385,9 @@ class _TextReading:
 
     def __init__(self, dialect: Dialect, clocks: Sequence[Clock], wanted: Sequence[int]) -> None:
         self._first = [cell.strip() for cell in dialect.heading]
-        self._most = len(dialect.names)
+        self._max_cells = len(dialect.names)
         # Cells parted by blanks do not say which of them is missing.
-        self._width = self._most if dialect.delimiter == ' ' else 0
+        self._width = self._max_cells if dialect.delimiter == ' ' else 0
         self._above, self._clocks, self._wanted = {tuple(row) for row in dialect.above}, clocks, [*wanted]
         self._times = [k for clock in clocks for k in clock.columns]
         self._places: list[int] | None = [*self._times, *wanted]
@@ -473,7 +472,7 @@ class _TextReading:
         if row is None:
             return
         self._order, self._repeated = [cell.strip() for cell in row], self._repeated + 1
-        self._most = max(self._most, len(row))
+        self._max_cells = max(self._max_cells, len(row))
         self._places = []
         for k in (*self._times, *self._wanted):
             alike = [place for place, name in enumerate(self._order) if name == self._first[k]]
@@ -506,13 +505,13 @@ class _TextReading:
             width: The place of the last wanted column: rows need ``width + 1`` cells.
         """
         width, lengths = max(width, self._width - 1), [*map(len, batch)]
-        if min(lengths) > width and max(lengths) <= self._most:
+        if min(lengths) > width and max(lengths) <= self._max_cells:
             return
         # A signal that ended before another leaves the rest of the line out.
         half = len(self._first) // 2 if len(self._clocks) == 1 else 0
         need = max(max(self._clocks[0].columns) + 1, half, self._width)
         # Below other headings there may be more columns.
-        wide = [k for k, row in enumerate(batch) if any(map(str.strip, row[self._most :]))]
+        wide = [k for k, row in enumerate(batch) if any(map(str.strip, row[self._max_cells :]))]
         end = next((k for k in wide if self._is_heading(batch[k])), len(batch))
         excessive = {k for k in wide if k < end}
         for k in reversed(range(len(batch))):
@@ -523,7 +522,7 @@ class _TextReading:
                 self.short += any(cell.strip() for cell in row) and not row[0].startswith(_REMARKS)
                 del batch[k]
 
-    def report_unused(self, lose: Say, note: Say) -> None:
+    def report_unused(self, lose: TakeSentence, note: TakeSentence) -> None:
         """Report how many rows were not used, and how often headings were repeated.
 
         Args:
@@ -567,13 +566,11 @@ class ParquetTable(NumberTable):
         self.units = tuple(heading.known_unit for heading in headings)
         self.line_count = file.metadata.num_rows
         with _as_bag_error(path):
-            first = next(iter(file.iter_batches(_PARQUET_HEAD)), None)
+            first = next(iter(file.iter_batches(2000)), None)
             self.head = () if first is None else _as_rows(first.columns)
             last = file.metadata.num_row_groups - 1
             group = None if last < 1 else file.read_row_group(last)
-            self.tail = (
-                () if group is None else _as_rows(group.slice(max(group.num_rows - _PARQUET_TAIL, 0)).columns)
-            )
+            self.tail = () if group is None else _as_rows(group.slice(max(group.num_rows - 9, 0)).columns)
         columns = TableColumns(self.names, headings, self.units, '.', tuple(self.head), ())
         stamped = rank_stamps(
             columns, [k for k, kind in enumerate(schema.types) if str(kind).startswith('timestamp')]
@@ -599,7 +596,7 @@ class ParquetTable(NumberTable):
         except (ValueError, NotImplementedError):  # pyarrow's errors are of these
             return _mixed_numbers(_column_texts(cells))
 
-    def blocks(self, wanted: Sequence[int], lose: Say, note: Say) -> Iterator[Rows]:
+    def blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of some columns, each block once for each of their clocks.
 
         Damage ends the rows without an error.

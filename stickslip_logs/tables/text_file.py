@@ -21,14 +21,12 @@ import zstandard
 from stickslip_logs.errors import BagError
 from stickslip_logs.files import open_file
 
-# What is looked at of a file: its head and its tail, and what is read at a time [bytes].
-_HEAD, _TAIL, _PIECE = 1 << 18, 1 << 14, 1 << 20
-# First bytes by which a format is known; a page of a database [bytes].
-_BEGIN = 4096
-# A line without an end is given in pieces of this length, so that none takes the memory.
-_LONGEST_LINE = 1 << 20
-# What is unpacked at a time: 512 bytes hold 128 blocks at most, of 128 KiB each [bytes].
-_FEED = 512
+# The head and the tail by which a file is judged [bytes].
+_HEAD, _TAIL = 1 << 18, 1 << 14
+# What is read at a time [bytes], and the longest piece of a line, so that one without an end takes no memory.
+_PIECE = 1 << 20
+BEGIN_BYTES = 4096
+"""First bytes by which a format is known: a page of a database."""
 GZIP, ZSTD = b'\x1f\x8b', b'\x28\xb5\x2f\xfd'
 _UNPACK: dict[bytes, Callable[[Any], Any]] = {
     GZIP: gzip.open,
@@ -75,7 +73,8 @@ class _ZstdFile(io.RawIOBase):
             zstandard.ZstdError: It is damaged.
         """
         while not self._unpacked:
-            self._packed = self._packed or self._file.read(_FEED)
+            # 512 bytes hold 128 blocks at most, of 128 KiB each unpacked.
+            self._packed = self._packed or self._file.read(512)
             if not self._packed:
                 if self._frame is not None:
                     raise EOFError('the packed file ends in the middle')
@@ -107,7 +106,7 @@ class Extent:
     problem: str
 
 
-def opened(path: Path) -> Any:
+def open_unpacked(path: Path) -> Any:
     """Open a file for reading its bytes, unpacked where its first bytes are those of gzip, zstd, bzip2 or xz.
 
     Reading it raises one of :data:`BROKEN` where the packed data are damaged.
@@ -127,8 +126,8 @@ def unpacked_begin(path: Path) -> bytes:
     Empty for a file that cannot be opened or read.
     """
     begin = b''
-    with contextlib.suppress(*BROKEN), opened(path) as file:
-        while len(begin) < _BEGIN and (piece := file.read1(_BEGIN - len(begin))):
+    with contextlib.suppress(*BROKEN), open_unpacked(path) as file:
+        while len(begin) < BEGIN_BYTES and (piece := file.read1(BEGIN_BYTES - len(begin))):
             begin += piece
     return begin
 
@@ -149,7 +148,7 @@ def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
     """
     head, tail, lines, size, zeros, problem, last, is_plain = b'', b'', 0, 0, 0, '', b'', True
     try:
-        with opened(path) as file:
+        with open_unpacked(path) as file:
             # One read of the file below at a time: what comes before its end is kept.
             while piece := file.read1(_PIECE):
                 head += piece[: _HEAD - len(head)]
@@ -182,10 +181,10 @@ def text_lines(path: Path, encoding: str, *, is_plain: bool = False) -> Iterator
     Raises:
         OSError: The file cannot be opened.
     """
-    with opened(path) as raw:
+    with open_unpacked(path) as raw:
         text = io.TextIOWrapper(raw, encoding, errors='replace', newline='')
         with contextlib.suppress(*BROKEN):
-            lines = iter(partial(text.readline, _LONGEST_LINE), '')
+            lines = iter(partial(text.readline, _PIECE), '')
             yield from lines if is_plain else map(_without_marks, lines)
 
 

@@ -21,7 +21,6 @@ from stickslip_logs.errors import BagError
 from stickslip_logs.tables.cell_times import (
     DAY,
     MAX_SHOWN,
-    MAX_TIME_NS,
     SECOND,
     Cells,
     ReadTimes,
@@ -34,6 +33,7 @@ from stickslip_logs.tables.cell_times import (
     number_reader,
     read_time_of_day,
 )
+from stickslip_logs.time_order import MAX_TIME_NS
 
 TIME_WORDS = re.compile(
     r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock|elapsed'
@@ -75,15 +75,12 @@ _DAYS_SINCE = (
 )
 # Intervals of lines as days show them [s], and how far off they are by their decimals: five, or six and more.
 _PACES = {0.05: (10, 12, 15, 20, 30, 60, 120), 0.01: (180, 300, 600, 900, 1200, 1800, 3600, 7200)}
-# Steps of numbers without a unit: below the first, a second would have 10,000 lines and more; from the second
-# on, days would be three hours and more.
-_DAYS_BELOW, _SECONDS_FROM = 1e-4, 0.125
-# Lines a second that a text has at most; a third of a rate is known to the second.
-_MAX_RATE, _NEAR_RATE = 300.0, 0.01
-# Days of six decimals are that close to whole seconds [s]; of numbers by chance a tenth is.
-_NEAR_SECOND = 0.05
-# Rows that are looked at.
-_MAX_ROWS = 500
+# An eighth of a day: from this step on numbers without a unit would be three hours and more apart as days.
+_SECONDS_FROM = 0.125
+# Lines a second that a text has at most.
+_MAX_RATE = 300.0
+MAX_ROWS = 500
+"""Rows of the head by which columns of times are found."""
 # Of the cells of a column of times more are times; of the rows of parts of a date nearly all.
 _MOSTLY, _NEARLY_ALL = 0.5, 0.9
 _ZERO_DECIMALS = re.compile(r'[.,]0+$')
@@ -155,7 +152,7 @@ class DayCounter:
         first_day: The least number of a day so far.
 
     Args:
-        head_ns: The times of some first rows, which show whether the newest is first [ns].
+        head_ns: The times of the day of some first rows, which show whether the newest is first [ns].
     """
 
     def __init__(self, head_ns: IntArray) -> None:
@@ -165,7 +162,7 @@ class DayCounter:
         self._day = self.first_day = _FIRST_DAY
 
     def add(self, time_ns: IntArray) -> IntArray:
-        """Return the times of the next rows with their days, shape (n,) [ns].
+        """Return the times of the next rows with their days, shape (n,) [ns]; the next call continues.
 
         A step back by more than half a day leads over midnight; one ahead by nearly a day, which late rows
         make there, leads back.
@@ -217,12 +214,10 @@ def _find_whole_times(path: Path, table: TableColumns) -> Clock:
     Raises:
         BagError: As for :func:`find_clock`.
     """
-    # A missing last cell is empty, and surplus ones are left out.
-    width = len(table.names)
-    rows = [[*row, ''][:width] for row in table.rows[:_MAX_ROWS] if len(row) >= max(width - 1, 1)]
+    rows = _padded_rows(table)
     named = [k for k, (words, _) in enumerate(table.headings) if TIME_WORDS.search(words)]
     stamps = rank_stamps(table, _columns_of(is_stamp, rows))
-    changing = [k for k in stamps if k in named or len(rows) == 1 or len({row[k] for row in rows}) > 1]
+    changing = [k for k in stamps if k in named or _is_changing(rows, k)]
     days, times = _columns_of(is_day, rows), _columns_of(is_time, rows)
     # Hours that an engine has run are no time of the rows.
     of_day = [k for k in times if k in named or any(is_time_of_day(row[k]) for row in rows)]
@@ -243,6 +238,20 @@ def _find_whole_times(path: Path, table: TableColumns) -> Clock:
     raise BagError(_lack_of_times(path, table, rows, named, days))
 
 
+def _padded_rows(table: TableColumns) -> list[list[str]]:
+    """Return the first rows with a cell for each column: a missing last one is empty, surplus ones are cut.
+
+    Rows that lack two cells or more are dropped.
+    """
+    width = len(table.names)
+    return [[*row, ''][:width] for row in table.rows[:MAX_ROWS] if len(row) >= max(width - 1, 1)]
+
+
+def _is_changing(rows: Sequence[Cells], column: int) -> bool:
+    """Return whether the cells of a column differ, or there is only one row."""
+    return len(rows) == 1 or len({row[column] for row in rows}) > 1
+
+
 def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
     """Return a clock that adds a column of milliseconds, or of seconds, to times that are whole without it.
 
@@ -250,7 +259,7 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
     rises in nearly all rows of equal times, and falls to the next second or minute. Without one the clock
     itself is returned.
     """
-    rows = [row for row in (*table.rows[:_MAX_ROWS], *table.tail) if len(row) >= len(table.names)]
+    rows = [row for row in (*table.rows[:MAX_ROWS], *table.tail) if len(row) >= len(table.names)]
     time_ns, is_timed = clock.read([[row[k] for row in rows] for k in clock.columns])
     rows, time_ns = list(itertools.compress(rows, is_timed.tolist())), time_ns[is_timed]
     whole_steps = np.diff(time_ns)
@@ -322,7 +331,7 @@ def rank_stamps(table: TableColumns, columns: Sequence[int]) -> list[int]:
     come '_time' of InfluxDB, which also writes the limits of the query, then a column headed as UTC, which
     ships write beside their zone time, then one headed as a time.
     """
-    counts = {k: len({row[k] for row in table.rows[:_MAX_ROWS] if k < len(row)}) for k in columns}
+    counts = {k: len({row[k] for row in table.rows[:MAX_ROWS] if k < len(row)}) for k in columns}
     return sorted(
         columns,
         key=lambda k: (
@@ -673,7 +682,7 @@ def _question_on_unit(values: FloatArray, step: float) -> str:
     if step == 0.0:
         return ''
     rates = 1.0 / step, (np.unique(values).size - 1) / np.ptp(values)
-    is_of_thirds = any(rate > 2.0 and abs(rate / 3.0 - round(rate / 3.0)) < _NEAR_RATE for rate in rates)
+    is_of_thirds = any(rate > 2.0 and abs(rate / 3.0 - round(rate / 3.0)) < 0.01 for rate in rates)
     if 1.0 / _MAX_RATE < step < 1.0 and not is_of_thirds:
         return ''
     return f"has times without a unit, {step:.3g} apart: head them 'time [s]', 'time [ms]' or 'time [d]'"
@@ -705,10 +714,12 @@ def _days_or_seconds(values: FloatArray, step: float) -> tuple[bool, bool]:
     rates = 1.0 / step, (np.unique(values).size - 1) / np.ptp(values)
     is_rate = rates[0] < _MAX_RATE and any(abs(rate - round(rate)) < 0.05 for rate in rates)
     seconds, decimals = values * 86_400, values * 1e5
-    is_whole = np.abs(seconds - np.rint(seconds)) < _NEAR_SECOND
+    # Days of six decimals are that close to whole seconds; of numbers by chance a tenth is.
+    is_whole = np.abs(seconds - np.rint(seconds)) < 0.05
     # Numbers of up to five decimals are near whole seconds by chance.
     is_short = np.abs(decimals - np.rint(decimals)) < 1e-3
-    if step < _DAYS_BELOW or (is_whole.mean() > _NEARLY_ALL and is_short.mean() < _MOSTLY and not is_rate):
+    # Below a step of 1e-4 a second would have 10,000 lines and more.
+    if step < 1e-4 or (is_whole.mean() > _NEARLY_ALL and is_short.mean() < _MOSTLY and not is_rate):
         return True, False
     is_pace = any(
         abs(step * 86_400 / pace - 1.0) < error for error, paces in _PACES.items() for pace in paces

@@ -18,7 +18,7 @@ from stickslip_logs.tables.dialect import (
     is_row_of_units,
     usual_width,
 )
-from stickslip_logs.tables.text_file import BROKEN, lines_of, opened
+from stickslip_logs.tables.text_file import BROKEN, lines_of, open_unpacked
 
 
 class TableRow(NamedTuple):
@@ -77,7 +77,7 @@ def _read_lines(path: str | Path, max_bytes: int, error: type[StickslipError]) -
         StickslipError: Of the type ``error``: the file cannot be read, is larger, or is damaged.
     """
     try:
-        with opened(Path(path)) as file:
+        with open_unpacked(Path(path)) as file:
             data = file.read(max_bytes + 1)
         if len(data) > max_bytes:
             raise OSError(errno.EFBIG, f'it is larger than {max_bytes} bytes, the limit', str(path))

@@ -228,7 +228,7 @@ def _make_task(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
         ConfigurationError: The configuration cannot be read or is refused.
         BagError: ``--mcap`` is for several recordings, exists or has a wrong ending.
     """
-    from stickslip_logs.recordings.folders import left_out
+    from stickslip_logs.recordings.folders import describe_unchecked
 
     config = options.load_chosen(args)
     if args.mcap is not None:
@@ -237,7 +237,7 @@ def _make_task(args: argparse.Namespace, bags: Sequence[Path]) -> Task:
         from stickslip_monitor.offline.verdict_messages import check_target
 
         check_target(args.mcap)
-    unread = left_out(args.bags, bags)
+    unread = describe_unchecked(args.bags, bags)
     return Task(config, args.report is not None, args.mcap, args.clips, unread)
 
 

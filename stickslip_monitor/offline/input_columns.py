@@ -139,7 +139,7 @@ class ColumnBinding:
             columns = named if len(named) == 1 else columns
         if len(columns) != 1:
             raise BagError(self._no_column_text(bearing.name, quantity, source.column, columns))
-        column = self._log.chosen(columns[0], source.where_texts)
+        column = self._log.choose_rows(columns[0], source.where_texts)
         if (key := self._log.key_of(column)) is None:
             return column
         heading, texts = key
@@ -350,7 +350,7 @@ class _ColumnUse:
             speed = self.bearing.bearing.speed
             ratio, bias = speed.factor(self.unit) / speed.factor(source.unit), 0.0
         scale, offset = (source.scale, source.offset) if self.is_scaled else (1.0, 0.0)
-        return SourceColumn(self.column, ratio, scale, offset - bias, kept=NO_VALUES)
+        return SourceColumn(self.column, ratio, scale, offset - bias, no_values=NO_VALUES)
 
     def remark(self) -> str:
         """Return a sentence: which column the input is, in which unit, and which scale or gear applies."""

@@ -275,7 +275,7 @@ class StandingValue:
         self.count = self.equal = 0
 
     def take(self, time_ns: IntArray, value: FloatArray) -> None:
-        """Take more values in the order of their times [ns], shape (n,)."""
+        """Take more values in the order of their times [ns], shape (n,); update ``count`` and ``equal``."""
         if not value.size:
             return
         begins = np.append(value[0] != self._last, value[1:] != value[:-1])
@@ -292,7 +292,7 @@ class StandingValue:
 
     @property
     def lasting_ns(self) -> int:
-        """How long at least a minute of equal values at the end lasts [ns]; 0 for fewer than sixty."""
+        """Time that the equal values at the end last [ns]; 0 for less than a minute or fewer than sixty."""
         lasting_ns = self._until_ns - self._since_ns
         return lasting_ns if self.count >= _MIN_STANDING and lasting_ns >= _MIN_STANDING_NS else 0
 

@@ -29,8 +29,8 @@ def test_a_full_disk_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.M
 
 def test_the_draft_of_a_killed_process_is_swept_and_that_of_a_living_one_kept(tmp_path: Path) -> None:
     code = (
-        'import sys; from stickslip_monitor.files import hold\n'
-        'file = open(sys.argv[1], "wb"); assert hold(file.fileno())\n'
+        'import sys; from stickslip_monitor.files import lock_draft\n'
+        'file = open(sys.argv[1], "wb"); assert lock_draft(file.fileno())\n'
         'print(flush=True); sys.stdin.read()'
     )
     dead, living = tmp_path / '.a.txt.1.draft', tmp_path / '.a.txt.2.draft'

@@ -17,7 +17,7 @@ import zstandard
 from made_logs import write_recording
 from nasty_logs import nmea_sentence
 
-from stickslip_logs.recordings.folders import find_bags, left_out
+from stickslip_logs.recordings.folders import describe_unchecked, find_bags
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.table_recording import TableRecording
@@ -75,7 +75,7 @@ def test_a_log_is_known_by_its_content(name: str, tmp_path: Path) -> None:
     path = tmp_path / 'deep' / name
     path.write_bytes(LOGS[name])
     assert find_bags([tmp_path]) == [path]
-    assert left_out([tmp_path], [path]) == ''
+    assert describe_unchecked([tmp_path], [path]) == ''
     recording = open_bag(path)
     assert isinstance(recording, TableRecording)
     speed = next(topic for topic in recording.topics if 'rpm' in topic.lower() or 'rev' in topic)
@@ -88,7 +88,7 @@ def test_a_log_is_known_by_its_content(name: str, tmp_path: Path) -> None:
 def test_what_holds_no_numbers_is_excluded(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(NO_DATA[name])
     assert find_bags([tmp_path]) == [tmp_path]
-    assert left_out([tmp_path], []) == ''
+    assert describe_unchecked([tmp_path], []) == ''
 
 
 @pytest.mark.parametrize('name', DATA)
@@ -98,7 +98,7 @@ def test_data_that_are_not_read_are_named(name: str, tmp_path: Path) -> None:
     recordings = find_bags([tmp_path])
     assert recordings == [tmp_path / 'quiet.csv']
     text = f"1 file not checked (name one to check it, or to see why not): '{tmp_path / name}'"
-    assert left_out([tmp_path], recordings) == text
+    assert describe_unchecked([tmp_path], recordings) == text
 
 
 def test_every_log_of_a_folder_is_checked_and_all_are_named_beside_a_recording(tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_every_log_of_a_folder_is_checked_and_all_are_named_beside_a_recording(t
     write_recording(tmp_path / 'bag', {'/a': ([0, 10**9], [1.0, 2.0])})
     recordings = find_bags([tmp_path])
     assert recordings == [tmp_path / 'bag']
-    assert left_out([tmp_path], recordings).startswith(f'{len(LOGS)} files not checked')
+    assert describe_unchecked([tmp_path], recordings).startswith(f'{len(LOGS)} files not checked')
 
 
 def test_a_recording_is_known_by_its_content(tmp_path: Path) -> None:
@@ -124,4 +124,4 @@ def test_a_tar_archive_is_no_table(tmp_path: Path) -> None:
     (tmp_path / 'a.csv').write_text(CSV)
     with tarfile.open(tmp_path / 'a.tar', 'w') as tar:
         tar.add(tmp_path / 'a.csv')
-    assert "a.tar'" in left_out([tmp_path], find_bags([tmp_path]))
+    assert "a.tar'" in describe_unchecked([tmp_path], find_bags([tmp_path]))

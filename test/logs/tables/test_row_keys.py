@@ -55,7 +55,7 @@ def test_the_column_that_tells_lines_apart_is_found(name: str, tmp_path: Path) -
     key, texts = found
     values = [values_of(recording, {key: text}) for text in texts]
     assert sorted(map(max, values)) == [21, 137]
-    assert recording.key_of(recording.chosen(column, {key: texts[0]})) is None
+    assert recording.key_of(recording.choose_rows(column, {key: texts[0]})) is None
 
 
 @pytest.mark.parametrize('name', ONE)
@@ -67,7 +67,7 @@ def test_lines_of_one_thing_are_not_told_apart(name: str, tmp_path: Path) -> Non
 
 def values_of(recording: TableRecording, where: dict[str, str]) -> list[float]:
     column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
-    recording.deliver({'/n': SourceColumn(recording.chosen(column, where))})
+    recording.deliver({'/n': SourceColumn(recording.choose_rows(column, where))})
     request = Request('/n', 'data')
     return recording.read([request])[request].value.tolist()
 
@@ -80,7 +80,7 @@ def test_numbers_of_things_may_be_written_in_several_ways(tmp_path: Path) -> Non
 
 def test_all_lines_may_be_of_one_thing(tmp_path: Path) -> None:
     recording = open_log(tmp_path, SEVERAL['shafts'])
-    column = recording.chosen(
+    column = recording.choose_rows(
         next(listed for listed in recording.all_columns if listed.heading == 'rpm'), {'shaft': '*'}
     )
     assert recording.key_of(column) is None
