@@ -47,7 +47,7 @@ class SourceAdmission:
         if source != self._used and is_given_up and not self._only:
             if self._used:
                 since = f' for {silent:.3g} s' if silent < math.inf else ''
-                self._report(f"'{source}' is used; '{self._used}' has sent no number{since}")
+                self._log_source(f"'{source}' is used; '{self._used}' has sent no number{since}")
                 self._left_out.clear()
             self._used = source
         if source == self._used:
@@ -56,9 +56,9 @@ class SourceAdmission:
         if source not in self._left_out:
             self._left_out.add(source)
             why = 'is chosen' if self._only else 'sends'
-            self._report(f"'{source}' is left out: '{self._used}' {why}")
+            self._log_source(f"'{source}' is left out: '{self._used}' {why}")
         return False
 
-    def _report(self, text: str) -> None:
+    def _log_source(self, text: str) -> None:
         """Log a sentence on a source, which begins with its name."""
         self._log(f'{self._label}: source {text}')
