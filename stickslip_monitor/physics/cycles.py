@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exact cycles of the mass-spring-belt oscillator, with its friction as the law says.
+"""The exact cycles of the mass-spring-belt oscillator, and the exact end of sticking over the load.
 
 Nothing is averaged and nothing smoothed. While the lining sticks it moves with the belt; it
 breaks away at ``x_0 = (mu_s N - c V)/k`` and slips by
@@ -83,28 +83,13 @@ class CycleKind(IntEnum):
         return self.name.lower()
 
 
-# Share of a speed within which rounding decides on which side of the fold it is: independent
-# codes part there. And the logarithm of a multiplier that leaves four of sixteen digits in a turn.
-_AT_FOLD, _UNSTABLE = 1e-9, math.log(1e12)
-# Exponent beyond which a Floquet multiplier is as good as infinite.
-_LARGEST = 700.0
-# Error of a step of a cycle, and of one through the belt whose amplitude alone is wanted: that errs by
-# 1e-11 at most, for two thirds of the price.
-_ERROR, _OF_AMPLITUDES = 1e-13, 1e-11
-# Panels in which a sign change of the energy gain is looked for, a gain that is rounding, and
-# fourfold increases in search of the far side of an overtaking cycle.
-_PANELS, _BALANCED, _QUADRUPLINGS = 24, 1e-13, 40
-# Amplitudes that are tried at a time, from the side of the cycle that is wanted.
-_ABREAST = 5
-# Beyond this friction force, in units of m omega V, the numbers run out.
-_GREATEST_FORCE = 1e150
-# How much less than the least load with a cycle by averaging a vibration that never sticks may
-# need: averaging is right to a tenth up to eta = 20.
-_LESS = 0.9
-# How much lower, as a share, rho has to be at the sliding limit than at its highest.
-_SAME = 1e-4
-# Orbits that are followed together, in some 10 MB: 4,096 take a third longer.
-_BLOCK = 16384
+# Share of a speed within which rounding decides on which side of the fold it is: independent codes part
+# there.
+_AT_FOLD = 1e-9
+# Error of a step of a cycle, relative to the speeds.
+_ERROR = 1e-13
+# Panels of amplitude in which a sign change of the energy gain is looked for.
+_PANELS = 24
 
 
 class FoundCycles(NamedTuple):
@@ -116,7 +101,8 @@ class FoundCycles(NamedTuple):
         trough: Lowest one.
         slipping: Time slipping.
         sticking: Time sticking.
-        start: The place at which the lining falls behind the belt.
+        start: Displacement beyond breakaway at which the lining falls behind the belt; of a cycle that never
+            reaches the belt's speed its amplitude.
         exponent: Logarithm of the Floquet multiplier.
     """
 
@@ -141,7 +127,7 @@ class FoundCycles(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cycle:
-    """Limit cycles; every array has the shape of the broadcast inputs.
+    """Limit cycles; every array has the shape of the broadcast inputs, ``nan`` where there is no cycle.
 
     Attributes:
         amplitude: Half the peak-to-peak displacement [m].
@@ -149,7 +135,7 @@ class Cycle:
         stick_fraction: Share of the period in which the lining sticks [-].
         multiplier: Floquet multiplier [-]: 0 with stick, which forgets every disturbance;
             above 1 for an unstable cycle.
-        kind: :class:`CycleKind`, its numbers in an array.
+        kind: A :class:`CycleKind`, or an array of their numbers.
     """
 
     amplitude: Any
@@ -198,7 +184,7 @@ def _start_state(bearing: Bearing, speed: float, load: float, start: float, slip
         bearing: The bearing.
         speed: Surface speed, of either sign [m/s].
         load: Load > 0 [N].
-        start: The cycle's :attr:`FoundCycles.start`.
+        start: The cycle's :attr:`FoundCycles.start` [V/omega].
         slips: Whether the lining never reaches the belt's speed in the cycle.
     """
     field = slip_field(bearing, np.array([abs(speed)]), np.array([load]))
@@ -361,7 +347,7 @@ def _make_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: boo
         amplitude=restore(amplitude, shape),
         period=restore(period / omega, shape),
         stick_fraction=restore(cycles.sticking / period, shape),
-        multiplier=restore(np.exp(np.minimum(cycles.exponent, _LARGEST)), shape),
+        multiplier=restore(np.exp(np.minimum(cycles.exponent, 700.0)), shape),  # within a float's range
         kind=kinds if shape else tuple(CycleKind)[kinds],
         _bearing=bearing,
         _points=(v, n),
@@ -372,13 +358,21 @@ def _make_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: boo
 def _decide_kinds(
     bearing: Bearing, speed: FloatArray, load: FloatArray, cycles: FoundCycles, stable: bool
 ) -> FloatArray:
-    """Return the kinds of the cycles found, among them those that double precision does not decide.
+    """Return the kinds of the cycles found, with those that double precision does not decide.
 
     These are ``TOO_UNSTABLE`` and ``AT_FOLD``. An unstable cycle that only rounding finds, beyond the end of
     every vibration, is taken out of ``cycles``, in place.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speeds, of either sign, shape (n,) [m/s].
+        load: Loads, shape (n,) [N].
+        cycles: The cycles found there, changed in place.
+        stable: Whether they are the stable ones; else the smallest unstable ones.
     """
     kind = cycles.kind.copy()
-    kind[(kind == CycleKind.PURE_SLIP) & (cycles.exponent > _UNSTABLE)] = CycleKind.TOO_UNSTABLE
+    # Such a multiplier leaves four of sixteen digits in a turn.
+    kind[(kind == CycleKind.PURE_SLIP) & (cycles.exponent > math.log(1e12))] = CycleKind.TOO_UNSTABLE
     rows = np.flatnonzero(_why_none(bearing, speed, load) == CycleKind.STICK_SLIP)
     rows = rows[kind[rows] != CycleKind.UNRESOLVED]
     below, above = (
@@ -404,7 +398,7 @@ def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArr
     kind = np.full(speed.size, CycleKind.STICK_SLIP)
     momentum = np.sqrt(bearing.mass) * np.sqrt(bearing.stiffness)
     with np.errstate(all='ignore'):
-        kind[~(load / np.abs(speed) < _GREATEST_FORCE * momentum)] = CycleKind.UNRESOLVED
+        kind[~(load / np.abs(speed) < 1e150 * momentum)] = CycleKind.UNRESOLVED  # squares would overflow
         # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
         kind[~(load * law_in_use(bearing.friction).fall > bearing.damping)] = CycleKind.NONE
     kind[load <= 0.0] = CycleKind.NO_CONTACT
@@ -416,15 +410,23 @@ def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArr
 def _find_cycles(
     bearing: Bearing, speed: FloatArray, load: FloatArray, stable: bool, weigh: bool = True
 ) -> FoundCycles:
-    """Find the stable cycles, or the smallest unstable ones; ``weigh`` asks for their multipliers.
+    """Find the stable cycles, or the smallest unstable ones.
 
-    Where there is none its kind says why, and all else is ``nan``. Speeds [m/s] and loads [N] may be any
-    numbers, shape (n,) each.
+    Args:
+        bearing: The bearing.
+        speed: Surface speeds, any numbers, shape (n,) [m/s].
+        load: Loads, any numbers, shape (n,) [N].
+        stable: Whether the stable ones are wanted.
+        weigh: Whether the multipliers are wanted; without them an ``exponent`` is 0, ``nan`` or ``-inf``, and
+            the steps of cycles through the belt's speed are longer.
+
+    Returns:
+        Cycles of shape (n,); where there is none its kind says why, and all else is ``nan``.
     """
     cycles = FoundCycles.none(_why_none(bearing, speed, load))
-    rows = np.flatnonzero(cycles.kind == CycleKind.STICK_SLIP)
-    for first in range(0, rows.size, _BLOCK):
-        part = rows[first : first + _BLOCK]
+    rows, size = np.flatnonzero(cycles.kind == CycleKind.STICK_SLIP), 16384
+    for first in range(0, rows.size, size):  # in some 10 MB; 4,096 orbits at a time take a third longer
+        part = rows[first : first + size]
         with np.errstate(all='ignore'):
             field = slip_field(bearing, np.abs(speed[part]), load[part])
             cycles.put(part, (_find_stable if stable else _find_unstable)(bearing, field, load[part], weigh))
@@ -474,15 +476,21 @@ def _grazing_cycle(field: SlipField) -> FoundCycles:
 
 
 def _may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
-    """Return where a vibration that never sticks may go on beside stable sliding.
+    """Return where a vibration that never sticks may go on beside stable sliding, shape (n,).
 
     Under averaging it does where ``rho(a; V)`` is above ``c/N`` at some amplitude and falls below
-    it up to the sliding limit; of a law whose ``rho`` is highest there, as Stribeck's, nowhere.
+    it up to the sliding limit; of a law whose ``rho`` is highest there, as Stribeck's, nowhere. Averaging is
+    right to a tenth up to ``eta`` = 20: a load lower by that may do.
+
+    Args:
+        bearing: The bearing.
+        speed: ``V`` > 0, shape (n,) [m/s].
+        load: Load, shape (n,) [N].
     """
     if averaged(bearing.friction) is averages_closed_form:
         return np.zeros(speed.size, bool)
     peak, cusp = average_curve(bearing.friction).at(speed)
-    return (load * peak > _LESS * bearing.damping) & (cusp < (1.0 - _SAME) * peak)
+    return (load * peak > 0.9 * bearing.damping) & (cusp < (1.0 - 1e-4) * peak)
 
 
 def _slides_steadily(field: SlipField) -> BoolArray:
@@ -503,9 +511,9 @@ def _follow_rounds(
 
     Args:
         field: What the linings slip in.
-        start: Displacements at which they fall behind the belt, shape (n,).
+        start: Displacements beyond breakaway at which they fall behind the belt, shape (n,) [V/omega].
         weigh: Whether the multiplier is wanted.
-        error: Of a step.
+        error: Error of a step, relative to the speeds.
 
     Returns:
         The orbits, ending as the lining falls behind the belt again, with the turns of the first phase; and
@@ -537,7 +545,8 @@ def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
         Cycles of shape (n,): the kind is ``NONE`` where the slip phase does not return to the belt's
         speed, ``UNRESOLVED`` where its steps ran out. A stick-slip cycle has the exponent ``-inf``.
     """
-    nothing, error = np.zeros(field.speed.size), _ERROR if weigh else _OF_AMPLITUDES
+    # An amplitude alone errs by 1e-11 at most by such steps, for two thirds of the price.
+    nothing, error = np.zeros(field.speed.size), _ERROR if weigh else 1e-11
     one, over = _follow_rounds(field, nothing, False, error)
     cycles = FoundCycles.none(np.where(one.end == EXHAUSTED, CycleKind.UNRESOLVED, CycleKind.NONE))
     landed = one.end == LANDED
@@ -554,7 +563,10 @@ def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
 
 
 def _reach_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
-    """Return where the slip phase from breakaway meets the belt, whether it then sticks or overtakes."""
+    """Return where the slip phase from breakaway meets the belt, whether it then sticks or overtakes.
+
+    Surface speeds [m/s] may have either sign; all of shape (n,).
+    """
     nothing, route = np.zeros(speed.size), Route(3, _ERROR, contact=True)
     with np.errstate(all='ignore'):
         field = slip_field(bearing, np.abs(speed), load)
@@ -581,7 +593,7 @@ def _find_overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundC
 
     rows, high, jump = np.arange(first.size), 2.0 * first, field.offset
     top = gain(high, rows)
-    for _ in range(_QUADRUPLINGS):
+    for _ in range(40):
         more = np.flatnonzero(top > 0.0)
         if not more.size:
             break
@@ -637,8 +649,8 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
     # Panel by panel, the outermost first where the outermost change is wanted, until there is one.
     gains, changes = np.full(grid.shape, np.nan), np.zeros((rows.size, _PANELS), bool)
     columns, live = np.arange(_PANELS + 1)[:: -1 if stable else 1], np.arange(rows.size)
-    for begin in range(0, _PANELS + 1, _ABREAST):
-        block = columns[begin : begin + _ABREAST]
+    for begin in range(0, _PANELS + 1, 5):  # five amplitudes at a time
+        block = columns[begin : begin + 5]
         of_block = gain(grid[np.ix_(live, block)].ravel(), np.repeat(live, block.size))
         gains[np.ix_(live, block)] = of_block.reshape(live.size, block.size)
         part = gains[live]
@@ -680,7 +692,7 @@ def _find_sign_changes(gains: FloatArray, stable: bool) -> BoolArray:
     wanted = 1.0 if stable else -1.0
     changes = (wanted * gains[:, :-1] > 0.0) & (wanted * gains[:, 1:] <= 0.0)
     if not stable:  # close to the fold of a stiff law the cycle is the grazing orbit itself
-        grazes = (gains[:, -2] < 0.0) & (np.abs(gains[:, -1]) < _BALANCED)
+        grazes = (gains[:, -2] < 0.0) & (np.abs(gains[:, -1]) < 1e-13)
         changes[:, -1] |= grazes
         gains[grazes, -1] = 0.0
     return changes
