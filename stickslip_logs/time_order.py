@@ -9,7 +9,7 @@ together, and what steps back too often, are sorted as a whole.
 from __future__ import annotations
 
 import itertools
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -367,8 +367,10 @@ class TimeOrder:
             course.end_ns = max(segments.most_ns for segments in sources.values())
             return course
         steps = [shift.begin for shift in course.shifts if shift.end == _END]
+        near_ns = min(source.interval_ns for source in sources.values()) // 4
         are_copies = read_rows is not None and all(
-            _begins_copy(read_rows, place, _span_before(place, sources.values()), files) for place in steps
+            _begins_copy(read_rows, place, _span_before(place, sources.values()), near_ns, files)
+            for place in steps
         )
         if steps and are_copies:
             course = TimeCourse()
@@ -384,54 +386,36 @@ def _span_before(place: int, sources: Iterable[_Source]) -> tuple[int, int]:
     return int(segments[:, 4].min()), int(segments[:, 5].max())
 
 
-def _begins_copy(read_rows: ReadRows, begin: int, span_ns: tuple[int, int], files: Sequence[int]) -> bool:
+def _begins_copy(
+    read_rows: ReadRows, begin: int, span_ns: tuple[int, int], near_ns: int, files: Sequence[int]
+) -> bool:
     """Return whether rows from a place on are a copy of earlier ones, as of files that overlap.
 
     They are where the first 100 in the span of the earlier ones have the content of one of their source and
-    time, at least three of them different: a clock that was set back does not see the same again. Times count
-    as equal within a quarter of the interval, as two recorders write them. A copy of the first row on is a
-    loop, which goes on behind, unless it begins a file.
+    time, at least three of them different: a clock that was set back does not see the same again. A copy from
+    the first row on is a loop, which goes on behind, unless it begins a file.
 
     Args:
         read_rows: Reads rows as written.
         begin: The place.
         span_ns: The first and the last time of the rows before it [ns].
+        near_ns: Times that differ by less are equal, as two recorders write them [ns].
         files: The places at which further files begin, rising.
     """
-    copies = _times_by_source(itertools.islice(read_rows(begin, _END, span_ns), _MAX_COPIES))
-    times_ns = [time_ns for rows in copies.values() for time_ns, _ in rows]
-    if not times_ns:
-        return False
-    margin_ns = max(map(_quarter_interval, copies.values()))
-    earlier = _times_by_source(read_rows(0, begin, (min(times_ns) - margin_ns, max(times_ns) + margin_ns)))
-    contents = set[bytes]()
-    for source, rows in copies.items():
-        candidates, near_ns = sorted(earlier.get(source, ())), _quarter_interval(rows)
-        for time_ns, content in rows:
-            first = bisect_left(candidates, (time_ns - near_ns,))
-            end = bisect_left(candidates, (time_ns + near_ns + 1,))
-            if first < end and all(row[1] != content for row in candidates[first:end]):
-                return False
-            contents |= {content} if first < end else set()
-    whole = 0, _END
-    is_loop = next(read_rows(0, begin, whole), None) == next(read_rows(begin, _END, whole), None)
-    file_place = files[max(bisect_right(files, begin) - 1, 0)] if files else 0
-    begins_file = 0 < file_place <= begin and next(read_rows(file_place, begin, whole), None) is None
-    return len(contents) >= _MIN_DIFFERENT and (begins_file or not is_loop)
-
-
-def _times_by_source(rows: Iterable[Row]) -> dict[int, list[tuple[int, bytes]]]:
-    """Return times [ns] and contents of rows by their source, each in the order of the rows."""
-    result: dict[int, list[tuple[int, bytes]]] = {}
-    for source, time_ns, content in rows:
-        result.setdefault(source, []).append((time_ns, content))
-    return result
-
-
-def _quarter_interval(rows: Sequence[tuple[int, bytes]]) -> int:
-    """Return a quarter of the median step between the times of rows that differ [ns]; 0 for one time."""
-    steps = np.diff(np.unique([time_ns for time_ns, _ in rows]))
-    return int(np.median(steps)) // 4 if steps.size else 0
+    copies = list(itertools.islice(read_rows(begin, _END, span_ns), _MAX_COPIES))
+    times_ns = [time_ns for _, time_ns, _ in copies]
+    margin_ns = min(times_ns, default=0) - near_ns, max(times_ns, default=0) + near_ns
+    earlier, contents = sorted(read_rows(0, begin, margin_ns)), set[bytes]()
+    for source, time_ns, content in copies:
+        first = bisect_left(earlier, (source, time_ns - near_ns))
+        same_time = earlier[first : bisect_left(earlier, (source, time_ns + near_ns + 1))]
+        if same_time and all(row[2] != content for row in same_time):
+            return False
+        contents |= {content} if same_time else set()
+    first_rows = [next(read_rows(place, _END, (0, _END)), None) for place in (0, begin)]
+    file = max((place for place in files if place <= begin), default=0)
+    begins_file = file > 0 and next(read_rows(file, begin, (0, _END)), None) is None
+    return len(contents) >= _MIN_DIFFERENT and (begins_file or first_rows[0] != first_rows[1])
 
 
 def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:

@@ -42,7 +42,7 @@ TIME_WORDS = re.compile(
 )
 """Words by which a heading, in lower case, is that of a time."""
 _IN_UTC = re.compile(r'(?<![^\W_])(?:UTC|GMT)(?![^\W_])')
-_HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-]\d\d:?\d\d)')
+_HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-])(\d\d?)(?::?(\d\d))?\b')
 # Numbers since a date, where they are dates of 2000 to 2090 [s since 1970]: their unit [ns], what is added
 # for 1970, and their name. Those of .NET, Windows and LabVIEW would be of 1990, 1974 and 2092 if since 1970.
 _DATES_FROM, _DATES_TO = 946_684_800, 3_786_912_000
@@ -369,7 +369,9 @@ def _clock_of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[
     complete_rows = [row for row in (*rows, *table.tail) if len(row) > max(columns)]
     zone = _HEADED_ZONE.search(' '.join(table.names[k] for k in columns))
     stamps = [' '.join(row[k].strip() for k in columns) for row in complete_rows]
-    return _clock_of_layout(columns, StampLayout(stamps, zone[1] if zone else ''))
+    return _clock_of_layout(
+        columns, StampLayout(stamps, f'{zone[1]}{zone[2]:0>2}{zone[3] or "00"}' if zone else '')
+    )
 
 
 def _clock_of_layout(columns: tuple[int, ...], layout: StampLayout) -> Clock:
