@@ -73,8 +73,6 @@ _DAYS_SINCE = (
     (713_960, 773_960, -719_529, 'days of MATLAB'),
     (2_455_000, 2_480_000, -2_440_587.5, 'Julian days'),
 )
-# Intervals of lines as days show them [s], and how far off they are by their decimals: five, or six and more.
-_PACES = {0.05: (10, 12, 15, 20, 30, 60, 120), 0.01: (180, 300, 600, 900, 1200, 1800, 3600, 7200)}
 # An eighth of a day: from this step on numbers without a unit would be three hours and more apart as days.
 _SECONDS_FROM = 0.125
 # Lines a second that a text has at most.
@@ -276,16 +274,10 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
         within = [steps[whole_steps == step_ns] for step_ns in (0, whole_ns) if step_ns in whole_steps]
         is_rising = all(((part >= 0) & (part < whole_ns)).mean() > _NEARLY_ALL for part in within)
         if is_part and is_rising and within[0].any():
-            read = partial(_read_with_fraction, clock.read, read_fraction)
+            read = partial(_read_sum, [clock.read, read_fraction])
             remark = f"'{table.names[k]}' has the {unit} of the times"
             return replace(clock, columns=(*clock.columns, k), read=read, remarks=(*clock.remarks, remark))
     return clock
-
-
-def _read_with_fraction(read: ReadTimes, read_fraction: ReadTimes, columns: Sequence[Cells]) -> Times:
-    """Return times with the fractions in the last column added; those of a damaged fraction without it."""
-    time_ns, is_timed = read(columns[:-1])
-    return time_ns + read_fraction(columns[-1:])[0], is_timed
 
 
 def _columns_of(is_kind: Callable[[str], bool], rows: Sequence[Cells]) -> list[int]:
@@ -448,8 +440,13 @@ def _are_in_order(steps: IntArray) -> bool:
 
 
 def _read_sum(reads: Sequence[ReadTimes], columns: Sequence[Cells]) -> Times:
-    """Return the sums of times in columns, each with its reader, and in which rows all of them are times."""
-    times = [read([cells]) for read, cells in zip(reads, columns, strict=True)]
+    """Return the sums of times in columns, and in which rows all of them are times.
+
+    The last readers have one column each, the first has the others.
+    """
+    first = len(columns) - len(reads) + 1
+    times = [reads[0](columns[:first])]
+    times += [read([cells]) for read, cells in zip(reads[1:], columns[first:], strict=True)]
     sums: IntArray = np.add.reduce([time_ns for time_ns, _ in times])
     are_all: BoolArray = np.logical_and.reduce([is_timed for _, is_timed in times])
     return sums, are_all
@@ -650,6 +647,9 @@ def _meaning_as_days(
 ) -> tuple[int, float, str, str] | None:
     """Return what :func:`_meaning_of_numbers` does for numbers that may be days; None if they are none.
 
+    As seconds they would have more lines a second than a log has, or the heading says days; else it is a
+    question, unless they have a whole number of lines a second.
+
     Args:
         values: The numbers, shape (n,).
         step: The median step from one to the next that differs; 0 where none do.
@@ -659,14 +659,15 @@ def _meaning_as_days(
     for minimum, maximum, zero, name in _DAYS_SINCE:
         if values.min() <= minimum or np.abs(values).max() >= maximum:
             continue
-        may_be_days, may_be_seconds = (True, False) if is_stated else _days_or_seconds(values, step)
         # A question names first what the numbers are taken for.
-        if may_be_days and may_be_seconds and step >= _SECONDS_FROM:
+        if not is_stated and (step == 0.0 or step >= _SECONDS_FROM):
             question = f"has times that may be {elapsed} or {name}: head them 'time [s]' or 'date'"
             return SECOND, 0, f"{elapsed}, or are they {name}? Head them 'time [s]' or 'date'", question
-        if may_be_days:
-            question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
-            return DAY, zero, f'{name}, without a zone: taken as UTC', question if may_be_seconds else ''
+        is_certain = is_stated or step * _MAX_RATE < 1.0
+        if not is_certain and _is_whole(_rates_of(values, step)) and not _question_on_unit(values, step):
+            return None
+        question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
+        return DAY, zero, f'{name}, without a zone: taken as UTC', '' if is_certain else question
     return None
 
 
@@ -683,11 +684,20 @@ def _question_on_unit(values: FloatArray, step: float) -> str:
     """
     if step == 0.0:
         return ''
-    rates = 1.0 / step, (np.unique(values).size - 1) / np.ptp(values)
-    is_of_thirds = any(rate > 2.0 and abs(rate / 3.0 - round(rate / 3.0)) < 0.01 for rate in rates)
-    if 1.0 / _MAX_RATE < step < 1.0 and not is_of_thirds:
+    thirds = [rate / 3.0 for rate in _rates_of(values, step)]
+    if 1.0 / _MAX_RATE < step < 1.0 and not _is_whole(thirds):
         return ''
     return f"has times without a unit, {step:.3g} apart: head them 'time [s]', 'time [ms]' or 'time [d]'"
+
+
+def _rates_of(values: FloatArray, step: float) -> list[float]:
+    """Return the rate of values by their median step, and by all: of few decimals only these tell it."""
+    return [1.0 / step, (np.unique(values).size - 1) / float(np.ptp(values))]
+
+
+def _is_whole(rates: Sequence[float]) -> bool:
+    """Return whether any rate is a whole number from 1 on, as far as decimals show it."""
+    return any(round(rate) > 0 and abs(rate - round(rate)) < 0.02 for rate in rates)
 
 
 def _unit_of_times(words: str, written: str | None) -> str:
@@ -701,34 +711,6 @@ def _unit_of_times(words: str, written: str | None) -> str:
     # The last word of a time of day is no unit.
     candidates = (written or '').lower(), rest, '' if rest else first, last if last != 'day' else ''
     return next((text for text in candidates if text in _UNITS), '')
-
-
-def _days_or_seconds(values: FloatArray, step: float) -> tuple[bool, bool]:
-    """Return whether numbers without a unit may be days, and whether they may be seconds; or both.
-
-    Args:
-        values: The numbers, shape (n,).
-        step: The median step from one to the next that differs; 0 where none do.
-    """
-    if step == 0.0:
-        return False, True
-    # Of few decimals only all steps together tell the rate.
-    rates = 1.0 / step, (np.unique(values).size - 1) / np.ptp(values)
-    is_rate = rates[0] < _MAX_RATE and any(abs(rate - round(rate)) < 0.05 for rate in rates)
-    seconds, decimals = values * 86_400, values * 1e5
-    # Days of six decimals are that close to whole seconds; of numbers by chance a tenth is.
-    is_whole = np.abs(seconds - np.rint(seconds)) < 0.05
-    # Numbers of up to five decimals are near whole seconds by chance.
-    is_short = np.abs(decimals - np.rint(decimals)) < 1e-3
-    # Below a step of 1e-4 a second would have 10,000 lines and more.
-    if step < 1e-4 or (is_whole.mean() > _NEARLY_ALL and is_short.mean() < _MOSTLY and not is_rate):
-        return True, False
-    is_pace = any(
-        abs(step * 86_400 / pace - 1.0) < error for error, paces in _PACES.items() for pace in paces
-    )
-    # 8, 4, 2 or 1 a day.
-    is_part = _SECONDS_FROM <= step <= 1.0 and step / _SECONDS_FROM % 1.0 == 0.0
-    return is_pace or is_part, is_rate or not is_pace
 
 
 def _leading_number(cell: str, decimal: str) -> float:
