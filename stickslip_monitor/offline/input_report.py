@@ -278,8 +278,21 @@ class StandingValue:
         """Take more values in the order of their times [ns], shape (n,); update ``count`` and ``equal``."""
         if not value.size:
             return
-        begins = np.append(value[0] != self._last, value[1:] != value[:-1])
-        starts = np.flatnonzero(begins)
+        starts = np.flatnonzero(value[1:] != value[:-1]) + 1
+        if value[0] != self._last:
+            starts = np.append(0, starts)
+        if starts.size == value.size:
+            # As a rule no value is equal to the one before.
+            self.equal += max(self.count - 1, 0)
+            self._longest = max(self._longest, self.count if self._last else 0, 1)
+            self.count, self._since_ns = 1, int(time_ns[-1])
+        else:
+            self._take_runs(time_ns, value, starts)
+        self._last, self._until_ns = float(value[-1]), int(time_ns[-1])
+        self._is_noisy = self._is_noisy or _is_noisy(value[:_NOISE_VALUES])
+
+    def _take_runs(self, time_ns: IntArray, value: FloatArray, starts: IntArray) -> None:
+        """Count runs of equal values, shape (n,) at times [ns], by their starts; a first one may go on."""
         if starts.size:
             # Values at rest repeat as well.
             runs, of = np.diff(starts, prepend=-self.count), np.append(self._last, value[starts[:-1]])
@@ -287,8 +300,6 @@ class StandingValue:
             self.equal += int(runs.sum()) - runs.size + (self.count == 0)
             self.count, self._since_ns = 0, int(time_ns[starts[-1]])
         self.count += value.size - (int(starts[-1]) if starts.size else 0)
-        self._last, self._until_ns = float(value[-1]), int(time_ns[-1])
-        self._is_noisy = self._is_noisy or _is_noisy(value[:_NOISE_VALUES])
 
     @property
     def lasting_ns(self) -> int:
