@@ -2,7 +2,7 @@
 """Judges in which order a recording happened, by one rule for all formats.
 
 Times come source by source in the order of the file. Where a source steps back, the reason decides: a
-clock that was set shifts what follows, a leap ahead is closed, what came late is sorted. Parts that fit
+clock that was set shifts what follows, a jump ahead is closed, what came late is sorted. Parts that fit
 together, and what steps back too often, are sorted as a whole.
 """
 
@@ -22,28 +22,19 @@ from stickslip_logs.errors import plural
 
 MAX_TIME_NS = 1 << 62
 """Of the year 2116: two later times would have no sum of 64 bits [ns]."""
-# Smaller steps back are disorder, whatever the rate: they are sorted and not reported [ns]. The resolution
-# that segments begin with, too.
+# Smaller steps back are disorder, whatever the rate: they are sorted and not reported [ns]. Segments begin
+# with this resolution, too.
 _MIN_STEP_NS = 10**9
-# More steps back of one source have no reasons: a loop played 10 times has 9, disorder of 2 s thousands.
-# So have those of a large share of few rows.
-_MAX_STEPS, _MAX_STEP_FRACTION, _FEW_STEPS = 32, 0.25, 2
-# More steps of a few intervals, or unequal ones below 10 s, are disorder: loops have long and equal ones.
-_MAX_SMALL_STEPS = 4
+# More steps back of one source are disorder: a loop played 10 times has 9, disorder of 2 s thousands.
+_MAX_STEPS = 32
 # Rows that come back after longer were not late: the clock was set back, and a pause followed. Rows of one
 # source that wait longer for their turn are reported as unordered [ns].
 _MAX_LATE_NS = 60 * 10**9
 # Sources of which one waits longer for another are reported as unordered [ns].
 _MAX_WAIT_NS = 10 * 10**9
-# A gap is reported that is longer, and so many times as long as all the rest [ns]: one time read wrong at an
-# end makes a year of lost inputs.
-_MIN_GAP_NS, _MIN_GAP_SHARE = 86_400 * 10**9, 10
 # What is kept of a source, so that memory is bounded: the first intervals, whose median is the usual one, and
 # segments (56 bytes each), whose resolution is halved where there are twice as many.
 _MAX_KEPT = 1 << 12
-# Rows that are compared with earlier ones, and how many have to be different: a shaft at rest repeats its
-# numbers.
-_MAX_COPIES, _MIN_DIFFERENT = 100, 3
 
 Columns = tuple[NDArray[Any], ...]
 """Rows: times [ns], and what else there is of each: shape (n,) or (k, n)."""
@@ -61,7 +52,7 @@ def select_rows(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns
 
 
 class _Run(NamedTuple):
-    """Rows of a source without a leap: place and number of the first, times [ns], step into it [ns]."""
+    """Rows of a source without a jump: place and number of the first, times [ns], step into it [ns]."""
 
     place: int
     row: int
@@ -170,13 +161,13 @@ class TimeCourse:
 
 
 class _Source:
-    """Segments of one source, stretches of rows without a leap: all that is kept of its times."""
+    """Segments of one source, stretches of rows without a jump: all that is kept of its times."""
 
     def __init__(self, *, is_in_blocks: bool) -> None:
         self._is_in_blocks = is_in_blocks
         self._intervals = np.empty(0, np.int64)
         self._parts, self._size = [np.empty((0, len(_Run._fields)), np.int64)], 0
-        self._leap_ns = _MIN_STEP_NS
+        self._jump_ns = _MIN_STEP_NS
         self._resolution_ns = _MIN_STEP_NS
         self._last_ns: int | None = None
         self._count = self._steps = 0
@@ -201,7 +192,7 @@ class _Source:
             self.first_place = int(place[0]) + offset
         if self._intervals.size < _MAX_KEPT:
             self._intervals = np.append(self._intervals, np.abs(step[step != 0]))[:_MAX_KEPT]
-            self._leap_ns = max(self._leap_ns, self.leap_ns)
+            self._jump_ns = max(self._jump_ns, self.jump_ns)
         if self._is_one_segment(time_ns, step):
             first, last = int(time_ns[0]), int(time_ns[-1])
             segments = np.array([[int(place[0]) + offset, self._count, first, last, first, last, step[0]]])
@@ -227,11 +218,11 @@ class _Source:
         return span
 
     def _is_one_segment(self, time_ns: IntArray, step_ns: IntArray) -> bool:
-        """Return whether rows make one segment: they neither step back nor leap, nor leave a cell of time.
+        """Return whether rows make one segment: they neither step back nor jump, nor leave a cell of time.
 
         Of rows that come in blocks a segment may have more than one cell.
         """
-        if step_ns.min() < 0 or step_ns.max() > self._leap_ns:
+        if step_ns.min() < 0 or step_ns.max() > self._jump_ns:
             return False
         cells = time_ns[[0, -1]] // self._resolution_ns
         return self._is_in_blocks or bool(cells[0] == cells[1])
@@ -239,14 +230,14 @@ class _Source:
     def _begins_segment(self, step_ns: IntArray, time_ns: IntArray) -> BoolArray:
         """Return which rows, or segments to be joined, begin a segment, shape (n,); the first always does."""
         cell = time_ns // self._resolution_ns
-        begins: BoolArray = _is_leap(step_ns, self._leap_ns) | (np.diff(cell, prepend=cell[0]) != 0)
+        begins: BoolArray = _is_jump(step_ns, self._jump_ns) | (np.diff(cell, prepend=cell[0]) != 0)
         begins[0] = True
         return begins
 
     def _halve_resolution(self) -> None:
-        """Join segments to cells of twice the length, to halve the memory; shorter leaps are forgotten."""
+        """Join segments to cells of twice the length, to halve the memory; shorter jumps are forgotten."""
         self._resolution_ns *= 2
-        self._leap_ns = max(self._leap_ns, self._resolution_ns // 4)
+        self._jump_ns = max(self._jump_ns, self._resolution_ns // 4)
         segments = self.segments
         begins = self._begins_segment(segments[:, 6], segments[:, 2])
         self._parts = [_join_segments(segments, np.flatnonzero(begins))]
@@ -258,14 +249,14 @@ class _Source:
         return int(np.median(self._intervals)) if self._intervals.size else 0
 
     @property
-    def leap_ns(self) -> int:
-        """Longer steps forward are leaps, or pauses [ns]."""
+    def jump_ns(self) -> int:
+        """Limit of a step forward [ns]: longer ones are jumps, or pauses."""
         return max(_MIN_STEP_NS, 5 * self.interval_ns // 2)
 
     @property
     def steps_often(self) -> bool:
-        """Whether it steps back more often than clocks are set."""
-        allowed = max(_FEW_STEPS, _MAX_STEP_FRACTION * self._count)
+        """Whether it steps back more often than clocks are set: 32 times, or at a quarter of few rows."""
+        allowed = max(2, 0.25 * self._count)
         return self._steps > min(allowed, _MAX_STEPS)
 
     @property
@@ -275,17 +266,17 @@ class _Source:
         return self._parts[0]
 
     def runs(self) -> list[_Run]:
-        """Return the runs of rows between leaps, each with the step that led into it."""
+        """Return the runs of rows between jumps, each with the step that led into it."""
         segments = self.segments
-        is_first = _is_leap(segments[:, 6], self.leap_ns)
+        is_first = _is_jump(segments[:, 6], self.jump_ns)
         is_first[:1] = True
         runs = _join_segments(segments, np.flatnonzero(is_first)) if len(segments) else segments
         return [_Run(*values) for values in runs.tolist()]
 
 
-def _is_leap(step_ns: IntArray, leap_ns: int) -> BoolArray:
+def _is_jump(step_ns: IntArray, jump_ns: int) -> BoolArray:
     """Return which steps go back by 1 s or more, or ahead by more than a limit [ns], shape (n,)."""
-    result: BoolArray = (step_ns < -_MIN_STEP_NS) | (step_ns > leap_ns)
+    result: BoolArray = (step_ns < -_MIN_STEP_NS) | (step_ns > jump_ns)
     return result
 
 
@@ -402,10 +393,10 @@ def _begins_copy(
         near_ns: Times that differ by less are equal, as two recorders write them [ns].
         files: The places at which further files begin, rising.
     """
-    copies = list(itertools.islice(read_rows(begin, _END, span_ns), _MAX_COPIES))
+    copies = list(itertools.islice(read_rows(begin, _END, span_ns), 100))
     times_ns = [time_ns for _, time_ns, _ in copies]
-    margin_ns = min(times_ns, default=0) - near_ns, max(times_ns, default=0) + near_ns
-    earlier, contents = sorted(read_rows(0, begin, margin_ns)), set[bytes]()
+    copied_ns = min(times_ns, default=0) - near_ns, max(times_ns, default=0) + near_ns
+    earlier, contents = sorted(read_rows(0, begin, copied_ns)), set[bytes]()
     for source, time_ns, content in copies:
         first = bisect_left(earlier, (source, time_ns - near_ns))
         same_time = earlier[first : bisect_left(earlier, (source, time_ns + near_ns + 1))]
@@ -415,21 +406,22 @@ def _begins_copy(
     first_rows = [next(read_rows(place, _END, (0, _END)), None) for place in (0, begin)]
     file = max((place for place in files if place <= begin), default=0)
     begins_file = file > 0 and next(read_rows(file, begin, (0, _END)), None) is None
-    return len(contents) >= _MIN_DIFFERENT and (begins_file or first_rows[0] != first_rows[1])
+    # A shaft at rest repeats its numbers.
+    return len(contents) >= 3 and (begins_file or first_rows[0] != first_rows[1])
 
 
 def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
-    """Explain all steps back of sources by clocks that were set, leaps ahead and late rows.
+    """Explain all steps back of sources by clocks that were set, jumps ahead and late rows.
 
     Fills in shifts, steps and counts of the course. Returns False, with the course half filled, where rows
     have to be sorted instead.
     """
     steps: list[_Step] = []
-    fits, max_leap_ns = True, max(source.leap_ns for source in sources.values())
+    fits, max_jump_ns = True, max(source.jump_ns for source in sources.values())
     runs = {key: source.runs() for key, source in sources.items()}
     if any(run.last_ns < run.first_ns - _MIN_STEP_NS for source_runs in runs.values() for run in source_runs):
         return False
-    if all(_fit_together(source_runs, max_leap_ns) for source_runs in runs.values()):
+    if all(_fit_together(source_runs, max_jump_ns) for source_runs in runs.values()):
         return True
     for key, source in sources.items():
         open_runs = _close_excursions(course, key, source, runs[key])
@@ -437,29 +429,33 @@ def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
             if behind.step_ns < 0:
                 back_ns = before.last_ns + source.interval_ns - behind.first_ns
                 steps.append(_Step(behind.place, key, behind.first_ns, back_ns, source.interval_ns))
-        fits &= _fit_together(open_runs, max_leap_ns)
+        fits &= _fit_together(open_runs, max_jump_ns)
         if _are_disorder([-run.step_ns for run in open_runs if run.step_ns < 0], source):
             return False
     if steps and fits:
         return False
-    _set_clocks(course, sources, sorted(steps), max_leap_ns)
+    _set_clocks(course, sources, sorted(steps), max_jump_ns)
     latest_ns = max(source.most_ns for source in sources.values())
     return latest_ns + sum(course.steps_ns) < MAX_TIME_NS or not course.steps_ns
 
 
 def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
-    """Return whether steps back of a source [ns] are too many and too small for a clock that was set."""
-    if len(back_ns) <= _MAX_SMALL_STEPS or max(back_ns) >= _MAX_WAIT_NS:
+    """Return whether steps back of a source [ns] are too many and too small for a clock that was set.
+
+    Loops have long and equal steps: more than four of a few intervals, or unequal ones below 10 s, are
+    disorder.
+    """
+    if len(back_ns) <= 4 or max(back_ns) >= _MAX_WAIT_NS:
         return False
     is_unequal = max(back_ns) - min(back_ns) > source.interval_ns
-    return is_unequal or max(back_ns) <= 2 * source.leap_ns
+    return is_unequal or max(back_ns) <= 2 * source.jump_ns
 
 
-def _fit_together(runs: Sequence[_Run], leap_ns: int) -> bool:
-    """Return whether runs, put in order of time, leave no overlap and no pause above ``leap_ns``."""
+def _fit_together(runs: Sequence[_Run], jump_ns: int) -> bool:
+    """Return whether runs, put in order of time, leave no overlap and no pause above ``jump_ns``."""
     spans = sorted((run.least_ns, run.most_ns) for run in runs)
     seams = (behind[0] - before[1] for before, behind in itertools.pairwise(spans))
-    return all(-_MIN_STEP_NS <= seam <= leap_ns for seam in seams)
+    return all(-_MIN_STEP_NS <= seam <= jump_ns for seam in seams)
 
 
 def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Sequence[_Run]) -> list[_Run]:
@@ -503,23 +499,23 @@ def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Seque
 
 
 def _is_ahead(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
-    """Return whether the middle one of three runs leapt ahead, and the last continues the first."""
+    """Return whether the middle one of three runs jumped ahead, and the last continues the first."""
     passed_ns = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns
     error_ns = run.first_ns - before.last_ns - passed_ns
-    return run.step_ns < 0 < excursion.step_ns and abs(error_ns) <= source.leap_ns + source.interval_ns
+    return run.step_ns < 0 < excursion.step_ns and abs(error_ns) <= source.jump_ns + source.interval_ns
 
 
 def _is_late(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
     """Return whether the middle one of three runs is late rows, and the last continues the first."""
     gap_ns = run.first_ns - before.last_ns
     is_brief = excursion.last_ns - excursion.first_ns <= _MAX_LATE_NS
-    has_returned = -_MIN_STEP_NS <= gap_ns <= source.leap_ns + source.interval_ns
+    has_returned = -_MIN_STEP_NS <= gap_ns <= source.jump_ns + source.interval_ns
     return excursion.step_ns < 0 < run.step_ns and is_brief and has_returned
 
 
 def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
     """Return whether a few rows stand too early in the file: they leave no gap where they belong."""
-    is_there = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns <= source.leap_ns
+    is_there = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns <= source.jump_ns
     is_soon = excursion.last_ns - run.first_ns <= _MAX_LATE_NS
     gap_ns = run.first_ns - before.last_ns
     return (
@@ -527,21 +523,21 @@ def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool
     )
 
 
-def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_Step], leap_ns: int) -> None:
+def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_Step], jump_ns: int) -> None:
     """Add a shift for each step back: of all sources if all that can show it step, else of that one.
 
     Args:
         course: Takes the shifts and the steps.
         sources: All sources by number.
         steps: The steps back in the order of the file; emptied.
-        leap_ns: Steps of several sources within twice this are one [ns].
+        jump_ns: Steps of several sources within twice this are one [ns].
     """
     while steps:
         group = [steps.pop(0)]
         while (
             steps
             and steps[0].source not in [step.source for step in group]
-            and abs(steps[0].first_ns - group[0].first_ns) <= 2 * leap_ns
+            and abs(steps[0].first_ns - group[0].first_ns) <= 2 * jump_ns
         ):
             group.append(steps.pop(0))
         place, fastest_ns = group[0].place, min(step.interval_ns for step in group)
@@ -577,7 +573,8 @@ def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     course.start_ns, course.end_ns = int(segments[:, 1].min()), int(segments[:, 2].max())
     by_time = segments[segments[:, 1].argsort()]
     gap_ns = int((by_time[1:, 1] - np.maximum.accumulate(by_time[:-1, 2])).max(initial=0))
-    if gap_ns > max(_MIN_GAP_NS, _MIN_GAP_SHARE * (course.end_ns - course.start_ns - gap_ns)):
+    # One time read wrong at an end makes a year of lost inputs.
+    if gap_ns > max(86_400 * 10**9, 10 * (course.end_ns - course.start_ns - gap_ns)):
         course.gap_ns = gap_ns
     late_ns = _longest_delay(segments[:, 2], segments[:, 1])
     course.wait_ns = late_ns + _MIN_STEP_NS

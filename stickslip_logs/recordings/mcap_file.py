@@ -257,6 +257,9 @@ class McapFile:
     def read_summary(self, heads: RecordHeads) -> bool:
         """Fill in channels, counts, blocks and times by the summary, and set ``is_stated``.
 
+        Where its statistics give other times than the chunks, that is noted. Without indexes of messages the
+        channels of all blocks become unknown.
+
         Returns:
             False where the summary cannot be trusted: what was filled in until then must be discarded.
         """

@@ -45,8 +45,8 @@ MAGIC = b'SQLite format 3\0'
 _BATCH = 1 << 15
 # Of a page whose damage makes it ask for more memory than there is, the latter.
 _ERRORS = sqlite3.Error, MemoryError
-# A place in the recording is the number of a file above the rowid in it, as far as that is none that
-# damage made: 32,768 files of 2.8e14 messages.
+# A place in the recording is the number of a file above the rowid in it, clipped where damage made it larger:
+# 32,768 files of 2.8e14 messages.
 _ROWID_BITS = 48
 # Behind a damaged page reading goes on: the first step over it [row ids] doubles up to 40 times.
 _FIRST_SKIP = 64

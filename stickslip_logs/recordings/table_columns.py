@@ -207,7 +207,7 @@ class ColumnRecording(Recording):
     def _rows_of_every_name(self, name: int) -> Iterator[Cells]:
         """Yield the rows of head and tail, then, where these may lack names, an empty row with each name.
 
-        For the latter the file is read.
+        They may, too, where the table is unordered. The file is read for these names.
 
         Args:
             name: The place of the column of names.

@@ -19,8 +19,10 @@ from stickslip_logs.arrays import BoolArray, IntArray
 from stickslip_logs.time_order import MAX_TIME_NS
 
 Cells = Sequence[str]
-SECOND, DAY = 10**9, 86_400 * 10**9
-"""Nanoseconds of a second and of a day."""
+SECOND = 10**9
+"""Nanoseconds of a second."""
+DAY = 86_400 * SECOND
+"""Nanoseconds of a day."""
 Times = tuple[IntArray, BoolArray]
 """Times [ns] and which cells hold one, shape (n,) each; the time of another cell has no meaning."""
 ReadTimes = Callable[[Sequence[Cells]], Times]

@@ -54,7 +54,7 @@ _SPACES = re.compile(r"(?<=\d)[\s\u00a0\u202f'\u2019](?=\d{3}(?:\D|$))|(?<=^[+\-
 _COMMA = re.compile(r'[+\-\u2212]?\d*,\d+(?:[eE][+-]?\d+)?')
 _POINTS = re.compile(r'[+\-\u2212]?[1-9]\d{0,2}(?:\.\d{3})+')
 _WITH_UNIT = re.compile(r'[+\-\u2212]?[\d.,]+(?:[eE][+-]?\d+)?(\s*[^\W\d_](?:[^\d\s,;]|(?<=m|s)2|-1)*)\s*')
-# 'rpm x10', 'rpm/10': whether the numbers are ten times too small or too large is not said. 'Aux 10' is none.
+# A factor, as in 'rpm x10' and 'rpm/10': the numbers may be ten times too small or too large. Not 'Aux 10'.
 _TENS = r'(?:10+|0?[.,]0*1)'
 _FACTOR = re.compile(
     rf'(?:(?<![^\W\d_])x|[×*]|(?<=m|n|z)\s?/)\s?{_TENS}(?!\d)|(?<!\d){_TENS}\s?(?:x\b|[×*])|\(0?[.,]0*1\)',
@@ -91,8 +91,9 @@ def unit_of(text: str, quantity: str = '') -> str | None:
 def parse_heading(text: str) -> Heading:
     """Return the words, in lower case, and the unit of a heading such as ``'Load, kN (aft)'`` or ``'n_rpm'``.
 
-    The unit is as written, known or not. Of a heading with a factor, as ``'rpm x10'``, the whole text is the
-    unit, so that it is not a known one.
+    The unit is as written, known or not; None without one. What is in brackets is not among the words; a unit
+    without brackets is. Of a heading with a factor, as ``'rpm x10'``, the whole text is the unit, so that it
+    is not a known one.
     """
     match = _BRACKETED.fullmatch(text.strip())
     name, bracketed = match.groups() if match else (text, None)

@@ -33,7 +33,7 @@ def find_key_column(
 
     Such a column has different words in rows of one time, or a word that changes from row to row in most
     rows; rows where it is empty are ignored. Whole numbers without a unit count as words if the values of one
-    time differ by more than they change. A column with more than 100 words is none.
+    time differ by more than they change. A column has at most 100 words, and fewer than half of its rows.
 
     Args:
         rows: The rows that have a value and a time.

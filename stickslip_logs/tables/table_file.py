@@ -233,7 +233,7 @@ class TextTable(NumberTable):
         self.losses = (*losses, *self._dialect.losses)
 
     def _rows_of_days(self, columns: Sequence[int]) -> list[list[str]]:
-        """Read the file for the first row of each day, told by the first two numbers in the columns of dates.
+        """Read the file for the first row of each day, by the first two numbers in the columns of dates.
 
         Up to 3660 days are found. All rows without these numbers count as one day; too short ones are
         skipped.
@@ -669,6 +669,5 @@ def _column_texts(column: Any) -> list[str]:
     """
     if str(column.type).startswith('timestamp'):
         times = column.to_numpy(zero_copy_only=False).astype('M8[ns]')
-        # NaT becomes the smallest int64, which is no valid time.
         return [str(ns) for ns in times.astype(np.int64).tolist()]
     return ['' if cell is None else str(cell) for cell in column.to_pylist()]

@@ -254,8 +254,8 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
     """Return a clock that adds a column of milliseconds, or of seconds, to times that are whole without it.
 
     Such a column is headed by a unit of time, is below the second or minute to which all times are written,
-    rises in nearly all rows of equal times, and falls to the next second or minute. Without one the clock
-    itself is returned.
+    rises in nearly all rows of equal times, and falls to the next second or minute. A remark names it.
+    Without one the clock itself is returned.
     """
     rows = [row for row in (*table.rows[:MAX_ROWS], *table.tail) if len(row) >= len(table.names)]
     time_ns, is_timed = clock.read([[row[k] for row in rows] for k in clock.columns])
@@ -319,9 +319,9 @@ def _lack_of_times(
 def rank_stamps(table: TableColumns, columns: Sequence[int]) -> list[int]:
     """Return columns of dates with times, the one that is most likely the time of the rows first.
 
-    A column of few different dates, as of an arrival or in the name of a file, comes last. Before others
-    come '_time' of InfluxDB, which also writes the limits of the query, then a column headed as UTC, which
-    ships write beside their zone time, then one headed as a time.
+    A column of less than half as many different dates as another, as of an arrival or in the name of a file,
+    comes last. Before others come '_time' of InfluxDB, which also writes the limits of the query, then a
+    column headed as UTC, which ships write beside their zone time, then one headed as a time, then by place.
     """
     counts = {k: len({row[k] for row in table.rows[:MAX_ROWS] if k < len(row)}) for k in columns}
     return sorted(

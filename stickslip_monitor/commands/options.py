@@ -152,7 +152,7 @@ def add_number(
 
 
 def _read_number(kind: type[float], text: str) -> float | str:
-    """Return the number of a text; where it is none, the text unchanged, for the caller to refuse."""
+    """Return the number of a text; any other text unchanged, for the caller to refuse."""
     try:
         return kind(text)
     except ValueError:
@@ -188,7 +188,7 @@ def read_quantity(noun: str, text: str, units: Iterable[str]) -> tuple[float, st
         The number as written, not converted, and its unit as spelled in ``units``.
 
     Raises:
-        ConfigurationError: The text is no such quantity; the message lists the units.
+        ConfigurationError: The text is not a finite number with one of the units; the message lists them.
     """
     match = _QUANTITY.fullmatch(text)
     written = match.group(2) if match else ''
@@ -284,7 +284,7 @@ def parse_range(text: str | None, noun: str, parse: Callable[[str], float]) -> R
         parse: Parses each of the two.
 
     Raises:
-        ConfigurationError: It is no such text, or the numbers do not rise or are below 0.
+        ConfigurationError: The text is not of this form, or the numbers do not rise or are below 0.
     """
     if text is None:
         return None

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     """Publish a recording to ROS 2, as often as asked; return 0 when it has been played.
 
     Raises:
-        BagError: It cannot be read, or has no messages to play.
+        BagError: It cannot be read, is a log of columns, or has no messages to play.
         RosError: ROS 2 is not there, none of the topics can be played, or a subscriber does not keep up.
     """
     bag = open_bag(args.bag)

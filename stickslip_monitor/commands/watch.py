@@ -409,7 +409,7 @@ def without_copies(take: Callable[[str, Input, float], None], log: Log) -> Take:
     reported: set[tuple[str, Input]] = set()
 
     def pass_sample(bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
-        """Pass a sample on, unless it is a copy; store it for the next."""
+        """Pass a sample on, or warn of the first copy of an input and drop copies; store the sample."""
         key, sample = (bearing, place), (stamp_ns, value)
         copied = stamp_ns is not None and latest.get(key) == sample
         latest[key] = sample

@@ -8,7 +8,7 @@ page as inline SVG with the page's colours and unique ids.
 The hues of regimes and conditions are those of Okabe and Ito, which people with any common colour
 blindness can tell apart; caution is a dark yellow, because green means that all is well (IEC
 60073). In a grey print fills and conditions get darker with trouble: steps of at least 4 in the
-lightness L* of CIE 1976, which is twice what is told apart in one look where they meet.
+lightness L* of CIE 1976, twice the difference that is seen at a glance where they meet.
 """
 
 from __future__ import annotations

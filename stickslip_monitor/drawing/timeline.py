@@ -398,7 +398,7 @@ def marked_events(events: Sequence[Event]) -> list[tuple[int, Event]]:
 def _draw_event_lines(panels: dict[str, canvas.Axes], lines: _Lines) -> None:
     """Draw a line at each event of :func:`marked_events` through all panels but that of the alarm.
 
-    Up to 60 of them have their numbers above, in three rows, as far as these do not collide.
+    If they are at most 60, their numbers stand above, in three rows, as far as these do not collide.
     """
     events = marked_events(lines.timeline.scan.events)
     first = panels['speed']

@@ -31,7 +31,7 @@ from stickslip_monitor.offline.verdict_messages import (
     topics,
 )
 
-# Written in the file, so that a recording of somebody else is none of ours, whatever its name.
+# Written in the file: a recording of somebody else is not taken for a clip by its name.
 _LABEL = 'stickslip_monitor/clip'
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _NAME = r'\d{8}T\d{6}Z_[a-z0-9_]+(-\d+)?\.mcap'

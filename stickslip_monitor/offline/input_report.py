@@ -243,10 +243,11 @@ class FillerSearch:
 
     @property
     def filler(self) -> float | None:
-        """A number that comes twice, farther from all others than these are apart; or None.
+        """A number farther from all others than these are apart, or None.
 
-        It is of nines, or the others change from most values to the next, as those of a sensor do, and it is
-        not between them and zero, as what is at rest.
+        It comes more than once, but less often than the others. It is of nines, or the others change from
+        most values to the next, as those of a sensor do, and it is not between them and zero, as what is at
+        rest.
         """
         total = self._count + self._ends.total()
         for number in {min(self._ends), max(self._ends)} if self._ends else ():
@@ -368,7 +369,7 @@ class InputCheck:
             is_used = is_own & (scan.status == Status.ACCEPTED)
             numbers = stream.value[is_own & ~np.isin(scan.status, (Status.NO_VALUE, Status.NOT_FINITE))]
             value, arrival_ns = stream.value[is_used], stream.arrival_ns[is_used]
-        # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
+        # A level may jump between two values: that is a vibration. An assumed load has no sensor.
         if self._place < LEVEL and not self._source.is_assumed:
             si = self._to_si(value)
             self._sources += self._watch.see_column(arrival_ns, si)

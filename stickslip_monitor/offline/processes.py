@@ -25,7 +25,7 @@ from stickslip_monitor.errors import FleetError
 
 _Key = TypeVar('_Key')
 Pool = Callable[[int], AbstractContextManager[Executor]]
-"""Opens an executor with at most so many workers."""
+"""Opens an executor with up to a number of workers."""
 _PATIENCE = 10.0
 """How long a scheduler may take to answer [s]."""
 _MAX_WORKERLESS = 60.0

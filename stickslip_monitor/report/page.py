@@ -48,7 +48,7 @@ _FILTERS = ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'share', 'ti
 # A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
 _WIDE, _NARROW = canvas.WIDTH, 3.6
 _MAP_WIDE, _MAP_NARROW = (_WIDE, canvas.HEIGHT), (_NARROW, 5.4)
-# A page with more bearings takes minutes to make and nobody looks at them all.
+# A page with more bearings takes minutes to make, and nobody reads it to the end.
 MAX_DRAWN = 12
 _NOT_DRAWN = (
     f'Not drawn: pictures are of the {MAX_DRAWN} bearings that need a look most.'
