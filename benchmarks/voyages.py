@@ -315,7 +315,7 @@ def _has_wrong_source(sent: Sent) -> bool:
         own = stream.inputs == place
         si = si_value(live, place, stream.value[own])
         watch = SourceWatch(least_gap(config, place))
-        if watch.see_column(stream.arrival_ns[own], si):
+        if watch.take_column(stream.arrival_ns[own], si):
             return True
     return False
 

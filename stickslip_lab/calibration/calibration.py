@@ -35,7 +35,7 @@ from stickslip_monitor.monitor.calibration_file import CALIBRATION_SCHEMA, senso
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.signals import Input, Status, Stream
-from stickslip_monitor.monitor.statements import rounded
+from stickslip_monitor.monitor.statements import rounded_text
 from stickslip_monitor.offline.check import RecordingBuffer
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS, Coulomb, Tabulated
@@ -287,8 +287,8 @@ class Calibration:
             )
         if high < 1.1 * low:
             texts.append(
-                f'all evidence is at {rounded(low, 4)} to {rounded(high, 4)} N: beyond a fifth from there the'
-                ' boundaries are known less well'
+                f'all evidence is at {rounded_text(low, 4)} to {rounded_text(high, 4)} N: beyond a fifth from'
+                ' there the boundaries are known less well'
             )
         return texts
 
@@ -513,7 +513,7 @@ def bin_courses(name: str, scan: Scan) -> tuple[TelemetryBins, ...]:
     """
     water = None if scan.config.water_temperature is None else scan.water
     speed, load, _ = reference_point(scan.config.bearing, scan.speed, scan.load, water)
-    begins = np.append(np.flatnonzero(np.diff(scan.stretch, prepend=-1)), scan.time_ns.size)
+    begins = np.append(np.flatnonzero(np.diff(scan.clock_part, prepend=-1)), scan.time_ns.size)
     return tuple(
         bin_telemetry(name, scan.time_ns[a:b], speed[a:b], load[a:b]) for a, b in pairwise(begins) if b > a
     )

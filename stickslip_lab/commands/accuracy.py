@@ -35,7 +35,7 @@ from stickslip_lab.accuracy.accuracy import (
 from stickslip_lab.drawing.studies import MethodMark, draw_pareto
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.monitor.bearing_records import number
+from stickslip_monitor.monitor.bearing_records import finite_or_none
 
 SCHEMA = 'stickslip_monitor/accuracy/1'
 _WORDS = {'refused': '-', 'no_cycle': 'none', 'not_converged': 'fails'}
@@ -103,7 +103,7 @@ def to_json(rows: Sequence[Row]) -> dict[str, Any]:
 
 def _to_plain_values(record: Row | Summary) -> dict[str, object]:
     """Return the fields of a record by name, ``None`` for a number that is not finite."""
-    return {k: number(v) if isinstance(v, float) else v for k, v in asdict(record).items()}
+    return {k: finite_or_none(v) if isinstance(v, float) else v for k, v in asdict(record).items()}
 
 
 def method_panels(rows: Sequence[Row]) -> dict[str, list[MethodMark]]:

@@ -37,7 +37,7 @@ from stickslip_monitor.errors import plural
 from stickslip_monitor.monitor.calibration_file import CALIBRATION_SCHEMA
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
-from stickslip_monitor.monitor.statements import rounded
+from stickslip_monitor.monitor.statements import rounded_text
 from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 from stickslip_monitor.physics.probability import QUANTILES
 
@@ -136,7 +136,7 @@ def _print_calibration(out: Console, config: BearingConfig, calibration: Calibra
     (low, high), (log_r, log_q) = calibration.loads, calibration.factors
     out.print(
         f'[bold]{escape(config.name)}[/]: {plural(len(calibration.edges.tracks), "passage")},'
-        f' {plural(calibration.episodes, "episode")}, {rounded(low, 4)} to {rounded(high, 4)} N'
+        f' {plural(calibration.episodes, "episode")}, {rounded_text(low, 4)} to {rounded_text(high, 4)} N'
     )
     out.print(_boundary_table(config, calibration))
     out.print(
@@ -166,5 +166,5 @@ def _boundary_table(config: BearingConfig, calibration: Calibration) -> Table:
                 ', '.join(f'{value / rpm:.1f}' for value in values)
                 for values in (past, now[3 * k : 3 * k + 3])
             ]
-            table.add_row('' if k else f'{rounded(load, 4)} N', name, *texts)
+            table.add_row('' if k else f'{rounded_text(load, 4)} N', name, *texts)
     return table

@@ -34,7 +34,7 @@ from stickslip_lab.friction.friction_fit import (
 from stickslip_lab.friction.pooled_fit import PooledFit, fit_curve
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError, plural
-from stickslip_monitor.monitor.bearing_records import number
+from stickslip_monitor.monitor.bearing_records import finite_or_none
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.physics.bearing import SPEED_UNITS
@@ -216,7 +216,7 @@ def to_json(
             'asked': args.viscous,
             'used': 'viscous' in fit.names,
             **{
-                name: number(getattr(test, name)) if test else None
+                name: finite_or_none(getattr(test, name)) if test else None
                 for name in ('slope', 'f_value', 'p_value')
             },
             'sentence': viscous_slope_sentence(fit, args.viscous),
@@ -245,8 +245,8 @@ def _reference_conditions(fit: StribeckFit) -> dict[str, Any] | None:
     if not isinstance(fit, PooledFit):
         return None
     return {
-        'at_load': number(fit.load),
-        'at_temperature': number(fit.temperature),
+        'at_load': finite_or_none(fit.load),
+        'at_temperature': finite_or_none(fit.temperature),
         'load_exponent': fit.exponent if fit.has_exponent else None,
         'standard_error': fit.exponent_error if fit.has_exponent else None,
         'interval': list(fit.exponent_interval) if fit.has_exponent else None,

@@ -16,10 +16,10 @@ from rich.table import Table
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
-from stickslip_monitor.monitor.bearing_records import number
+from stickslip_monitor.monitor.bearing_records import finite_or_none
 from stickslip_monitor.monitor.config_questions import write_questions
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.monitor.statements import warns
+from stickslip_monitor.monitor.statements import calls_for_caution
 
 SCHEMA = 'stickslip_monitor/assessment/2'
 _ROWS = [(title, item.name, unit) for item in record_fields.ASSESSED for title, unit in item.shown]
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         speed = options.parse_speed(args.speed, item.bearing.speed)
         speed *= abs(speed) >= item.speed.deadband  # as the monitor counts it
         points.append((item, assess(item.bearing, speed, load, item.belief)))
-        warned |= warns(item, points[-1][1])
+        warned |= calls_for_caution(item, points[-1][1])
     if args.json:
         documents = [
             to_json(item.name, point) | {'questions': write_questions(item, load)} for item, point in points
@@ -71,7 +71,7 @@ def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
         'regime': point.regime.value,
         'outcome': point.outcome.value,
         'sentence': point.outcome.sentence,
-        **{name: number(getattr(point, name)) for name in (*_NAMES, *BELIEFS)},
+        **{name: finite_or_none(getattr(point, name)) for name in (*_NAMES, *BELIEFS)},
     }
 
 

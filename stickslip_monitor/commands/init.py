@@ -20,9 +20,9 @@ from stickslip_logs.units import factors_of
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.files import printable
-from stickslip_monitor.monitor.bearing_records import number
+from stickslip_monitor.monitor.bearing_records import finite_or_none
 from stickslip_monitor.monitor.config_questions import blade_question
-from stickslip_monitor.monitor.configuration import bearing_names, check_topic, load_points
+from stickslip_monitor.monitor.configuration import bearing_names, check_topic, split_load_table
 from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS, LOAD_UNITS
 from stickslip_monitor.monitor.value_check import Parameter, refused
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
@@ -271,7 +271,7 @@ def _read_table(text: str | None) -> list[float]:
     numbers = [float(number) for pair in pairs if pair for number in pair.groups()]
     if None in pairs or not all(math.isfinite(number) for number in numbers):
         raise refused('--load-over-speed', text, 'pairs of a shaft speed in rpm and a load, as 0:32, 60:28')
-    _, loads = load_points('--load-over-speed', numbers)
+    _, loads = split_load_table('--load-over-speed', numbers)
     if min(loads) <= 0.0:
         raise refused('--load-over-speed', text, 'loads above 0')
     return numbers
@@ -408,11 +408,16 @@ def to_json(values: Sequence[Estimate], text: str) -> dict[str, Any]:
     return {
         'schema': SCHEMA,
         'values': [asdict(item) for item in values],
-        'hopf_speed': number(hopf_speed(bearing, load)),
-        'fold_speed': number(end_of_vibration(bearing, load)),
-        'fold_speed_kbm': number(fold_speed(bearing, load)),
+        'hopf_speed': finite_or_none(hopf_speed(bearing, load)),
+        'fold_speed': finite_or_none(end_of_vibration(bearing, load)),
+        'fold_speed_kbm': finite_or_none(fold_speed(bearing, load)),
         'measure_next': [
-            {'name': e.name, 'spread': e.spread, 'below': number(e.below), 'above': number(e.above)}
+            {
+                'name': e.name,
+                'spread': e.spread,
+                'below': finite_or_none(e.below),
+                'above': finite_or_none(e.above),
+            }
             for e in fold_shifts(values)
         ],
         'file': text,

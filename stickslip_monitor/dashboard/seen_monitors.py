@@ -22,7 +22,7 @@ from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.bearing_records import POINT_NUMBERS
 from stickslip_monitor.monitor.session import Sink
-from stickslip_monitor.monitor.statements import about
+from stickslip_monitor.monitor.statements import duration_text
 
 SILENT = 3.0
 """A monitor without a message for so long is taken for gone [s]."""
@@ -242,7 +242,7 @@ class WatchedMonitor(Sink):
         if self._is_idle():
             return [f'Not monitoring: {name} is not active; its bearings are not watched.']
         if not self.is_receiving:
-            return [f'The monitor {name} has been silent for {about(self.silent_for)}.']
+            return [f'The monitor {name} has been silent for {duration_text(self.silent_for)}.']
         return list(self._gap_sentences(name))
 
     def _gap_sentences(self, name: str) -> Iterator[str]:
@@ -257,7 +257,7 @@ class WatchedMonitor(Sink):
         if self.alarms is None:
             yield f'No list of alarms from {name} yet: alarm state unknown.'
         elif not self._replay and late > ALARMS_SILENT:
-            yield f'The list of alarms of {name} is {about(late)} old: newer alarms are missing.'
+            yield f'The list of alarms of {name} is {duration_text(late)} old: newer alarms are missing.'
 
     def notice(self) -> str:
         """Return a text on the node's own faults, and on bearings whose map is of another parameter file.

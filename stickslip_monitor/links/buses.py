@@ -26,8 +26,8 @@ from stickslip_monitor.monitor.parameters import (
     InputConfig,
     MonitorConfig,
     build_section,
+    declared_parameters,
     parameter,
-    rows,
 )
 from stickslip_monitor.monitor.session import Log, Moment, Session, Sink, Store
 from stickslip_monitor.monitor.signals import Input
@@ -76,7 +76,7 @@ class NmeaLink:
     accept_actions: bool = parameter(False, 'Carry out acknowledgements and silencing by ACN.')
 
 
-LINK_PARAMETERS = rows(SignalKLink, 'signalk.') + rows(NmeaLink, 'nmea.')
+LINK_PARAMETERS = declared_parameters(SignalKLink, 'signalk.') + declared_parameters(NmeaLink, 'nmea.')
 """The parameters of the buses."""
 
 
@@ -115,7 +115,7 @@ class BusInput:
         return max(UNHEARD, self.hold)
 
 
-INPUT_PARAMETERS = rows(BusInput)
+INPUT_PARAMETERS = declared_parameters(BusInput)
 """The parameters of one input of a bearing, under ``<bearing>.speed`` and ``<bearing>.load``."""
 
 
@@ -480,7 +480,7 @@ class LiveMonitor:
         now = self._now()
         held_ns = now.steady_ns - self._ticked_ns
         if held_ns > STALL_NS:
-            self._session.excuse(held_ns)
+            self._session.discount_stall(held_ns)
             self._ticked_ns = now.steady_ns
         return now
 

@@ -132,7 +132,7 @@ class _Assessed(Generic[_Number]):
     def _apply_flat(self, function: Callable[..., FloatArray], *columns: ArrayLike) -> _Number:
         """Apply a function of flat arrays to columns that broadcast, in blocks of rows; return the result.
 
-        The result has the shape of the columns; it is a number for numbers. Floating-point warnings are
+        It has the broadcast shape of the columns; it is a number for numbers. Floating-point warnings are
         silenced.
         """
         shape, flat = flatten(*columns)
@@ -145,10 +145,11 @@ class _Assessed(Generic[_Number]):
         ``nan`` where a point is not finite.
         """
 
-        def known(speed: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
+        def finite_margin(speed: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
+            """Return the margin of flat columns, ``nan`` where a point is not finite."""
             return np.where(code == NOT_FINITE, np.nan, margin(np.abs(speed), limit))
 
-        return self._apply_flat(known, self.speed, boundary, self.outcome_code)
+        return self._apply_flat(finite_margin, self.speed, boundary, self.outcome_code)
 
     def _cycle_amplitude(
         self, solve: Callable[[Bearing, FloatArray, FloatArray], FloatArray], *codes: np.int8
@@ -196,6 +197,7 @@ class _Assessed(Generic[_Number]):
         """The averaged fold as a share of the one that decides; 1 without either."""
 
         def share(kbm: FloatArray, fold: FloatArray) -> FloatArray:
+            """Return ``kbm / fold`` of flat columns; 1 where either is missing or infinite."""
             has_both = (kbm > 0.0) & (kbm < np.inf) & (fold > 0.0) & (fold < np.inf)
             return np.divide(kbm, fold, out=np.ones(fold.shape), where=has_both)
 
@@ -250,11 +252,12 @@ class _Assessed(Generic[_Number]):
         """
         limit = self._apply_flat(np.abs, self.speed) / self.bearing.natural_frequency
 
-        def known(amplitude: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
+        def limit_if_missing(amplitude: FloatArray, limit: FloatArray, code: FloatArray) -> FloatArray:
+            """Return the amplitudes, in the bistable range the limit for one that is ``nan``."""
             return np.where(np.isnan(amplitude) & (code == BISTABLE), limit, amplitude)
 
         amplitude = self._cycle_amplitude(averaging.threshold_amplitude, BISTABLE)
-        return self._apply_flat(known, amplitude, limit, self.outcome_code)
+        return self._apply_flat(limit_if_missing, amplitude, limit, self.outcome_code)
 
     @cached_property
     def amplitude_exact(self) -> _Number:

@@ -93,6 +93,7 @@ class BearingMonitor(Standing):
             return
 
         def converted(si: float) -> float:
+            """Return a value by the old settings as its number has it by the new ones [SI]."""
             number = (si / old.factor[place] - old.offset[place]) / old.scale[place]
             return rule.si_value(new, place, number)
 
@@ -105,13 +106,13 @@ class BearingMonitor(Standing):
 
     @property
     def now_ns(self) -> int | None:
-        """The latest time, on the clock of the samples [ns]; ``None`` before the first."""
+        """The latest time, on the clock of the arrivals [ns]; ``None`` before the first."""
         return None if self.state.now == NEVER else self.state.now - self.state.shift
 
     def is_lost(self, place: int) -> bool:
         """Return whether an input is lost at the latest time, or has not been received yet.
 
-        A level or temperature that is not configured is never lost.
+        A level or temperature that is not configured is never lost. ``place`` is the index of the input.
         """
         if place == Input.LEVEL:
             return self.unknown in (Unknown.NOTHING, Unknown.LOST)
@@ -119,7 +120,7 @@ class BearingMonitor(Standing):
             return bool(self.water_doubt)
         return self.state.came[place] == NEVER or INPUTS[place] in self.lost()
 
-    def excuse(self, held_ns: int) -> None:
+    def discount_stall(self, held_ns: int) -> None:
         """Subtract a stall of this process [ns] from the age of speed and load, by moving their times on."""
         state = self.state
         for place in (Input.SPEED, Input.LOAD):
@@ -128,7 +129,7 @@ class BearingMonitor(Standing):
         if state.began != NEVER:
             state.began += held_ns
 
-    def follow(self, step_ns: int) -> None:
+    def follow_step(self, step_ns: int) -> None:
         """Follow a step of the arrivals' clock [ns], negative back; the memory's own time goes on."""
         self.state.shift -= step_ns
 
@@ -136,7 +137,7 @@ class BearingMonitor(Standing):
         """Take one sample of an :class:`Input` and count it in ``counts``.
 
         Arguments are as in :class:`Sample`. A valid value of a source that sends changes only is kept for
-        :meth:`repeats`; an invalid one ends that.
+        :meth:`take_repeats`; an invalid one ends that.
 
         Returns:
             Its status; the verdict if it made an operating point; and the events up to its time.
@@ -161,11 +162,11 @@ class BearingMonitor(Standing):
                 self._held.pop(place, None)
         return update
 
-    def repeats(self, before_ns: int) -> Iterator[Update]:
+    def take_repeats(self, before_ns: int) -> Iterator[Update]:
         """Take once more, each at its time, the values that stand and are due, and yield the result of each.
 
         Only inputs whose source sends changes only are repeated, for as long as their values stand. The
-        memory changes as results are taken from the iterator; ``counts`` stays.
+        memory changes as results are drawn from the iterator, so draw all; ``counts`` stays.
 
         Args:
             before_ns: The time before which they are due, on the clock of arrivals [ns].
@@ -185,7 +186,7 @@ class BearingMonitor(Standing):
             yield self._take_sample(place, state.stamp[place], number, due_ns - state.shift)
 
     def _take_sample(self, place: int, time_ns: int, number: float, arrival_ns: int) -> Update:
-        """Run the rule on one sample; compute the amplitude of the cycle where that is due.
+        """Run the rule on one sample, which changes the memory; first compute the cycle's amplitude if due.
 
         Args:
             place: Index of the input.
@@ -230,6 +231,9 @@ class Monitor:
     Args:
         config: The validated configuration.
         states: What is remembered of bearings from before, by name.
+
+    Attributes:
+        bearings: Each bearing, by name.
 
     >>> from stickslip_monitor.monitor.parameter_file import load_config
     >>> monitor = Monitor(load_config('launch_configs/reference_bearing.yaml'))

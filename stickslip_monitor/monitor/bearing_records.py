@@ -70,7 +70,7 @@ def _with_topic(bearing: BearingConfig, kind: str) -> Iterator[str]:
 
 
 def verdict_value(name: str, verdict: Verdict) -> float | str:
-    """Return what a topic, by its last part, has of a verdict: a word, or a number in SI units."""
+    """Return what a topic, by its last part, has of a verdict: a word, or a :func:`topic_number`."""
     if name == 'measured':
         return str(verdict.measured)
     point = verdict.assessment
@@ -83,13 +83,13 @@ def topic_number(name: str, points: Assessment | Assessments) -> FloatArray:
     return np.where(np.isnan(value), WITHOUT_CYCLE.get(name, math.nan), value)
 
 
-def number(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     """Return a float for JSON, which has no infinity and no NaN: ``None`` for those."""
     return value if math.isfinite(value) else None
 
 
 def point_record(point: Assessment | None) -> dict[str, Any]:
-    """Return regime, outcome and numbers of one operating point, by the names of ``record_fields.POINT``.
+    """Return regime, outcome and numbers of one operating point, by the names of its record fields.
 
     All are ``None`` without a point; a number that is not finite is ``None``.
     """
@@ -98,7 +98,7 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
     return {
         'regime': point.regime.value,
         'outcome': point.outcome.value,
-        **{name: number(float(getattr(point, name))) for name in POINT_NUMBERS},
+        **{name: finite_or_none(float(getattr(point, name))) for name in POINT_NUMBERS},
     }
 
 
@@ -120,7 +120,7 @@ def event_record(event: Event) -> dict[str, Any]:
         'raised': then.raised_lately,
         **({} if measured is None else {'measured': measured.value}),
         **point_record(then.assessment),
-        'input_age': {name: number(age) for name, age in event.lost.items()},
+        'input_age': {name: finite_or_none(age) for name, age in event.lost.items()},
         'text': event.text,
     }
 
@@ -219,7 +219,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
         'text': state.message,
         'monitoring': monitoring,
         'sticking': None if point is None else bearing.sticking,
-        'growth': number(bearing.growth),
+        'growth': finite_or_none(bearing.growth),
         'clears_in': clears,
         'held_until': None if clears is None else time_ns + round(clears * 1e9),
         'raised': bearing.raised_lately,
@@ -230,7 +230,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
         'measured': None if measured is None else measured.value,
         'unmeasured': '' if unknown is None else unknown.sentence,
         'unseen': bearing.unseen,
-        'water_temperature': number(bearing.state.water) if has_water else None,
+        'water_temperature': finite_or_none(bearing.state.water) if has_water else None,
         'viscosity_ratio': bearing.state.viscosity_ratio if has_water else None,
         'inputs': {name: _input_record(state, name) for name in bearing.config.inputs},
     }
@@ -242,15 +242,18 @@ def _input_record(state: BearingState, name: str) -> dict[str, Any]:
     input_state, counts = state.inputs.get(name, InputState()), bearing.counts[place]
     return {
         'lost': _is_lost(bearing, place),
-        'age': number(input_state.age),
-        'rate': number(input_state.rate),
+        'age': finite_or_none(input_state.age),
+        'rate': finite_or_none(input_state.rate),
         'fault': input_state.fault,
         'counts': {status.name.lower(): int(counts[status]) for status in Status},
     }
 
 
 def _is_lost(bearing: BearingMonitor, place: int) -> bool:
-    """Return whether an input is lost; level and temperature only after their first value."""
+    """Return whether an input is lost; level and temperature only after their first value.
+
+    ``place`` is the index of the input.
+    """
     if place == Input.LEVEL:
         return bearing.unknown is Unknown.LOST
     if place == Input.WATER_TEMPERATURE:

@@ -35,7 +35,8 @@ _FLOOR = Parameter('floor', 'float', REQUIRED, 'Deviation that no evidence takes
 def sensor_record(source: InputConfig) -> dict[str, Any]:
     """Return topic, field and conversion of an input as a calibration's file records them.
 
-    A calibration holds as long as these stay as they are.
+    A calibration holds as long as these stay as they are. A gear of 1 and a load without a table have no
+    entry.
     """
     record: dict[str, Any] = {'topic': source.topic, 'field': source.field_text}
     record |= {'scale': source.scale, 'offset': source.offset, 'unit': source.unit}

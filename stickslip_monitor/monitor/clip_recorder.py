@@ -58,7 +58,7 @@ class ClipStore(Protocol):
 
 
 def begins_clip(event: Event) -> bool:
-    """Return whether an event begins a clip: matters got worse, to a condition of severity ERROR."""
+    """Return whether an event begins a clip: it is raised, to a condition of severity ERROR."""
     return event.raised and event.after.severity is Severity.ERROR
 
 
@@ -66,8 +66,14 @@ class ClipRecorder:
     """Keeps the last messages, and takes a clip when an alarm begins.
 
     A further alarm while a clip is taken lengthens it. Half of a clip's size is for what was before the
-    alarm; a clip that is full ends there. ``definitions`` has the ``ros2msg`` text of each type that is not
-    built in, and may grow.
+    alarm; a clip that is full ends there.
+
+    Args:
+        config: Length and size of clips.
+        definitions: The ``ros2msg`` text of each type that is not built in; it may grow later.
+
+    Attributes:
+        now_ns: The latest time of the samples [ns]; 0 before the first.
     """
 
     def __init__(self, config: ClipConfig, definitions: Mapping[str, str] | None = None) -> None:

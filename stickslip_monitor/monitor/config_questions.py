@@ -30,7 +30,7 @@ LARGEST_MOTION = 0.1
 LOWEST_TONE, HIGHEST_TONE = 1.0, 20_000.0
 """Natural frequencies of linings: chatter from some hertz on, squeal up to some kilohertz [Hz]."""
 FACTOR = 5.0
-"""Of the load: a bearing whose law is at fault has no boundary at so many times it either."""
+"""Times the load: a bearing whose friction law is at fault has no boundary there either."""
 ENDS_EARLY = 0.2
 """Share of a curve's steepest fall above which it ends in the midst of it."""
 BLADES = range(3, 8)
@@ -209,7 +209,7 @@ def note_on_table(bearing: Bearing) -> str:
 
 
 def _last_fall(law: Tabulated) -> float:
-    """Return how steeply a measured curve falls at its end [s/m]: the more by two points or its own slope."""
+    """Return how steeply a measured curve falls at its end [s/m]: the larger of chord and own slope there."""
     chord = (law.values[-2] - law.values[-1]) / (law.speed[-1] - law.speed[-2])
     return max(chord, -float(np.asarray(law.slope(np.array([law.speed[-1]])))[0]))
 

@@ -195,8 +195,8 @@ def _in_any_water(bearing: Bearing) -> Bearing:
 _make_belief = lru_cache(maxsize=16)(Belief.from_tolerance)
 
 
-def load_points(name: str, numbers: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
-    """Return speeds and loads, in their own units, of a table of the load given as one list of pairs.
+def split_load_table(name: str, numbers: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
+    """Split a table of the load, given as one flat list of pairs, into speeds and loads in their own units.
 
     Raises:
         ConfigurationError: There are fewer than 2 or more than 16 pairs, or the speeds do not rise; the text
@@ -444,7 +444,7 @@ class _Section:
         # Surface speeds [m/s] and the loads there [N].
         table: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
         if settings['load.over_speed']:
-            speeds, loads = load_points(f'{self.name}.load.over_speed', settings['load.over_speed'])
+            speeds, loads = split_load_table(f'{self.name}.load.over_speed', settings['load.over_speed'])
             table = tuple(rpm * per_rpm for rpm in speeds), tuple(load * factor for load in loads)
         for load in table[1] or (settings['load.constant'] * factor,):
             if not 0.0 < load <= settings['load.maximum']:

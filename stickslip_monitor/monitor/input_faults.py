@@ -72,7 +72,7 @@ class SourceFault:
     is_mixed: bool = True  # whether the rarer level is so frequent that no verdict can be relied on
 
     def with_share(self, share: float) -> SourceFault:
-        """Return the fault with a later share; a mix ends below a smaller share than it begins."""
+        """Return the fault with a later share, and ``is_mixed`` by it: a mix ends below a smaller share."""
         return replace(self, share=share, is_mixed=share >= (STILL_MIXED if self.is_mixed else MIXED))
 
 
@@ -86,7 +86,7 @@ def least_gap(config: BearingConfig, place: int) -> float:
 
 
 def fault_text(fault: SourceFault, config: InputConfig) -> str:
-    """Write the fault as a clause, with its levels in the unit of the input."""
+    """Return the fault as a clause, with its levels in the unit of the input."""
     low, high = (level / config.factor for level in fault.levels)
     return f'{fault.kind.sentence} (here {low:.4g} and {high:.4g} {config.unit})'
 
@@ -120,10 +120,10 @@ class SourceWatch:
     _here: float = 0.0  # mean length of the runs on the present level
     _there: float = 0.0  # the same on the other one
 
-    def see(self, arrival_ns: int, si: float) -> SourceFault | None:
+    def take(self, arrival_ns: int, si: float) -> SourceFault | None:
         """Take one value [SI] and its arrival [ns], which must not fall; return the fault that it raises.
 
-        ``None`` where it raises none, also while one stands. A value that is not finite is passed over.
+        ``None`` where it raises none, also while one stands. A value that is not finite is skipped.
         """
         if not math.isfinite(si):
             return None
@@ -140,8 +140,8 @@ class SourceWatch:
         self._take_run(run, counts=returns and self._count > 0)
         return self._count_evidence(arrival_ns, (min(before, si), max(before, si))) if returns else None
 
-    def see_column(self, arrival_ns: IntArray, si: FloatArray) -> list[SourceFault]:
-        """Take values of shape (n,) as :meth:`see` does, quickly; return the faults that they raise."""
+    def take_column(self, arrival_ns: IntArray, si: FloatArray) -> list[SourceFault]:
+        """Take values of shape (n,) as :meth:`take` does, quickly; return the faults that they raise."""
         is_finite = np.isfinite(si)
         if not is_finite.all():
             arrival_ns, si = arrival_ns[is_finite], si[is_finite]
@@ -150,13 +150,13 @@ class SourceWatch:
         for k in _find_jumps(values).tolist():
             self._value = float(values[k])
             self._run += k - done
-            faults.append(self.see(int(arrival_ns[k]), float(values[k + 1])))
+            faults.append(self.take(int(arrival_ns[k]), float(values[k + 1])))
             done = k + 1
         self._value = float(values[-1])
         self._run += si.size - done
         return [fault for fault in faults if fault is not None]
 
-    def see_steady(self, si: FloatArray) -> bool:
+    def take_steady(self, si: FloatArray) -> bool:
         """Take finite values of shape (n,) if none of them can be a jump and there is no evidence yet.
 
         Returns:
@@ -169,10 +169,10 @@ class SourceWatch:
         self._value = float(si[-1]) if si.size else self._value
         return True
 
-    def standing(self, now_ns: int) -> SourceFault | None:
+    def standing_fault(self, now_ns: int) -> SourceFault | None:
         """Return the fault that stands, else ``None``; a minute without evidence has cleared it.
 
-        ``now_ns`` is on the clock of the arrivals that :meth:`see` takes.
+        ``now_ns`` is on the clock of the arrivals that :meth:`take` takes.
         """
         if now_ns - self._last_ns > HOLD_NS:
             self._weaken_evidence(self._count)
@@ -253,13 +253,15 @@ def mixed_sentence(config: BearingConfig, standing: Iterable[SourceFault | None]
 MOSTLY = 1.0 / 3.0
 """From this share of refused samples on they are a fault."""
 PATIENCE = 3
-"""A fault is reported when so many looks in a row have found the same cause: discovery takes its time."""
+"""A fault is reported when so many checks in a row have found the same cause: discovery takes its time."""
 SHARE_SAMPLES, SHARE_NS = 20, 10 * 10**9
 """The share of refused samples is that of at least so many, over at least such a time [ns]."""
 _NAMES_SHOWN = 8
 """Of the names that a message has in place of ours: more help nobody to find the slip."""
 _GRAPH_PERIOD = 5
+"""Checks between two questions to the graph, which costs as much as all else."""
 _RATE_LOOKS = 10
+"""Checks over which the rate of an input is counted."""
 _BATCH = 256
 """Values of an input that are judged at once: numpy costs as much for one."""
 _NUMBERS = re.compile(r'[\d.]+')
@@ -376,7 +378,7 @@ def _connection_fault(facts: InputFacts, publishers: Sequence[Publisher]) -> str
 
 
 def _silence_text(facts: InputFacts) -> str:
-    """Return the sentence on an input without messages though its publishers, if any, match."""
+    """Return the sentence on an input without messages, whose publishers, if any, match."""
     topic, publishers = facts.topic, facts.publishers
     if not publishers:
         return f'No messages on {topic}.'
@@ -422,20 +424,20 @@ class InputState:
 
 @dataclass(slots=True)
 class _Track:
-    """One input as it was at the looks before; times of the steady clock [ns]."""
+    """One input as it was at the checks before; times of the steady clock [ns]."""
 
     source: SourceWatch
     arrived_ns: int | None = None
     behind_ns: int = 0  # how far the latest stamp was behind its arrival
     last: IntArray = field(default_factory=lambda: np.zeros(len(Status), np.int64))
-    """Samples by status at the last look."""
+    """Samples by status at the last check."""
     refused: IntArray = field(default_factory=lambda: np.zeros(len(Status), np.int64))
-    """The same at the last look that found a new valid sample."""
+    """Samples by status at the last check that found a new valid one."""
     marks: deque[tuple[int, IntArray]] = field(default_factory=lambda: deque(maxlen=2))
     rates: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_LOOKS))
-    cause: str = ''  # the fault of the last look, without its numbers
-    looks: int = 0  # in a row that found this cause
-    reported: str = ''
+    cause: str = ''  # the fault of the last check, without its numbers
+    looks: int = 0  # checks in a row that found this cause
+    reported: str = ''  # the fault that was reported last; '' once it is over
 
     def take_fault(self, fault: str) -> tuple[str, bool]:
         """Store the fault found by a check, '' for none; report it once when three in a row agree.
@@ -515,7 +517,7 @@ class InputWatch:
             valid: Whether the rule accepts it.
 
         Returns:
-            The fault of its source that stands, as :meth:`SourceWatch.standing`; ``None`` for none.
+            The fault of its source that stands, as :meth:`SourceWatch.standing_fault`; ``None`` for none.
         """
         track, live = self._tracks[bearing][place], self._bearings[bearing].settings.live
         if valid:
@@ -524,13 +526,13 @@ class InputWatch:
             source = self._bearings[bearing].config.inputs[INPUTS[place]]
             if place < LEVEL and not source.is_assumed:
                 si = si_value(live, place, value)
-                track.source.see(now_ns, si)
+                track.source.take(now_ns, si)
                 # What stands until the next change is known to come slowly.
                 if not source.hold_ns:
                     times, values = self._values[bearing, place]
                     times.append(now_ns)
                     values.append(si)
-        return track.source.standing(now_ns)
+        return track.source.standing_fault(now_ns)
 
     def _judge_fitness(self, name: str) -> None:
         """Hand the values of a bearing to its fitness watch once speeds and loads are 256 together.
@@ -554,7 +556,7 @@ class InputWatch:
 
     def mixed(self, bearing: str, now_ns: int) -> str:
         """Return the sentence on a bearing's speed or load that is a mix of two sources; '' for none."""
-        standing = (track.source.standing(now_ns) for track in self._tracks[bearing].values())
+        standing = (track.source.standing_fault(now_ns) for track in self._tracks[bearing].values())
         return mixed_sentence(self._bearings[bearing].config, standing)
 
     def states(self, bearing: str, now_ns: int) -> dict[str, InputState]:
@@ -567,8 +569,8 @@ class InputWatch:
     def explain(self, bearing: str, now_ns: int, *, without_clock: bool) -> str:
         """Return sentences on why inputs of a bearing are lost right now; '' where nothing is known.
 
-        Arguments as for :meth:`look`. A sender that is just being discovered is left out. The graph is asked
-        anew.
+        Arguments as for :meth:`check_inputs`. A sender that is just being discovered is left out. The graph
+        is asked again.
         """
         self._publishers.clear()
         lost, texts = self._bearings[bearing].lost(), []
@@ -581,7 +583,7 @@ class InputWatch:
                     texts.append(fault)
         return ' '.join(dict.fromkeys(text for text in texts if text))
 
-    def look(self, now_ns: int, *, without_clock: bool) -> list[tuple[str, str, bool]]:
+    def check_inputs(self, now_ns: int, *, without_clock: bool) -> list[tuple[str, str, bool]]:
         """Check every input, once a second; ask the graph each fifth time, or each time while one is lost.
 
         Args:
@@ -615,13 +617,13 @@ class InputWatch:
             bearing: Name of the bearing.
             place: Index of the input.
             now_ns: Now, on the steady clock.
-            without_clock: As in :meth:`look`.
+            without_clock: As in :meth:`check_inputs`.
         """
         monitor, track = self._bearings[bearing], self._tracks[bearing][place]
         source = monitor.config.inputs[INPUTS[place]]
         lost = monitor.is_lost(place)
         self._lost |= lost
-        timeout, source_fault = source.timeout_ns * 1e-9, track.source.standing(now_ns)
+        timeout, source_fault = source.timeout_ns * 1e-9, track.source.standing_fault(now_ns)
         lately = track.last - track.marks[0][1] if track.marks else track.last
         refused, every = lately.copy(), int(lately.sum())
         # A sender of whole seconds repeats itself honestly.
@@ -659,6 +661,9 @@ def _value_age(track: _Track, now_ns: int) -> float:
 
 
 def _commonest_refusal(counts: IntArray) -> Status | None:
-    """Return the reason for which most values were refused; ``None`` where none was."""
+    """Return the reason for which most values were refused; ``None`` where none was.
+
+    ``counts`` are samples by :class:`Status`, of which those accepted do not count.
+    """
     refused = counts[Status.ACCEPTED + 1 :]
     return Status(Status.ACCEPTED + 1 + int(refused.argmax())) if refused.any() else None

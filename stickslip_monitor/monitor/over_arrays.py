@@ -141,7 +141,10 @@ def store_change(
     count: int,
     note: tuple[int, int, int, int, int, int],
 ) -> int:
-    """Store ``note``, an alarm change, and a copy of the memory in row ``count``; return the next row."""
+    """Store ``note``, an alarm change, and a copy of the memory in row ``count``; return ``count + 1``.
+
+    ``note`` has the six numbers whose places are :data:`SAMPLE` to :data:`POINTS`.
+    """
     for column in range(len(note)):
         changes[count][column] = note[column]
     memories[count] = states[0]
@@ -194,8 +197,8 @@ class Scan:
     water_doubt: str  # why the temperature of the water is in doubt at the end; empty where it is not
 
     @property
-    def stretch(self) -> IntArray:
-        """Number of clock steps back before each point of a whole recording, shape (n,)."""
+    def clock_part(self) -> IntArray:
+        """Number of steps back of the clock before each point of a whole recording, shape (n,)."""
         back = np.diff(self.now_ns, prepend=self.now_ns[:1]) < 0
         jumps: IntArray = np.cumsum(back, dtype=np.int64)[self.sample]
         return jumps
@@ -222,7 +225,7 @@ class Scan:
         return assess(config.bearing, speed, load, config.belief, table, chances, water)
 
 
-def joined(parts: Sequence[Scan]) -> Scan:
+def join_scans(parts: Sequence[Scan]) -> Scan:
     """Return the verdicts on the successive parts of a recording, at least one, as those of one part."""
     columns: dict[str, Any] = {
         column.name: np.concatenate([getattr(part, column.name) for part in parts])
@@ -237,7 +240,7 @@ def joined(parts: Sequence[Scan]) -> Scan:
     )
 
 
-def counts_of(inputs: NDArray[np.int8], status: NDArray[np.int8]) -> IntArray:
+def count_statuses(inputs: NDArray[np.int8], status: NDArray[np.int8]) -> IntArray:
     """Count samples by :class:`Input` and :class:`Status`; return shape (4, 7)."""
     kinds = np.bincount(inputs * len(Status) + status, minlength=len(Input) * len(Status))
     return kinds.reshape(len(Input), len(Status))
@@ -315,7 +318,7 @@ class BearingScan:
             at=at,
             now_ns=now_ns,
             status=status,
-            counts=counts_of(stream.inputs, status),
+            counts=count_statuses(stream.inputs, status),
             unknown=now.unknown,
             water_doubt=now.water_doubt,
         )

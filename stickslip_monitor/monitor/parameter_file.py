@@ -315,7 +315,8 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
 def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
     """Return the column of each input, as ``aft.speed``, in a log of a ship's buses.
 
-    It is empty where the file has no section of buses, or one that gives a parameter twice.
+    It is empty where the file has no section of buses, or one that gives a parameter twice. A column is the
+    path of Signal K, the name of the transducer, or ``RPM S 1`` with kind and number of the shaft.
     """
     try:
         links = _read_section(path, document, LINKS)
@@ -371,7 +372,7 @@ def _flatten_content(path: str | Path, content: Mapping[Any, Any]) -> dict[str, 
 
 
 def _iterate_flat(prefix: str, content: Mapping[Any, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield dotted name and value of nested parameters, each name after a prefix."""
+    """Yield dotted name and value of nested parameters, each name directly after a prefix."""
     for key, value in content.items():
         name = f'{prefix}{key}'
         if isinstance(value, Mapping):

@@ -58,8 +58,10 @@ def duration(default: float, text: str, within: tuple[float, float] = (0.0, WEEK
     return parameter(default, text, 's', within, convert=nanoseconds, kind='float', **rules)
 
 
-def rows(section: type[Any], prefix: str = '', **changes: dict[str, Any]) -> tuple[Parameter, ...]:
-    """Return the parameters that a dataclass declares, each name after a prefix, in the order of its fields.
+def declared_parameters(
+    section: type[Any], prefix: str = '', **changes: dict[str, Any]
+) -> tuple[Parameter, ...]:
+    """Return the parameters that a dataclass declares, in the order of its fields, names after a prefix.
 
     ``changes`` replace attributes of a parameter, by its name without the prefix.
     """
@@ -82,7 +84,8 @@ def _parameter_name(item: Field[Any]) -> str:
 def build_section(section: type[Section], prefix: str, values: Mapping[str, Any], **derived: Any) -> Section:
     """Return a dataclass made from the checked values of its parameters, by name after a prefix.
 
-    ``derived`` are values of its other fields, or in place of a parameter's.
+    ``derived`` are values of its other fields, or in place of a parameter's. A value is converted as its
+    parameter declares, as seconds to nanoseconds.
     """
     filled_values = {
         item.name: item.metadata['convert'](values[prefix + _parameter_name(item)])
@@ -264,7 +267,7 @@ class WaterConfig(InputConfig):
 
 
 def _declare_probability(default: float, text: str) -> Any:
-    """Return a field that is a parameter from 0 to 1."""
+    """Return the field of a parameter from 0 to 1."""
     return parameter(default, text, within=(0.0, 1.0))
 
 
@@ -443,7 +446,7 @@ def _declare_optional(name: str, unit: str, text: str, maximum: float, *, above:
 BEARINGS = Parameter(
     'bearings', 'str[]', REQUIRED, 'Names of the bearings; each has its own section.', fixed=True
 )
-NODE_PARAMETERS = (BEARINGS, *rows(MonitorConfig), *rows(ClipConfig, 'clips.'))
+NODE_PARAMETERS = (BEARINGS, *declared_parameters(MonitorConfig), *declared_parameters(ClipConfig, 'clips.'))
 """The parameters of the node."""
 # Bounds keep out what is no bearing and cannot be computed with: from a watch's to a mountain's.
 LINING_PARAMETERS = (
@@ -530,7 +533,7 @@ TOLERANCE_PARAMETERS = tuple(
     for item in fields(Tolerance)
 )
 INPUT_PARAMETERS = {
-    'speed': rows(
+    'speed': declared_parameters(
         SpeedConfig,
         'speed.',
         unit={'choices': SPEED_UNITS},
@@ -542,13 +545,13 @@ INPUT_PARAMETERS = {
             f' {FASTEST_RPM:g} rpm, at most {FASTEST:g} m/s.',
         },
     ),
-    'load': rows(
+    'load': declared_parameters(
         LoadConfig,
         'load.',
         unit={'choices': tuple(LOAD_UNITS)},
         maximum={'default': 1e8, 'unit': 'N', 'maximum': 1e9},
     ),
-    'level': rows(
+    'level': declared_parameters(
         LevelConfig,
         'level.',
         topic={
@@ -558,7 +561,7 @@ INPUT_PARAMETERS = {
         unit={'choices': LEVEL_UNITS, 'default': 'm/s^2'},
         maximum={'default': 1e12, 'maximum': 1e12},
     ),
-    'water_temperature': rows(
+    'water_temperature': declared_parameters(
         WaterConfig,
         'water_temperature.',
         topic={
@@ -587,8 +590,8 @@ BEARING_PARAMETERS = (
         ' their tolerances. Empty for none.',
         fixed=True,
     ),
-    *(row for own in INPUT_PARAMETERS.values() for row in own),
-    *(replace(row, live=True) for row in rows(AlarmConfig, 'alarm.')),
+    *(row for input_rows in INPUT_PARAMETERS.values() for row in input_rows),
+    *(replace(row, live=True) for row in declared_parameters(AlarmConfig, 'alarm.')),
 )
 """The parameters of each bearing."""
 

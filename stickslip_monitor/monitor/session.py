@@ -24,14 +24,14 @@ from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.rule_state import State
 from stickslip_monitor.monitor.severity import Condition, Severity
 from stickslip_monitor.monitor.signals import VALUE_FAULTS
-from stickslip_monitor.monitor.statements import Event, Verdict, about
+from stickslip_monitor.monitor.statements import Event, Verdict, duration_text
 
 LOOK_NS = 10**9
-"""Time between two looks at the inputs [ns]."""
+"""Time between two checks of the inputs [ns]."""
 HEARTBEAT_NS = 60 * 10**9
-"""The list of alarms is published at least this often, as IEC 62923 asks of any source of them."""
-NOTES_KEPT = 50
-"""The latest of more notes than this are published with the next list."""
+"""The list of alarms is published at least this often [ns], as IEC 62923 asks of any source of them."""
+MAX_NOTES = 50
+"""Notes that wait for the next list of alarms; of more the latest stay."""
 
 
 class Log(Protocol):
@@ -55,10 +55,18 @@ class Store(Protocol):
         """Path of the file."""
 
     def read(self) -> object:
-        """Read the document, ``None`` if there is none yet; raise an AlarmStateError if damaged."""
+        """Read the document; ``None`` if there is none yet.
+
+        Raises:
+            AlarmStateError: It is damaged.
+        """
 
     def write(self, document: dict[str, Any]) -> None:
-        """Put a new document in the place of the old one, which an OSError leaves untouched."""
+        """Put a new document in the place of the old one.
+
+        Raises:
+            OSError: It cannot be written; the old one is untouched.
+        """
 
     def set_aside(self) -> str:
         """Rename a damaged document; return where it is now, or why it is not renamed."""
@@ -69,7 +77,7 @@ class Moment(NamedTuple):
 
     steady_ns: int  # it never steps: periods, delays and ages are measured on it
     time_ns: int  # of the samples; 0 while it is simulated and /clock is silent
-    set_ns: int = 0  # by how much that clock was set since it is read
+    set_ns: int = 0  # sum of the steps by which that clock was set since it was first read
 
 
 class Sink:
@@ -89,7 +97,7 @@ class Sink:
         """Take the list of alarms; see :func:`.alarm_records.alarms_record`."""
 
     def take_states(self, states: list[BearingState], *, whole: bool) -> None:
-        """Take the state of some bearings, or of the whole ship; without more, the record of each."""
+        """Take the state of some bearings, or of the whole ship; by default take the record of each."""
         for state in states:
             self.take_record(bearing_record(state))
 
@@ -106,11 +114,22 @@ class Sink:
 class Session:
     """The monitor with everything around it.
 
-    Events, input faults, people's actions and failures to save are logged. Without a store nothing is saved,
-    without a graph faults of inputs are not looked for. ``clock`` gives the stamps of what people do [ns].
-    The alarms of ``annunciator`` are to be changed through this object only.
+    Events, input faults, people's actions and failures to save are logged. Saved alarms are restored; those
+    that cannot be read raise nothing.
+
+    Args:
+        config: The configuration, with the full names of topics.
+        sink: Takes what is published.
+        log: Log for people.
+        clock: Gives the stamps of what people do, and of records [ns since 1970].
+        store: Keeps alarms and memories over a restart; without one nothing is saved.
+        graph: Knows the publishers of inputs; without one faults of inputs are not looked for.
 
     Attributes:
+        config: The configuration.
+        monitor: The bearings.
+        annunciator: The alarms, which are to be changed through this object only.
+        monitoring: Whether the bearings are watched: between :meth:`begin` and :meth:`end`.
         damage: Why the saved alarms are lost; empty once a person has acknowledged all alarms.
     """
 
@@ -127,8 +146,8 @@ class Session:
         self._clock, self._store = clock, store
         self.annunciator = Annunciator(config)
         self._begun_ns = self._listed_ns = self._sequence = 0
-        self._unkept = self.damage = ''
-        self._notes: deque[dict[str, Any]] = deque(maxlen=NOTES_KEPT)
+        self._save_fault = self.damage = ''
+        self._notes: deque[dict[str, Any]] = deque(maxlen=MAX_NOTES)
         saved = {} if store is None else self._restore_alarms(store)
         self.monitor = Monitor(config, saved)
         for name in self.monitor.bearings.keys() & saved.keys():
@@ -189,15 +208,15 @@ class Session:
         self._looked_ns: int | None = None
         self._changed: set[str] = set()
         self._published: dict[str, int] = {}
-        self._unsaid: dict[str, Verdict] = {}
+        self._unpublished: dict[str, Verdict] = {}
         self._begun_ns, self._set_ns = self.annunciator.now_ns, None
         self._publish_alarms([])
 
     def end(self) -> None:
-        """Stop watching: publish the alarms and every bearing as not watched, and save."""
+        """Stop watching: publish the alarms and every bearing as not watched, and save the alarms."""
         self.monitoring = False
         self._publish_alarms([])
-        self.keep()
+        self.save()
         self.show(Moment(0, 0))
 
     def retune(self, config: MonitorConfig) -> None:
@@ -215,6 +234,8 @@ class Session:
     ) -> Update:
         """Take one number of one input; publish, log and save what follows from it.
 
+        Values that still stand and were due before it are repeated first, and a step of the clock is followed.
+
         Args:
             name: Name of the bearing.
             place: Index of the input in :data:`.signals.INPUTS`.
@@ -227,7 +248,7 @@ class Session:
         Returns:
             Status, verdict and events of this number, not of values that are repeated before it.
         """
-        self.follow(now)
+        self.follow_clock(now)
         # While simulated time is silent nobody knows when it came.
         arrival = now.time_ns or None
         self._repeat_values(name, time_ns if arrival is None else arrival, now)
@@ -255,7 +276,7 @@ class Session:
         Args:
             name: Name of the bearing.
             update: Result of the sample.
-            changes: Changes of alarms so far; those of the sample are added.
+            changes: Changes of alarms so far; those of the sample are added in place.
             now: The present moment.
             latest: As in :meth:`take`.
 
@@ -265,7 +286,7 @@ class Session:
         if update.events:
             update = replace(update, events=self._explain_events(update.events, now))
         if update.verdict is not None:
-            self._unsaid[name] = update.verdict
+            self._unpublished[name] = update.verdict
         if latest or update.events:
             self._publish_verdict(name, now, changed=bool(update.events))
         self._publish_events(update.events)
@@ -276,10 +297,10 @@ class Session:
 
     def _repeat_values(self, name: str, before_ns: int, now: Moment) -> None:
         """Repeat the values of a bearing that stand and are due before a time [ns]; publish what follows."""
-        for update in self.monitor.bearings[name].repeats(before_ns):
+        for update in self.monitor.bearings[name].take_repeats(before_ns):
             self._take_update(name, update, [], now, latest=True)
 
-    def follow(self, now: Moment) -> None:
+    def follow_clock(self, now: Moment) -> None:
         """Follow a step of the clock: shift stamps, log and note it; delays stay as long as they are.
 
         The first moment after :meth:`begin` is the reference. Without a step nothing happens.
@@ -289,10 +310,10 @@ class Session:
         if not step_ns:
             return
         for bearing in self.monitor.bearings.values():
-            bearing.follow(step_ns)
+            bearing.follow_step(step_ns)
         self.annunciator.shift_stamps(step_ns)
         way = 'forward' if step_ns > 0 else 'back'
-        text = f'the clock was set {way} by {about(abs(step_ns) * 1e-9)}: delays go on'
+        text = f'the clock was set {way} by {duration_text(abs(step_ns) * 1e-9)}: delays go on'
         self._log.warning(text)
         self.note('node', text)
 
@@ -301,20 +322,20 @@ class Session:
 
         Values that still stand and are due are repeated, and a step of the clock is followed.
         """
-        self.follow(now)
+        self.follow_clock(now)
         self._repeat_values(name, time_ns + 1, now)
         events = self._explain_events(self.monitor.bearings[name].advance(time_ns), now)
         self._publish_events(events)
         self._publish_changes([], events)
 
-    def excuse(self, held_ns: int) -> None:
+    def discount_stall(self, held_ns: int) -> None:
         """Leave a stall of this process [ns] out of the age of every input."""
         for bearing in self.monitor.bearings.values():
-            bearing.excuse(held_ns)
+            bearing.discount_stall(held_ns)
 
     def catch_up(self, now: Moment) -> None:
         """Publish the verdicts that were held back, as no message waits any more."""
-        for name in list(self._unsaid):
+        for name in list(self._unpublished):
             self._publish_verdict(name, now, changed=True)
 
     def tick(self, now: Moment, elapsed_ns: int) -> None:
@@ -327,17 +348,19 @@ class Session:
             now: The present moment.
             elapsed_ns: Time since :meth:`begin`.
         """
-        self.follow(now)
+        self.follow_clock(now)
         now_ns = self._begun_ns + elapsed_ns
         changes = self.annunciator.advance(now_ns, self._clock())
         if changes or self._notes or now_ns - self._listed_ns >= HEARTBEAT_NS:
             self._publish_alarms(changes)
-            self.keep()
+            self.save()
         if self._looked_ns is not None and now.steady_ns - self._looked_ns < LOOK_NS:
             return
         self._looked_ns = now.steady_ns
-        looked = self._inputs.look(now.steady_ns, without_clock=now.time_ns == 0) if self._inputs else ()
-        for bearing, fault, is_over in looked:
+        if self._inputs is None:
+            return
+        faults = self._inputs.check_inputs(now.steady_ns, without_clock=now.time_ns == 0)
+        for bearing, fault, is_over in faults:
             text = f'{bearing}: no longer: {fault}' if is_over else f'{bearing}: {fault}'
             if is_over:
                 self._log.info(text)
@@ -346,7 +369,7 @@ class Session:
             self.note('input', text)
 
     def note(self, matter: str, text: str) -> None:
-        """Add a note to the next list of alarms; of more than 50 the latest stay.
+        """Add a note, with the present stamp, to the next list of alarms; of more than 50 the latest stay.
 
         ``matter`` is lifecycle, parameter, input, node or action.
         """
@@ -390,13 +413,13 @@ class Session:
 
         Only while they are watched, and with a graph, it has their inputs and a mix of sources.
         """
-        looked = self._inputs if self.monitoring else None
+        watch = self._inputs if self.monitoring else None
         return [
             BearingState(
                 self.monitor.bearings[name],
-                looked.states(name, now.steady_ns) if looked else {},
+                watch.states(name, now.steady_ns) if watch else {},
                 self.monitoring,
-                looked.mixed(name, now.steady_ns) if looked else '',
+                watch.mixed(name, now.steady_ns) if watch else '',
             )
             for name in names
         ]
@@ -406,7 +429,7 @@ class Session:
 
         Unless ``changed`` it is dropped if ``publish_period`` has not passed since the last one.
         """
-        verdict = self._unsaid.pop(name, None)
+        verdict = self._unpublished.pop(name, None)
         if verdict is None:
             return
         before, period_ns = self._published.get(name), self.config.publish_period * 1e9
@@ -430,13 +453,13 @@ class Session:
     def _publish_changes(self, changes: list[AlarmChange], events: list[Event]) -> None:
         """Apply events to the alarms; publish and save the alarms if one changed or an input came back.
 
-        ``changes`` are those so far; those by the events are added to the list.
+        ``changes`` are those so far; those by the events are added to the list in place.
         """
         changes += [c for event in events for c in self.annunciator.take_event(event)]
         # An input that is back changes no alarm yet, but its row says when it clears.
         if changes or any(event.before is Condition.INPUT_STALE for event in events):
             self._publish_alarms(changes)
-            self.keep()
+            self.save()
 
     def _publish_alarms(self, changes: list[AlarmChange]) -> None:
         """Publish every alarm with the changes and notes since the last list; forget the notes.
@@ -445,7 +468,7 @@ class Session:
         """
         self._listed_ns = self.annunciator.now_ns
         self._sequence += 1
-        notes, self._notes = self._notes, deque(maxlen=NOTES_KEPT)
+        notes, self._notes = self._notes, deque(maxlen=MAX_NOTES)
         record = alarm_records.alarms_record(
             self.annunciator,
             changes,
@@ -464,18 +487,18 @@ class Session:
                     f' {change.before} -> {change.after}'
                 )
 
-    def keep(self) -> None:
-        """Save alarms and memories, if there is a store; a failure is logged once and not raised."""
+    def save(self) -> None:
+        """Save alarms and memories, if there is a store; log a failure, once while it lasts, and go on."""
         if self._store is None:
             return
         states = {name: b.state.record() for name, b in self.monitor.bearings.items()}
         document = alarm_records.state_record(self.annunciator, self._clock(), states)
         try:
             self._store.write(document)
-            self._unkept = ''
+            self._save_fault = ''
         except OSError as error:
-            if str(error) != self._unkept:
-                self._unkept = str(error)
+            if str(error) != self._save_fault:
+                self._save_fault = str(error)
                 self._log.error(f'the alarms are not kept: {cause(error)}')
 
     def _explain_events(self, events: list[Event], now: Moment) -> list[Event]:
@@ -499,6 +522,6 @@ class NoLog:
     """Log that drops everything."""
 
     def info(self, text: str, /) -> None:
-        """Pass over the text."""
+        """Drop the text."""
 
     warning = error = info

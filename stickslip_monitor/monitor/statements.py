@@ -35,7 +35,7 @@ UNSEEN = 60.0
 def size_cycle(config: BearingConfig, s: State) -> None:
     """Compute the amplitude of the exact cycle at the medians and store it in the memory, with its time.
 
-    They are ``s.amplitude`` and ``s.sized``. Where no cycle exists the last amplitude stays.
+    They are ``s.amplitude`` [m] and ``s.sized`` [ns]. Where no cycle exists the last amplitude stays.
     """
     speed, load = rule.median_point(s)
     bearing = config.bearing if config.water_temperature is None else config.bearing.at_temperature(s.water)
@@ -77,7 +77,7 @@ class Standing:
 
     @property
     def assessment(self) -> Assessment | None:
-        """The models' assessment of the latest operating point, of numbers."""
+        """The models' assessment of the latest operating point, of numbers; ``None`` before the first."""
         return self.verdict.assessment if self.verdict else None
 
     @property
@@ -87,17 +87,17 @@ class Standing:
 
     @property
     def growth(self) -> float:
-        """Growth of a disturbance while stick-slip is not predicted [e-folds]."""
+        """Growth of a disturbance [e-folds]; 0 while stick-slip is predicted."""
         return 0.0 if self.state.sticking else float(self.state.growth)
 
     @property
     def rung(self) -> int:
-        """The rung of the ladder on which the alarm stands."""
+        """Index in ``LADDER`` of the rung on which the alarm stands; 0 for normal."""
         return rule.rung_of(self.state)
 
     @property
     def asked(self) -> int:
-        """The highest rung that the operating point by itself asks for."""
+        """Index in ``LADDER`` of the highest rung that the operating point by itself asks for; 0 for none."""
         raised, asks = self.state.raised, self.state.asks
         return int((raised & ~asks) | (asks & ~raised)).bit_length()
 
@@ -125,7 +125,7 @@ class Standing:
 
     @property
     def unseen(self) -> float:
-        """Time for which stick-slip has been predicted and not measured [s]."""
+        """Time for which stick-slip has been predicted but measured as quiet [s]; 0 while it is not."""
         s = self.state
         return 0.0 if NEVER in (s.unseen, s.now) else (s.now - s.unseen) * 1e-9
 
@@ -164,7 +164,7 @@ class Standing:
         age = self.state.now - came
         if self.state.now == NEVER or age <= rule.age_limit(self.state, self.settings.live, WATER):
             return ''
-        return f'not measured for {about(age * 1e-9)}'
+        return f'not measured for {duration_text(age * 1e-9)}'
 
     def lost(self, now: int | None = None) -> dict[str, float]:
         """Return the ages [s] of lost inputs, speed and load, by name; ``inf`` for one never received.
@@ -205,7 +205,7 @@ class Standing:
         return self.verdict
 
     def advance(self, time_ns: int) -> list[Event]:
-        """Let time pass in the memory without a sample, up to a time [ns] on the clock of the samples.
+        """Let time pass in the memory without a sample, up to a time [ns] on the clock of the arrivals.
 
         The first call of all starts the wait for inputs; a time before the latest changes nothing.
 
@@ -271,7 +271,7 @@ class Event:
 
 
 def describe(b: Standing, lost: dict[str, float], before: Condition | None = None) -> str:
-    """Return the text for a person: what a condition means, what to do, and where the bearing stands.
+    """Return the text for a person: what the condition means, what to do, and the present point.
 
     Args:
         b: The bearing.
@@ -290,7 +290,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     elif before is Condition.AMPLITUDE and condition is Condition.STICK_SLIP:
         condition_text = f'Amplitude back below the limit. {condition_text}'
     assumed = f' ({config.load.origin})' if config.load.is_assumed else ''
-    load = f'{rounded(point.load / 1e3)} kN{assumed}{_water_text(b, point)}'
+    load = f'{rounded_text(point.load / 1e3)} kN{assumed}{_water_text(b, point)}'
     at = f'{_speed_text(config, point, abs(point.speed))}, {load}'
     text = f'{config.name}: {condition_text}{_order_text(given)} Now {at}'
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NO_BOUNDARY):
@@ -299,7 +299,7 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
         ends = (_speed_text(config, point, v) for v in (point.lower_end, point.fold_speed))
         return f'{text}. {point.outcome.sentence} Stay below {" or go above ".join(ends)}.'
     if b.sticking and math.isfinite(point.amplitude_exact):
-        text += f', amplitude {rounded(point.amplitude_exact * 1e3)} mm'
+        text += f', amplitude {rounded_text(point.amplitude_exact * 1e3)} mm'
     margin = point.fold_margin
     text += f', {abs(margin) * 100.0:.0f} % {"below" if margin < 0.0 else "above"} the fold.'
     if b.state.raised & (1 << rule.VIBRATION) and condition is not Condition.VIBRATION:
@@ -313,7 +313,7 @@ def _water_text(b: Standing, point: Assessment) -> str:
     water = math.nan if lubrication is None else lubrication.water_temperature
     water = water if point.temperature is None else float(point.temperature)
     doubt = f' ({b.water_doubt})' if b.water_doubt else ''
-    return '' if math.isnan(water) else f', water at {rounded(water)} C{doubt}'
+    return '' if math.isnan(water) else f', water at {rounded_text(water)} C{doubt}'
 
 
 _OVER = {
@@ -333,7 +333,7 @@ def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) ->
     condition, clears = b.condition, b.clears
     if clears is not None:
         held = ' It came back within a minute and is held.' if b.raised_lately > 1 else ''
-        return f'{_OVER[condition]}: {condition} clears in {about(max(clears, 1.0))}.{held}'
+        return f'{_OVER[condition]}: {condition} clears in {duration_text(max(clears, 1.0))}.{held}'
     if point.outcome is Outcome.AT_REST and condition is Condition.BISTABLE and not b.sticking:
         return 'The shaft is at rest: bistable is about to clear.'
     if _is_starting(b, point):
@@ -341,7 +341,7 @@ def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) ->
     if b.sticking and b.measured is Measured.VIBRATING:
         return _measured_text(point)
     # The alarm goes by medians: the latest values alone may be within the region already.
-    rung = max(b.asked, rule.CAUTION + 1 if warns(b.config, point) else 0)
+    rung = max(b.asked, rule.CAUTION + 1 if calls_for_caution(b.config, point) else 0)
     if rung > b.rung:
         delay = rule.change_delay(b.state, b.settings.live, rung - 1) * 1e-9
         near = LADDER[rung].sentence.rstrip('.').partition(':')[0]
@@ -384,7 +384,7 @@ def _doubt_text(b: Standing) -> str:
         if b.state.heard
         else '; the level has never risen in stick-slip: does its sensor reach the bearing?'
     )
-    return f' No vibration has been measured for {about(b.unseen)}{asks}'
+    return f' No vibration has been measured for {duration_text(b.unseen)}{asks}'
 
 
 def _belief_text(b: Standing, point: Assessment) -> str:
@@ -421,24 +421,24 @@ def _lost_text(config: BearingConfig, lost: dict[str, float]) -> str:
 def _speed_text(config: BearingConfig, point: Assessment, speed: float) -> str:
     """Return a magnitude of the surface speed [m/s] in rpm, with "astern" where the shaft turns so."""
     rpm = float(config.bearing.speed.from_surface(speed, 'rpm'))
-    return f'{rounded(rpm)} rpm' + (' astern' if point.speed < 0.0 else '')
+    return f'{rounded_text(rpm)} rpm' + (' astern' if point.speed < 0.0 else '')
 
 
 _YEAR = 31_557_600.0  # a Julian year [s]
 
 
-def rounded(number: float, digits: int = 3) -> str:
-    """Return a number as text in so many significant digits, without an exponent below 1e9."""
+def rounded_text(number: float, digits: int = 3) -> str:
+    """Return a number as text in ``digits`` significant digits, without an exponent if it is below 1e9."""
     text = f'{number:.{digits}g}'
     return f'{float(text):.9g}' if 'e' in text and abs(number) < 1e9 else text
 
 
 def age_text(seconds: float) -> str:
-    """Return the age of a value [s] as text: in three digits below 100 s, above as :func:`about`."""
-    return f'{seconds:.3g} s' if seconds < 99.5 else about(seconds)
+    """Return the age of a value [s] as text: in three digits below 100 s, above as :func:`duration_text`."""
+    return f'{seconds:.3g} s' if seconds < 99.5 else duration_text(seconds)
 
 
-def about(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """Return a time [s] as text in s, min, h, days or years, as precisely as matters."""
     if seconds < 20.0:
         return f'{seconds:.0f} s'
@@ -526,7 +526,7 @@ def _clear_speed(b: Standing, point: Assessment) -> float:
     return fold / float(point.fold_share)
 
 
-def warns(config: BearingConfig, point: Assessment) -> bool:
+def calls_for_caution(config: BearingConfig, point: Assessment) -> bool:
     """Return whether an operating point by itself calls for caution or worse.
 
     By the probability of stick-slip where the bearing has tolerances or a calibration, else by the margin.

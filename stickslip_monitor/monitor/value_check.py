@@ -54,7 +54,7 @@ class Parameter:
         return self.default == () or (isinstance(self.default, float) and math.isnan(self.default))
 
     def is_default(self, value: Any) -> bool:
-        """Return whether a checked value is the default, ``None`` included."""
+        """Return whether a checked value is the default; ``nan``, which stands for no value, always is."""
         return bool(value == self.default or value != value)
 
     def rule(self) -> str:
@@ -130,7 +130,7 @@ def _remedy_for_text(value: Any) -> str:
 
 
 def _convert_value(kind: str, value: Any) -> Any:
-    """Convert a value to the plain Python type of its kind; ``None`` if it is of another."""
+    """Convert a value to the plain Python type of its kind; ``None`` if it is of another, or too large."""
     if kind in ('bool', 'str'):
         return value if isinstance(value, bool if kind == 'bool' else str) else None
     if isinstance(value, bool) or not isinstance(value, Integral if kind == 'int' else Real):
@@ -144,7 +144,10 @@ def _convert_value(kind: str, value: Any) -> Any:
 def refused(
     name: str, value: Any, rule: str, kind: type[StickslipError] = ConfigurationError
 ) -> StickslipError:
-    """Return, not raise, the error of that kind for a value that breaks its rule, which follows 'must be'."""
+    """Return the error of that kind, to be raised, for a value that breaks its rule.
+
+    Its text is ``NAME = VALUE must be RULE``.
+    """
     return kind(f'{name} = {shown(value)} must be {rule}')
 
 

@@ -25,13 +25,13 @@ from stickslip_monitor import jit
 from stickslip_monitor.arrays import BoolArray
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
-from stickslip_monitor.monitor.bearing_records import event_record, number
+from stickslip_monitor.monitor.bearing_records import event_record, finite_or_none
 from stickslip_monitor.monitor.input_fitness import FitnessWatch
-from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, counts_of, joined
+from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, count_statuses, join_scans
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.signals import QUANTITIES, Stream
-from stickslip_monitor.monitor.statements import Event, about
+from stickslip_monitor.monitor.statements import Event, duration_text
 from stickslip_monitor.offline.binding import bind_at_least_one
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, lasting_ns
 from stickslip_monitor.offline.held_values import HeldValues
@@ -221,8 +221,8 @@ def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> Non
             hold = next((nice for nice in HOLDS if nice >= longest), HOLDS[-1])
             bag.note(
                 f'{item.quantity} on {item.topic} seems to be stored only where it changes: no value is that'
-                f' before it, and gaps of up to {about(longest)} have {item.gaps.share():.0%} of the time;'
-                f' let values stand by {name}.{item.quantity}.hold: {hold}'
+                f' before it, and gaps of up to {duration_text(longest)} have {item.gaps.share():.0%} of the'
+                f' time; let values stand by {name}.{item.quantity}.hold: {hold}'
             )
 
 
@@ -272,7 +272,8 @@ class _BearingCheck:
             self._scan = BearingScan(self.config, start_ns, long=self._long)
         scan = self._scan.take(stream)
         if repeats.any():
-            scan = replace(scan, counts=scan.counts - counts_of(stream.inputs[repeats], scan.status[repeats]))
+            repeated = count_statuses(stream.inputs[repeats], scan.status[repeats])
+            scan = replace(scan, counts=scan.counts - repeated)
         self._add_scan(scan)
         for input_check, input_series in zip(self._inputs, series, strict=True):
             input_check.take(input_series, stream, scan, self._fitness)
@@ -452,7 +453,7 @@ class RecordingBuffer(StretchSink):
         Raises:
             KeyError: No bearing has this name.
         """
-        return joined([part.bearings[name].scan for part in self._parts])
+        return join_scans([part.bearings[name].scan for part in self._parts])
 
 
 def to_json(report: CheckReport) -> dict[str, Any]:
@@ -496,9 +497,9 @@ def _bearing_record(item: BearingReport) -> dict[str, Any]:
         'events': [event_record(event) for event in item.events],
         'seconds': {regime.value: seconds for regime, seconds in item.seconds.items()},
         'worst': {
-            name: {'time': extreme.time_ns, 'value': number(extreme.value)}
+            name: {'time': extreme.time_ns, 'value': finite_or_none(extreme.value)}
             | {
-                k: number(getattr(extreme.point, k))
+                k: finite_or_none(getattr(extreme.point, k))
                 for k in ('speed', 'load', 'amplitude_exact')
                 if k != 'amplitude_exact' or name == 'amplitude'
             }
@@ -523,10 +524,10 @@ def _input_record(item: InputReport) -> dict[str, Any]:
         'used': item.used,
         'without_value': item.without_value,
         'share': item.used / item.messages if item.messages else None,
-        'span': [number(value) for value in item.span],
-        'si_span': [number(value) for value in item.si_span],
+        'span': [finite_or_none(value) for value in item.span],
+        'si_span': [finite_or_none(value) for value in item.si_span],
         'values': item.values,
-        'rate': number(item.gaps.rate),
+        'rate': finite_or_none(item.gaps.rate),
         'gaps': item.gaps.count,
         'longest_gaps': [{'time': gap.start_ns, 'seconds': gap.seconds} for gap in item.gaps.longest],
         'source_faults': [

@@ -31,7 +31,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, Stream
-from stickslip_monitor.monitor.statements import about, rounded
+from stickslip_monitor.monitor.statements import duration_text, rounded_text
 
 # Gaps that are named at most, the longest ones.
 _MAX_GAPS = 5
@@ -315,8 +315,8 @@ class StandingValue:
         if not (seconds and is_longest and self._is_noisy and self._last):
             return ''
         return (
-            f'is exactly {self._last:g} for the last {about(seconds)}, and changed from value to value'
-            ' before: did its source end, and is its last value repeated? Then leave these lines out'
+            f'is exactly {self._last:g} for the last {duration_text(seconds)}, and changed from value to'
+            ' value before: did its source end, and is its last value repeated? Then leave these lines out'
         )
 
 
@@ -372,7 +372,7 @@ class InputCheck:
         # A level may jump between two values: that is a vibration. An assumed load has no sensor.
         if self._place < LEVEL and not self._source.is_assumed:
             si = self._to_si(value)
-            self._sources += self._watch.see_column(arrival_ns, si)
+            self._sources += self._watch.take_column(arrival_ns, si)
             # What stands until the next change is known to come slowly.
             if not self._source.hold_ns:
                 fitness.take_values(self._place, arrival_ns, si)
@@ -485,7 +485,7 @@ class InputCheck:
 
 def _range_text(low: float, high: float) -> str:
     """Return a range as words, its ends to four digits."""
-    return f'{rounded(low, 4)} to {rounded(high, 4)}'
+    return f'{rounded_text(low, 4)} to {rounded_text(high, 4)}'
 
 
 class Plausibility:

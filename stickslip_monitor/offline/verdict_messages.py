@@ -40,7 +40,7 @@ from stickslip_monitor.monitor.bearing_records import (
     topic_words,
 )
 from stickslip_monitor.monitor.input_faults import SourceFault, SourceWatch, least_gap, mixed_sentence
-from stickslip_monitor.monitor.over_arrays import BearingScan, Scan, counts_of
+from stickslip_monitor.monitor.over_arrays import BearingScan, Scan, count_statuses
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import NEVER, State
@@ -378,7 +378,7 @@ class _Follower:
         for kind in np.unique(kinds[counted]).tolist():
             counts[:, kind] = np.searchsorted(np.flatnonzero(counted & (kinds == kind)), ends)
         totals = counts.reshape(-1, *self._counts.shape) + self._counts
-        self._counts += counts_of(samples.stream.inputs[counted], samples.scan.status[counted])
+        self._counts += count_statuses(samples.stream.inputs[counted], samples.scan.status[counted])
         return totals
 
     def _mixed_reasons(
@@ -416,14 +416,14 @@ class _Follower:
             return [None] * len(ticks)
         watch, arrival_ns = self._sources[place], stream.arrival_ns[rows]
         si = si_value(self._bearing.settings.live, place, stream.value[rows])
-        if watch.see_steady(si):
+        if watch.take_steady(si):
             return [None] * len(ticks)
         faults, begin = [], 0
         for end, tick in zip(np.searchsorted(rows, ends).tolist(), ticks, strict=True):
-            watch.see_column(arrival_ns[begin:end], si[begin:end])
-            faults.append(watch.standing(tick))
+            watch.take_column(arrival_ns[begin:end], si[begin:end])
+            faults.append(watch.standing_fault(tick))
             begin = end
-        watch.see_column(arrival_ns[begin:], si[begin:])
+        watch.take_column(arrival_ns[begin:], si[begin:])
         return faults
 
     def _status_fields(

@@ -21,7 +21,7 @@ from stickslip_monitor.drawing.map import draw_map, track_of_scan
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.errors import ReportError
 from stickslip_monitor.files import printable
-from stickslip_monitor.monitor.bearing_records import number
+from stickslip_monitor.monitor.bearing_records import finite_or_none
 from stickslip_monitor.monitor.input_faults import fault_text
 from stickslip_monitor.monitor.parameter_file import load_parameters
 from stickslip_monitor.monitor.parameters import (
@@ -345,7 +345,7 @@ def _value_text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float | int):
-        return f'{value:.12g}' if number(float(value)) is not None else 'none'
+        return f'{value:.12g}' if finite_or_none(float(value)) is not None else 'none'
     if isinstance(value, str):
         return value or '\N{EM DASH}'
     return ', '.join(_value_text(item) for item in value)

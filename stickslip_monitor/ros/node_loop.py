@@ -195,7 +195,7 @@ class NodeLoop:
 
         For the alarms the time until ``now`` has passed all the same.
         """
-        self._session.excuse(held_ns)
+        self._session.discount_stall(held_ns)
         # The alarms' time has passed, that of the inputs has not.
         self._running_ns += self._passing.passed(now)
         if held_ns <= LONG_STALL_NS:
@@ -379,7 +379,7 @@ class Watchdog:
             now: The time; ROS time is 0 while a simulated clock stands, and samples count for nothing.
             passed_ns: Time since the last call [ns].
         """
-        self._session.follow(now)
+        self._session.follow_clock(now)
         for name, bearing in self._session.monitor.bearings.items():
             before, has_sample = self._silent[name], now.time_ns and name in self._sampled
             silent = self._silent[name] = 0 if has_sample else before + passed_ns
@@ -415,6 +415,6 @@ class Watchdog:
             self._timeless.add(config.name)
         elif config.name in self._timeless:
             self._timeless.discard(config.name)
-            bearing.follow(now.time_ns - bearing.now_ns)  # the step into ROS time is no wait
+            bearing.follow_step(now.time_ns - bearing.now_ns)  # the step into ROS time is no wait
             return now.time_ns
         return bearing.now_ns + more

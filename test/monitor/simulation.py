@@ -303,7 +303,7 @@ class Run:
         if self.happens('held up'):
             self._pass(8.0)
             self.held += 8.0
-            ship.session.excuse(8 * SECOND)
+            ship.session.discount_stall(8 * SECOND)
         if self.happens('retune'):
             delays = choose((0.0, 2.0)), choose((5.0, 10.0))
             ship.config = configuration(*self.own, *delays, choose((False, True)))

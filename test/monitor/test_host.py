@@ -89,7 +89,7 @@ def test_what_a_machine_slept_through_is_no_inputs_fault() -> None:
     ship.does(Action.SHELVE)
     event_count = len(ship.events)
     ship.steady_ns += 8 * 3600 * SECOND
-    ship.session.excuse(8 * 3600 * SECOND)
+    ship.session.discount_stall(8 * 3600 * SECOND)
     ship.tick()
     assert ship.events[event_count:] == []
     assert ship.states()['stick_slip'] == 'unacknowledged'

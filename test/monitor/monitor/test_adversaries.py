@@ -670,7 +670,7 @@ def test_a_restart_in_an_episode_goes_on_and_blames_no_input(pause: float) -> No
 
 def test_a_hold_up_before_the_first_message_is_no_time() -> None:
     monitor = Monitor(Sent().config)
-    monitor.bearings[NAME].excuse(5 * SECOND)
+    monitor.bearings[NAME].discount_stall(5 * SECOND)
     assert monitor.advance(10**18) == []
 
 

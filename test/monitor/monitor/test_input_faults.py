@@ -34,7 +34,7 @@ def sample_times(count: int, rate: float = 10.0) -> NDArray[np.int64]:
 
 def find_mixed_sources(values: Floats, rate: float = 10.0) -> list[SourceFault]:
     time = sample_times(values.size, rate)
-    return SourceWatch().see_column(time, values)
+    return SourceWatch().take_column(time, values)
 
 
 def mix_two_levels(count: int, every: int, first: float = 60.0, second: float = 20.0) -> Floats:
@@ -60,10 +60,10 @@ def test_live_and_bulk_raise_the_same_faults(
     watch = SourceWatch(least)
     live: list[SourceFault] = []
     for now, si in zip(arrival.tolist(), value.tolist(), strict=True):
-        live += [fault for fault in [watch.see(now, si)] if fault]
-        watch.standing(now)  # being asked changes nothing
+        live += [fault for fault in [watch.take(now, si)] if fault]
+        watch.standing_fault(now)  # being asked changes nothing
     bulk, cut = SourceWatch(least), len(rows) // 3
-    first, second = (bulk.see_column(arrival[part], value[part]) for part in (slice(cut), slice(cut, None)))
+    first, second = (bulk.take_column(arrival[part], value[part]) for part in (slice(cut), slice(cut, None)))
     assert repr([*first, *second]) == repr(live)
 
 
@@ -91,18 +91,18 @@ def test_a_second_publisher_is_found(every: int, rate: float, raised: float) -> 
 def test_a_speed_ahead_and_astern_is_steady_and_a_load_of_both_signs_is_not() -> None:
     """Of a speed, which has a least gap between levels, the magnitude is watched."""
     values = np.array([5.0, -5.0, 5.0])
-    assert SourceWatch(0.01).see_steady(values)
-    assert not SourceWatch().see_steady(values)
+    assert SourceWatch(0.01).take_steady(values)
+    assert not SourceWatch().take_steady(values)
 
 
 def test_a_counter_of_few_pulses_is_named_as_what_it_is() -> None:
     """One mark a turn at 25 rpm, counted each second: 0 or 60 rpm."""
     pulses = np.diff(np.floor(np.arange(200) * 25.0 / 60.0))
     time = sample_times(pulses.size, 1.0)
-    (fault,) = SourceWatch(3.0).see_column(time, 60.0 * pulses)
+    (fault,) = SourceWatch(3.0).take_column(time, 60.0 * pulses)
     assert (fault.kind, fault.levels) == (SourceFaultKind.FEW_PULSES, (0.0, 60.0))
     # A load may well come and go.
-    (fault,) = SourceWatch().see_column(time, 60.0 * pulses)
+    (fault,) = SourceWatch().take_column(time, 60.0 * pulses)
     assert fault.kind is TWO
 
 
@@ -123,19 +123,19 @@ def test_a_counter_of_few_pulses_is_named_as_what_it_is() -> None:
 )
 def test_one_source_is_no_fault(values: Floats, least: float) -> None:
     time = sample_times(values.size)
-    assert SourceWatch(least).see_column(time, values) == []
+    assert SourceWatch(least).take_column(time, values) == []
 
 
 def test_a_fault_stands_for_a_minute_and_clears_when_values_settle() -> None:
     watch = SourceWatch()
     values = [*mix_two_levels(100, 2).tolist(), 20.0, 20.0]
     for k, value in enumerate(values):
-        watch.see(k * SECOND // 10, value)
+        watch.take(k * SECOND // 10, value)
     last = 99 * SECOND // 10
-    fault = watch.standing(last + 60 * SECOND)
+    fault = watch.standing_fault(last + 60 * SECOND)
     assert fault is not None
     assert fault.kind is TWO
-    assert watch.standing(last + 60 * SECOND + 1) is None
+    assert watch.standing_fault(last + 60 * SECOND + 1) is None
 
 
 def test_what_is_said() -> None:
@@ -230,8 +230,8 @@ def alternate_levels(common: int, rare: int, count: int = 3000, odd: float = 600
 def test_the_share_of_the_rarer_level_decides_whether_it_is_a_mix(common: int, rare: int) -> None:
     values = alternate_levels(common, rare, 20 * (common + rare))
     watch, time = SourceWatch(3.0), sample_times(values.size)
-    watch.see_column(time, values)
-    fault = watch.standing(int(time[-1]))
+    watch.take_column(time, values)
+    fault = watch.standing_fault(int(time[-1]))
     assert fault is not None
     assert fault.share == pytest.approx(rare / (common + rare))
     assert fault.is_mixed == (rare / (common + rare) >= 0.2)
@@ -240,10 +240,10 @@ def test_the_share_of_the_rarer_level_decides_whether_it_is_a_mix(common: int, r
 def test_the_share_follows_a_source_that_becomes_frequent() -> None:
     values = np.concatenate([alternate_levels(49, 1), alternate_levels(1, 1, 200)])
     watch, time = SourceWatch(), sample_times(values.size)
-    watch.see_column(time[:3000], values[:3000])
-    rare = watch.standing(int(time[2999]))
-    watch.see_column(time[3000:], values[3000:])
-    frequent = watch.standing(int(time[-1]))
+    watch.take_column(time[:3000], values[:3000])
+    rare = watch.standing_fault(int(time[2999]))
+    watch.take_column(time[3000:], values[3000:])
+    frequent = watch.standing_fault(int(time[-1]))
     assert rare is not None
     assert frequent is not None
     assert (rare.is_mixed, frequent.is_mixed) == (False, True)
@@ -253,7 +253,7 @@ def test_signs_of_a_speed_are_no_second_level() -> None:
     # The rule takes the magnitude of a speed; two loads of opposite sign are two levels.
     values = alternate_levels(49, 1, odd=-30.0)
     time = sample_times(values.size)
-    assert [bool(SourceWatch(gap).see_column(time, values)) for gap in (3.0, 0.0)] == [False, True]
+    assert [bool(SourceWatch(gap).take_column(time, values)) for gap in (3.0, 0.0)] == [False, True]
 
 
 @pytest.mark.parametrize(
@@ -283,8 +283,8 @@ def test_a_mix_goes_on_down_to_a_tenth_of_the_values() -> None:
         fault = None
         for k in range(rounds * (majority + 1)):
             rpm = 20.0 if k % (majority + 1) == majority else 60.0
-            watch.see((start + k) * 10**8, rpm)
-            fault = watch.standing((start + k) * 10**8)
+            watch.take((start + k) * 10**8, rpm)
+            fault = watch.standing_fault((start + k) * 10**8)
         assert fault is not None
         return fault.is_mixed
 

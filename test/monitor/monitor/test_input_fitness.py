@@ -148,7 +148,8 @@ def test_it_is_said_live_and_no_verdict_changes() -> None:
             bearing.update(place, now_ns, value)
             assert watch.take('aft', place, value, now_ns, 0, valid=True) is None
         if k % 10 == 9:
-            said += [text for _, text, is_over in watch.look(now_ns, without_clock=False) if not is_over]
+            faults = watch.check_inputs(now_ns, without_clock=False)
+            said += [text for _, text, is_over in faults if not is_over]
     assert len(said) == 1
     assert said[0].startswith('The load on /')
     assert 'has a new value only every 10 s' in said[0]

@@ -136,7 +136,7 @@ def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:
 def test_time_in_which_nobody_could_listen_loses_no_input(ship: Ship) -> None:
     ship.sail(5.0)
     ship.steady_ns += 10 * SECOND
-    ship.session.excuse(10 * SECOND)
+    ship.session.discount_stall(10 * SECOND)
     ship.sail(1.0)
     assert ship.events == []
     ship.sail(4.0, rpm=None)
