@@ -123,9 +123,9 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _make_parser(
-    asked: str | None, known: Mapping[str, str] = COMMANDS, package: str = PACKAGE
+    chosen: str | None, help_texts: Mapping[str, str] = COMMANDS, package: str = PACKAGE
 ) -> argparse.ArgumentParser:
-    """Build the parser; of the commands only the module of the one asked for, if any, is imported.
+    """Build the parser; of the commands only the module of the chosen one, if any, is imported.
 
     Raises:
         ConfigurationError: The package of that command is not installed.
@@ -139,9 +139,9 @@ def _make_parser(
     parser.add_argument('--version', action='version', version=f'stickslip {__version__}')
     _add_traceback(parser, default=False)
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
-    for name, text in known.items():
+    for name, text in help_texts.items():
         place = module_of(name, package)
-        module = _load_command(place) if name == asked else None
+        module = _load_command(place) if name == chosen else None
         command = commands.add_parser(
             name, help=text, description=module.__doc__ if module else text, formatter_class=_Paragraphs
         )

@@ -112,11 +112,11 @@ def _compile_function(
     for name, space in spaces.items():
         for function in list(space.values()):
             if isinstance(function, FunctionType) and function.__module__ == name:
-                own = function.__name__
-                copy = FunctionType(function.__code__, space, own, function.__defaults__)
-                copy.__qualname__ = f'{own}_{digest}'
+                plain_name = function.__name__
+                copy = FunctionType(function.__code__, space, plain_name, function.__defaults__)
+                copy.__qualname__ = f'{plain_name}_{digest}'
                 # Inlining the entry itself would leave nothing to call.
-                inlined = {'inline': 'always'} if inline and own != entry else {}
+                inlined = {'inline': 'always'} if inline and plain_name != entry else {}
                 compiled_functions[function] = numba.njit(cache=cache, **_OPTIONS, **inlined)(copy)
     _bind_functions(spaces, compiled_functions, law)
     return next(made for plain, made in compiled_functions.items() if plain.__name__ == entry)

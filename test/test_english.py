@@ -7,7 +7,7 @@ import pytest
 from plain_english import FindingKind, count_by_room, find_in_source
 
 # Findings of `python scripts/plain_english.py` in each room: lower a number as you rewrite, never raise it.
-MOST = {'stickslip_monitor': 3, 'stickslip_monitor/dashboard': 2, 'stickslip_monitor/monitor': 5}
+MOST = {'stickslip_monitor/monitor': 4}
 
 
 def test_no_room_has_more_findings_than_before() -> None:

@@ -99,9 +99,9 @@ def _apply_rule(value: Any, rule: Any) -> Any:
     """
     if isinstance(rule, dict):
         fields = _require_type(dict)(value)
-        return {name: _apply_rule(fields.get(name), each) for name, each in rule.items()}
+        return {name: _apply_rule(fields.get(name), field_rule) for name, field_rule in rule.items()}
     if isinstance(rule, list):
-        return [_apply_rule(each, rule[0]) for each in _require_type(list)(value)]
+        return [_apply_rule(item, rule[0]) for item in _require_type(list)(value)]
     return rule(value)
 
 
