@@ -234,7 +234,7 @@ class Session:
     ) -> Update:
         """Take one number of one input; publish, log and save what follows from it.
 
-        Values that still stand and were due before it are repeated first, and a step of the clock is followed.
+        A step of the clock is followed, and values that stand and were due before it are repeated first.
 
         Args:
             name: Name of the bearing.
