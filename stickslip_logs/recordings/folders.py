@@ -285,7 +285,7 @@ class Metadata:
 def folder_files(folder: Path, findings: Findings) -> Metadata:
     """Return the files of the recording in a folder, by its metadata or else by their names.
 
-    Reports files that are missing or not read.
+    Reports files that are missing or not read, and a lack of metadata.
 
     Args:
         folder: The folder.
@@ -336,8 +336,8 @@ def _report_missing_numbers(names: Sequence[str], findings: Findings) -> None:
 def _complete_metadata(folder: Path, metadata: Metadata, present: list[str], findings: Findings) -> Metadata:
     """Return the metadata with the files that are there; report listed ones that are missing, and others.
 
-    Files that are not listed are added where they are numbered as parts of the same recording; then ``count``
-    is None.
+    Files that are not listed are added where they are numbered as parts of the same recording; then all are
+    in the order of their names, and ``count`` is None.
 
     Args:
         folder: The folder, for the error.

@@ -85,6 +85,7 @@ class McapFile:
     def add_definition(self, block: Block | None, offset: int, record: bytes) -> bool:
         """Add a schema or channel to those of the file; return False for a record that cannot be parsed.
 
+        So also for a channel of more than 1 MiB.
         The first definition of an id counts. In a block, one that contradicts it is reported as a loss, and
         the messages behind it are not read; the result is True for it, as for a record that is known.
 

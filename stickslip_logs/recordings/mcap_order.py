@@ -105,7 +105,8 @@ class BlockTimes:
     def judge_order(self, topics: Sequence[str]) -> CourseOfBlocks:
         """Read the times of some topics, and return their course; decompress only blocks without indexes.
 
-        The files are read once more where times have to be corrected.
+        Where times step back, blocks are decompressed to look for copies, and the files are read once more if
+        times have to be corrected.
 
         Raises:
             BagError: A file cannot be read; also OSError, where it cannot be opened.

@@ -126,7 +126,7 @@ def _parse_fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
         name: The type, whose package is that of types without one.
 
     Raises:
-        SchemaError: A line is not a field, or its array is too long.
+        SchemaError: A line is not a field, or its array is too long or has a bound without a number.
     """
     package = name.split('/')[0]
     return tuple(_parse_field(line, package) for line in lines if not _CONSTANT.match(line))

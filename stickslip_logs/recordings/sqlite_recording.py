@@ -320,8 +320,8 @@ class SqliteRecording(Recording):
 
         Args:
             topics: The topics.
-            places: The first place, and the one behind the last, of the messages; then nothing is reported.
-                None for all messages.
+            places: The first place, and the one behind the last, of the messages; then that number is not
+                reported. None for all messages.
             span_ns: Their first and last time [ns]; used with ``places`` only.
 
         Yields:

@@ -157,7 +157,7 @@ class TableReading:
     def _judge_order(self) -> tuple[TimeCourse, bool]:
         """Read the file, buffer its numbers, and judge the order of time of lines with numbers.
 
-        Reports losses and progress.
+        Times of the day are counted on over midnight. Reports losses and progress.
 
         Returns:
             The course, and whether any line fills all columns: then all lines are one source, else those

@@ -252,6 +252,8 @@ class BagWriter:
     def _publish_draft(self) -> None:
         """Finish and close the file, write the metadata of a folder, and move the draft to its place.
 
+        A recording that was broken off is only closed and moved.
+
         Raises:
             BagError: The path exists by now.
             OSError: The disk does not take it.

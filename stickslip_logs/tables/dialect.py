@@ -251,7 +251,8 @@ def _remedy_for_format(path: Path, lines: Sequence[str]) -> str:
 def _jq_command(path: Path, lines: Sequence[str]) -> str:
     """Return the clause with the shell command that writes lines of JSON as CSV.
 
-    An empty text where the first two lines are not both JSON, or the first has no values.
+    It takes the first 12 values. An empty text where the first two lines are not both JSON, or the first has
+    no values.
 
     Args:
         path: The file, which the command names.
@@ -713,7 +714,7 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
 def _unit_suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
     """Return the unit behind most numbers of a column, with the blank before it; empty where there is none.
 
-    An 'N' counts as newtons only below the heading of a force.
+    The first 500 rows count. An 'N' counts as newtons only below the heading of a force.
 
     Args:
         rows: The rows of numbers.

@@ -404,11 +404,11 @@ class InputCheck:
         return input_fault(replace(received, share=share, reason=Status.IMPLAUSIBLE))
 
     def report(self, faults: tuple[Fault, ...], questions: tuple[str, ...], clock: str) -> InputReport:
-        """Return the report on the input.
+        """Return the report on the input, with questions on fillers and on a last value that stands.
 
         Args:
             faults: The faults of its messages.
-            questions: Clauses that follow the name of the input.
+            questions: Further questions: clauses that follow the name of the input.
             clock: The fault of the recording's clock, which replaces others; '' if it has none.
         """
         used = int(self._counts[Status.ACCEPTED])
