@@ -290,10 +290,10 @@ class ColumnBinding:
         )
 
     def _questions_on_values(self, source: InputConfig, column: LogColumn, interval: float) -> Iterator[str]:
-        """Yield questions on ambiguous times, fillers, and slow values; remember the clocks asked about.
+        """Yield questions on ambiguous times and numbers, unknown marks of quality, and slow values.
 
-        A clock is asked about once, with the first input that has its times. Each question
-        is a clause that follows the name of the input; ``interval`` is that of the values [s].
+        A clock is asked about once, with the first input that has its times; that is stored. Each question is
+        a clause that follows the name of the input; ``interval`` is that of the values [s].
         """
         clock = self._log.table.clock_of(column.place)
         if clock.question and clock.columns not in self._asked_clocks:

@@ -293,7 +293,10 @@ class StandingValue:
         self._is_noisy = self._is_noisy or _is_noisy(value[:_NOISE_VALUES])
 
     def _take_runs(self, time_ns: IntArray, value: FloatArray, starts: IntArray) -> None:
-        """Count runs of equal values, shape (n,) at times [ns], by their starts; a first one may go on."""
+        """Update the counts by runs of equal values, shape (n,) at times [ns]; the first continues the last.
+
+        ``starts`` are the indexes at which runs begin, ascending.
+        """
         if starts.size:
             # Values at rest repeat as well.
             runs, of = np.diff(starts, prepend=-self.count), np.append(self._last, value[starts[:-1]])

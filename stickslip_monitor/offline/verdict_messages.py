@@ -110,7 +110,8 @@ class VerdictWriter(StretchSink):
         """Define the topics in the file and start reading the inputs.
 
         Raises:
-            BagError: The definition of an input cannot be read.
+            BagError: The definition of an input, or the first message, cannot be read; or the disk does not
+                take the definitions.
         """
         for topic, kind, definition in topics(bag, config):
             self._writer.add_topic(topic, kind, definition)
