@@ -88,7 +88,7 @@ def bifurcation_diagram(bearing: Bearing, load: float, speeds: Range, points: in
     end = [v for v in [float(end_of_vibration(bearing, load))] if grid[0] < v < grid[-1]]
     grid = np.union1d(grid, last)
     # At both sides of the law's break points the balance may jump.
-    columns = np.linspace(grid[0], grid[-1], max(points, 400))
+    columns = np.linspace(grid[0], grid[-1], 400) if points < 400 else grid
     between = columns, corners(bearing, (grid[0], grid[-1]), load)
     scan = np.union1d(grid, np.concatenate(between))
     cycles = _find_amplitudes(bearing, scan, load)

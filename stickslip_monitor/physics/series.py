@@ -17,7 +17,8 @@ STRIDE = ORDER + 1
 PLACE, RELATIVE_SPEED, RATE, INVERSE, LAW = (STRIDE * series for series in range(5))
 
 
-_NOTHING = (0.0,) * (INVERSE + 1) + tuple(1.0 / k for k in range(1, STRIDE)) + (0.0,) * (7 * STRIDE)
+# The rows of a law are ten: its pieces are of that degree.
+_NOTHING = (0.0,) * (INVERSE + 1) + tuple(1.0 / k for k in range(1, STRIDE)) + (0.0,) * (10 * STRIDE)
 
 
 def new_work() -> list[float]:

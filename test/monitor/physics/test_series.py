@@ -75,6 +75,11 @@ def test_a_law_in_pieces_is_the_law_to_rounding(law):
     np.testing.assert_allclose(slope, law.slope(speed), atol=2e-9)
 
 
+def test_rounding_does_not_divide_a_piece_of_a_smooth_law():
+    """Fitted by an inverse of the powers alone there are up to 743 of a rational law below 1 m/s."""
+    assert np.count_nonzero(fit_pieces(WithoutFunctions(0.3, 0.1, 10.0)).begin < 1.0) < 30
+
+
 def test_a_kink_that_no_breakpoint_names_is_found():
     class Bent(WithoutFunctions):
         def coefficient(self, speed):
