@@ -69,6 +69,15 @@ def test_times_are_of_the_zone_that_is_written(zone: str, tmp_path: Path) -> Non
     assert times_of(tmp_path, text) == ([epoch_ns(T0 + k * EVERY - behind) for k in range(3)], '')
 
 
+@pytest.mark.parametrize(
+    ('heading', 'minutes'),
+    [('Time (UTC+2)', 120), ('time UTC-03:30', -210), ('GMT+0545', 345), ('Time, GMT +02:00', 120)],
+)
+def test_times_are_of_the_zone_in_their_heading(heading: str, minutes: int, tmp_path: Path) -> None:
+    text = log_of(f'"{heading}"', lambda t: f'{t + timedelta(minutes=minutes):%Y-%m-%d %H:%M:%S}', count=3)
+    assert times_of(tmp_path, text) == ([epoch_ns(T0 + k * EVERY) for k in range(3)], '')
+
+
 def test_a_last_line_without_an_end_is_read(tmp_path: Path) -> None:
     text = log_of('time', lambda t: f'{t:%Y-%m-%dT%H:%M:%SZ}', count=4)
     whole = [epoch_ns(T0 + k * EVERY) for k in range(4)]
