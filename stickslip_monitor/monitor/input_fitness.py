@@ -63,7 +63,7 @@ class _Changes:
         is_new = np.empty(value.size, np.bool_)
         np.not_equal(value[1:], value[:-1], out=is_new[1:])
         is_new[0] = not (self.value.size and value[0] == self.value[-1])
-        new = np.flatnonzero(is_new)
+        new = np.arange(value.size) if is_new.all() else np.flatnonzero(is_new)
         if new.size < value.size:
             time_ns, value = time_ns[new], value[new]
         self.time_ns = np.append(self.time_ns, time_ns)

@@ -279,16 +279,15 @@ class StandingValue:
         """Take more values in the order of their times [ns], shape (n,); update ``count`` and ``equal``."""
         if not value.size:
             return
-        starts = np.flatnonzero(value[1:] != value[:-1]) + 1
-        if value[0] != self._last:
-            starts = np.append(0, starts)
-        if starts.size == value.size:
+        changes = value[1:] != value[:-1]
+        is_new = bool(value[0] != self._last)
+        if is_new and changes.all():
             # As a rule no value is equal to the one before.
             self.equal += max(self.count - 1, 0)
             self._longest = max(self._longest, self.count if self._last else 0, 1)
             self.count, self._since_ns = 1, int(time_ns[-1])
         else:
-            self._take_runs(time_ns, value, starts)
+            self._take_runs(time_ns, value, np.flatnonzero(np.append(is_new, changes)))
         self._last, self._until_ns = float(value[-1]), int(time_ns[-1])
         self._is_noisy = self._is_noisy or _is_noisy(value[:_NOISE_VALUES])
 
