@@ -17,6 +17,7 @@ from mcap.records import Chunk
 
 from fuzz.files import HEAD, MAGIC, compressed, encoded
 from fuzz.logs import change_cell, change_delta, change_sentence, change_value
+from fuzz.rewriting import rewrite
 
 _NUMBERS = (0, 1, 2, 7, 0x7F, 0xFF, 1 << 16, (1 << 31) - 1, 1 << 32, 1 << 40, 1 << 63, (1 << 64) - 1)
 _OPCODES = (*range(16), 0x80, 0xFF)
@@ -136,10 +137,10 @@ _Way = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
 _BYTES: tuple[_Way, ...] = (_flip, _overwrite, _cut, _join)
 _WAYS: dict[str, tuple[_Way, ...]] = {
     'mcap': (*_BYTES, _records, _records, _inside, _inside, _inside),
-    'csv': (*_BYTES, *[change_cell] * 6),
+    'csv': (*_BYTES, *[change_cell] * 6, *[rewrite] * 10),
     'db3': (*_BYTES, *[change_value] * 6),
     'parquet': _BYTES,
-    'nmea': (*_BYTES, *[change_sentence] * 6),
-    'signalk': (*_BYTES, *[change_delta] * 6),
-    'canboat': (*_BYTES, *[change_delta] * 6),
+    'nmea': (*_BYTES, *[change_sentence] * 6, *[rewrite] * 10),
+    'signalk': (*_BYTES, *[change_delta] * 6, *[rewrite] * 10),
+    'canboat': (*_BYTES, *[change_delta] * 6, *[rewrite] * 10),
 }

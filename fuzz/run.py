@@ -21,10 +21,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 
+from fuzz.bags import random_difference
 from fuzz.corpus import ODD
 from fuzz.logs import SOURCES as LOGS
 from fuzz.mutants import mutant
 from fuzz.oracle import difference, digest, left_out
+from fuzz.ships import random_differences
 from fuzz.voyages import STICKING_RPM, VOYAGES, sticking_share
 from stickslip_monitor.cli import main as stickslip
 from stickslip_monitor.commands.check import Task, check_one
@@ -136,6 +138,21 @@ def _limited(seconds: int) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
+def live_batch(seed: int, first: int, count: int, kind: str) -> list[tuple[int, str]]:
+    """Compare some random ships or recordings live and in bulk; the number of each that differs, and how."""
+    failed = []
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(first, first + count):
+            own = (seed << 32) + number
+            texts = (
+                [random_difference(Path(folder), own)]
+                if kind == 'mcap'
+                else random_differences(Path(folder), kind, own)
+            )
+            failed += [(number, '; '.join(texts))] if any(texts) else []
+    return failed
+
+
 def batch(
     seed: int, first: int, count: int, kind: str = 'mcap', is_voyage: bool = False
 ) -> list[tuple[int, str]]:
@@ -158,8 +175,9 @@ def batch(
     return failed
 
 
-def _batch(call: tuple[int, int, int, str, bool]) -> list[tuple[int, str]]:
-    return batch(*call)
+def _batch(call: tuple[int, int, int, str, str]) -> list[tuple[int, str]]:
+    *numbers, kind, what = call
+    return live_batch(*numbers, kind) if what == 'live' else batch(*numbers, kind, what == 'voyages')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -168,15 +186,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--seed', type=int, default=int(time.time()), help='default: the time')
     parser.add_argument('--count', type=int, default=5000, help='mutants of each kind (default 5000)')
     parser.add_argument('--kind', choices=VOYAGES, help='default: all')
-    parser.add_argument('--voyages', action='store_true', help='of a voyage with stick-slip, to be noticed')
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument('--voyages', action='store_true', help='of a voyage with stick-slip, to be noticed')
+    what.add_argument(
+        '--live', action='store_true', help='random voyages, to be judged live as from their logs'
+    )
     args = parser.parse_args(argv)
-    kinds = [args.kind] if args.kind else list(VOYAGES if args.voyages else SOURCES)
-    sys.stdout.write(f'seed {args.seed}, {args.count} mutants of {", ".join(kinds)}\n')
+    mode = 'live' if args.live else 'voyages' if args.voyages else 'recordings'
+    kinds = {'live': ['nmea', 'signalk', 'mcap'], 'voyages': list(VOYAGES), 'recordings': list(SOURCES)}[mode]
+    kinds = [args.kind] if args.kind else kinds
+    sys.stdout.write(f'seed {args.seed}, {args.count} {mode} of {", ".join(kinds)}\n')
     starts = range(0, args.count, _BATCH)
     calls = [
-        (args.seed, first, min(_BATCH, args.count - first), kind, args.voyages)
-        for kind in kinds
-        for first in starts
+        (args.seed, first, min(_BATCH, args.count - first), kind, mode) for kind in kinds for first in starts
     ]
     count = 0
     # A process for each batch: what one takes in memory is not the next one's.
@@ -187,5 +209,5 @@ def main(argv: Sequence[str] | None = None) -> int:
                 count += 1
                 sys.stdout.write(f'mutant {number}: {text}\n')
             sys.stdout.flush()
-    sys.stdout.write(f'{count} failed; they are in {FAILED}\n' if count else 'none failed\n')
+    sys.stdout.write(f'{count} failed; mutants are in {FAILED}\n' if count else 'none failed\n')
     return int(count > 0)

@@ -300,7 +300,7 @@ def differences(folder: Path, ship: Path, bus: str, lines: Lines) -> tuple[list[
         if not all(
             a and b and a.after is b.after and abs(a.time_ns - b.time_ns) <= LATE_NS for a, b in pairs
         ):
-            shown = [', '.join(map(_event_text, side)) for side in (bearing.events, live)]
+            shown = [', '.join(map(event_text, side)) for side in (bearing.events, live)]
             result.append(f'{name}: check {shown[0]}; watch {shown[1]}')
     checked = {_plain_text(text) for text in report.bag.warnings if ': source ' in text}
     watched = {_plain_text(text) for text in said if ': source ' in text}
@@ -308,9 +308,9 @@ def differences(folder: Path, ship: Path, bus: str, lines: Lines) -> tuple[list[
     return result, report, said
 
 
-def _event_text(event: Event) -> str:
-    """Return the condition that an event leads to, and its time since the beginning."""
-    return f'{event.after.name} {(event.time_ns - T0_NS) * 1e-9:.2f} s'
+def event_text(event: Event, start_ns: int = T0_NS) -> str:
+    """Return the condition that an event leads to, and its time since a start [ns]."""
+    return f'{event.after.name} {(event.time_ns - start_ns) * 1e-9:.2f} s'
 
 
 def _plain_text(text: str) -> str:

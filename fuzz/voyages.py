@@ -6,13 +6,9 @@ A mutant that holds the stick-slip and whose check is an all-clear has lost its 
 
 from __future__ import annotations
 
-import contextlib
-import gzip
 import io
 import json
-import lzma
 import struct
-import zlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import datetime, timezone
@@ -20,11 +16,11 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-import zstandard
 
 from fuzz.files import DEFINITIONS, START, TOPICS, Piece, file, message
 from fuzz.logs import database_of, sentence_of
 from fuzz.oracle import messages_of, rows_of
+from fuzz.rewriting import packings, unpacked
 
 _SECOND = 10**9
 _LOAD_N = 1000.0
@@ -39,6 +35,11 @@ QUIET_RPM = [60.0 + 0.01 * k for k in range(60)]
 """Speeds of the same voyage without stick-slip, whose check is an all-clear."""
 
 
+def _with_packed(texts: list[bytes]) -> list[bytes]:
+    """Return texts, and the first of them packed in each way."""
+    return [*texts, *packings(texts[0])]
+
+
 def _tables(speeds: Sequence[float]) -> list[bytes]:
     wide = 'time,shaft speed [rpm],bearing load [N]\n' + ''.join(
         f'{t},{v:.3f},{_LOAD_N}\n' for t, v in zip(_STAMPS, speeds, strict=True)
@@ -48,9 +49,7 @@ def _tables(speeds: Sequence[float]) -> list[bytes]:
         for t, v in zip(_STAMPS, speeds, strict=True)
     )
     texts = wide, wide.replace(',', ';').replace('.', ','), long
-    plain = [text.encode() for text in texts]
-    packed = [gzip.compress(plain[0], mtime=0), zstandard.compress(plain[0]), lzma.compress(plain[0])]
-    return [*plain, *packed]
+    return _with_packed([text.encode() for text in texts])
 
 
 def _parquets(speeds: Sequence[float]) -> list[bytes]:
@@ -72,7 +71,7 @@ def _nmea_logs(speeds: Sequence[float]) -> list[bytes]:
         for t, pair in zip(_STAMPS, bodies, strict=True)
         for body in (f'GPZDA,{t[11:13]}{t[14:16]}{t[17:19]}.00,{t[8:10]},{t[5:7]},{t[:4]},00,00', *pair)
     ]
-    return ['\r\n'.join([*lines, '']).encode() for lines in (iso, zda)]
+    return _with_packed(['\r\n'.join([*lines, '']).encode() for lines in (iso, zda)])
 
 
 def _signalk_logs(speeds: Sequence[float]) -> list[bytes]:
@@ -88,7 +87,7 @@ def _signalk_logs(speeds: Sequence[float]) -> list[bytes]:
             delta(t, 'propulsion.0.bearing.load', _LOAD_N),
         )
     ]
-    return ['\n'.join([*lines, '']).encode()]
+    return _with_packed(['\n'.join([*lines, '']).encode()])
 
 
 def _canboat_logs(speeds: Sequence[float]) -> list[bytes]:
@@ -106,7 +105,7 @@ def _canboat_logs(speeds: Sequence[float]) -> list[bytes]:
         )
         for t, v in zip(_STAMPS, speeds, strict=True)
     ]
-    return ['\n'.join([*lines, '']).encode()]
+    return _with_packed(['\n'.join([*lines, '']).encode()])
 
 
 def _databases(speeds: Sequence[float]) -> list[bytes]:
@@ -165,8 +164,8 @@ def sticking_share(path: Path, kind: str) -> float:
         return sum(sample in samples for sample in wanted) / len(wanted)
     if kind == 'parquet':
         return _share_of_parquet(data)
-    text = _unpacked(data)
-    return max(_share_of_lines(text, _unpacked(source)) for source in VOYAGES[kind](STICKING_RPM))
+    text, _ = unpacked(data)
+    return max(_share_of_lines(text, unpacked(source)[0]) for source in VOYAGES[kind](STICKING_RPM))
 
 
 def _share_of_parquet(data: bytes) -> float:
@@ -185,19 +184,3 @@ def _share_of_lines(text: bytes, source: bytes) -> float:
     has_heading = b'time' not in known[0] or text.splitlines()[:1] == known[:1]
     wanted = known[-2 * len(known) // 3 :]
     return sum(line in lines for line in wanted) / len(wanted) if has_heading else 0.0
-
-
-def _unpacked(data: bytes) -> bytes:
-    """Return a text, of a packed one as much as can be unpacked."""
-    for magic, make in (
-        (b'\x1f\x8b', lambda: zlib.decompressobj(31).decompress),
-        (b'\x28\xb5', lambda: zstandard.ZstdDecompressor().decompressobj().decompress),
-        (b'\xfd7z', lambda: lzma.LZMADecompressor().decompress),
-    ):
-        if data.startswith(magic):
-            feed, parts = make(), list[bytes]()
-            with contextlib.suppress(Exception):  # Of a damaged one the rest is lost.
-                for k in range(0, len(data), 64):
-                    parts.append(feed(data[k : k + 64]))
-            return b''.join(parts)
-    return data

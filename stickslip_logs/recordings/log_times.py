@@ -37,8 +37,9 @@ def ask_for_time_unit(start_ns: int | None, end_ns: int | None, max_count: int) 
 MAX_PACE = 1.5
 """Clocks that were not rewritten never differ by this factor."""
 Part = Mapping[Request, Series]
-# Longer intervals are pauses [ns].
-_MAX_INTERVAL_NS = 60 * 10**9
+# Longer intervals are pauses; longer steps back are a clock that was set, and shorter ones messages in
+# disorder, for which the steps ahead beside them make up [ns].
+_MAX_INTERVAL_NS, _MAX_DISORDER_NS = 60 * 10**9, 10 * 10**9
 
 
 class LogTimes:
@@ -90,12 +91,12 @@ class LogTimes:
 def _measure_pace(series: Series) -> float | None:
     """Return the seconds of log time that pass in a second of stamps; None for a series without own stamps.
 
-    A series has none where its stamps equal its log times. Pauses of a minute and backward steps of either
-    clock are skipped. A series of less than five seconds is too short to tell a pace and has the pace 1.
+    A series has none where its stamps equal its log times. Pauses of a minute and clocks that were set back
+    are skipped. A series of less than five seconds is too short to tell a pace and has the pace 1.
     """
     if np.array_equal(series.log_time_ns, series.stamp_ns):
         return None
-    log, stamp = np.diff(series.log_time_ns), np.diff(series.stamp_ns)
-    usual = (log >= 0) & (log < _MAX_INTERVAL_NS) & (stamp >= 0) & (stamp < _MAX_INTERVAL_NS)
+    log, stamp = steps = np.diff([series.log_time_ns, series.stamp_ns])
+    usual = ((steps > -_MAX_DISORDER_NS) & (steps < _MAX_INTERVAL_NS)).all(axis=0)
     passed = int(stamp[usual].sum())
     return 1.0 if passed < 5 * 10**9 else int(log[usual].sum()) / passed

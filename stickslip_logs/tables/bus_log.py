@@ -186,9 +186,10 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     """Yield the numbers of deltas of Signal K as rows, one delta a line; None for a line that is no delta.
 
     Deltas of other vessels are skipped: the own vessel is that of the server's first line, or else the first
-    with more than vessels send by AIS. Numbers of a second source are named 'PATH from SOURCE': a server may
-    forward an engine's gateway and a simulation under one path. A last row with only a time stands for deltas
-    without a number behind the last number: others go on where a sender falls silent.
+    with more than vessels send by AIS, and any called 'self'. Numbers of a second source are named 'PATH from
+    SOURCE': a server may forward an engine's gateway and a simulation under one path. A last row with only a
+    time stands for deltas without a number, or of other vessels, behind the last number: they go on where a
+    sender falls silent.
     """
     own_vessel, first, units = '', dict[str, str](), dict[str, str]()
     latest, silent = '', None  # the time of the latest number, and the last delta without one behind it
@@ -202,8 +203,12 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
                 continue
             kind, _, name = delta.get('context', 'self').partition('.')
             context = name if kind == 'vessels' else kind
-            own_vessel = own_vessel or (name if kind == 'vessels' and _is_own(delta) else '')
+            if not context:
+                raise ValueError('a delta is of somebody')
+            if context != 'self' and not own_vessel and kind == 'vessels' and _is_own(delta):
+                own_vessel = name
             if context not in (own_vessel, 'self'):
+                silent = delta
                 continue
             values = _delta_rows(delta, first, units)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -211,7 +216,9 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
         else:
             yield from values
             latest, silent = (values[-1][0], None) if values else (latest, delta)
-    stamps = [str(update.get('timestamp')) for update in silent['updates']] if silent else []
+    updates = silent.get('updates') if silent else None
+    updates = updates if isinstance(updates, list) else []
+    stamps = [str(update.get('timestamp')) for update in updates if isinstance(update, dict)]
     if (when := max(filter(_ISO.fullmatch, stamps), default='')) > latest > '':
         yield _row_of_time(when)
 

@@ -323,7 +323,7 @@ class Session:
         Values that still stand and are due are repeated, and a step of the clock is followed.
         """
         self.follow_clock(now)
-        self._repeat_values(name, time_ns + 1, now)
+        self._repeat_values(name, time_ns, now)
         events = self._explain_events(self.monitor.bearings[name].advance(time_ns), now)
         self._publish_events(events)
         self._publish_changes([], events)

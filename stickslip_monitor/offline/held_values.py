@@ -12,6 +12,9 @@ from stickslip_monitor.monitor.rule import judge_value, si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import QUANTITIES, Status, Stream
 
+# A stamp that is older than the newest by more is one of a clock that was set back [ns].
+_MAX_LATE_NS = 60 * 10**9
+
 
 class HeldValues:
     """Puts repeats between the samples of a bearing, as its monitor makes them live.
@@ -72,13 +75,20 @@ class HeldValues:
             value, made = np.append(number, value), np.append(self._made[place], made)
         if not value.size:
             return stamp_ns, arrival_ns, value
+        c = self._numbers
+        statuses = [judge_value(c, place, number, si_value(c, place, number)) for number in value.tolist()]
+        is_valid = np.array(statuses) == Status.ACCEPTED
+        # One that is older than another before it changes nothing; where a clock was set back all are.
+        newest_ns = np.maximum.accumulate(np.where(is_valid, stamp_ns, 0))
+        counts = ~is_valid | (stamp_ns == newest_ns) | (stamp_ns < newest_ns - _MAX_LATE_NS)
+        stamp_ns, arrival_ns, value, made, is_valid = (
+            column[counts] for column in (stamp_ns, arrival_ns, value, made, is_valid)
+        )
         self._latest[place] = int(stamp_ns[-1]), int(arrival_ns[-1]), float(value[-1])
         # Before the next sample, and up to the end of the part.
         room = np.diff(arrival_ns, append=until_ns + 1)
         due = np.searchsorted(schedule, room, 'left')
-        c = self._numbers
-        statuses = [judge_value(c, place, number, si_value(c, place, number)) for number in value.tolist()]
-        due[np.array(statuses) != Status.ACCEPTED] = 0
+        due[~is_valid] = 0
         due = np.maximum(due, made)
         self._made[place] = int(due[-1])
         count = due - made

@@ -324,7 +324,7 @@ class StandingValue:
 
 def _is_noisy(value: FloatArray) -> bool:
     """Return whether most steps between some values are changes, many of which turn back."""
-    steps = np.diff(value)
+    steps = np.diff(value[np.isfinite(value)])
     steps = steps[steps != 0.0]
     turns = int(np.count_nonzero(steps[1:] * steps[:-1] < 0.0))
     return value.size >= _MIN_STANDING and 2 * steps.size > value.size and 4 * turns > steps.size

@@ -11,7 +11,7 @@ from nasty_logs import nmea_sentence
 
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
-from stickslip_logs.tables.bus_log import nmea_rows
+from stickslip_logs.tables.bus_log import nmea_rows, signalk_rows
 
 SECOND = 10**9
 START = 1_780_000_000
@@ -74,3 +74,21 @@ def test_lines_whose_times_cannot_be_read_any_more_have_none() -> None:
     heads = [f'2026-05-04T06:00:{second:02}Z' for second in range(10)] + ['2026-05-04T06-00:10'] * 20
     rows = list(nmea_rows(iter([f'{head} {body}' for head in heads])))
     assert [row is None for row in rows] == [False] * 15 + [True] * 15
+
+
+def test_the_own_vessel_may_be_called_by_its_name_later() -> None:
+    """As by a server that was updated on the way; a delta of nobody is damaged, others are others."""
+    lines = [delta(second, 'propulsion.0.revolutions', 1.0) for second in range(5)]
+    for second, own in ((1, 'vessels.urn:mrn:imo:mmsi:257000000'), (2, 'vessels.urn:other'), (4, '')):
+        lines[second] = lines[second].replace('vessels.self', own)
+    values = [row and row[2] for row in signalk_rows(iter(lines))]
+    assert values == ['1.0', '1.0', '1.0', None]
+
+
+def test_other_vessels_go_on_where_the_own_one_falls_silent(tmp_path: Path) -> None:
+    numbers = [delta(second, 'propulsion.0.revolutions', 1.0) for second in range(20)]
+    others = [
+        delta(second, 'navigation.speedOverGround', 5.0).replace('vessels.self', 'vessels.urn:mrn:imo:mmsi:1')
+        for second in range(20, 60)
+    ]
+    assert span_of(tmp_path / 'a.log', [*numbers, *others]) == (0.0, 59.0)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from fuzz.bags import random_difference
 from fuzz.corpus import LARGE, ODD
 from fuzz.mutants import mutant
 from fuzz.run import CONFIG, MEGABYTES, SOURCES, check_voyage, judge, judge_voyage
@@ -116,6 +117,13 @@ def test_what_mutants_had_found(kind: str, seed: int, tmp_path: Path) -> None:
     path = tmp_path / f'mutant.{kind}'
     path.write_bytes(mutant(seed, SOURCES[kind](), kind))
     assert judge(path) == ''
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('seed', [2, 8, 46, 51])
+def test_a_session_and_a_check_find_the_same_events(seed: int, tmp_path: Path) -> None:
+    """Stamps in disorder are no clock of another pace, nor values that stand; infinity warns nobody."""
+    assert random_difference(tmp_path, seed) == ''
 
 
 def test_a_file_that_is_cut_while_it_is_read(tmp_path: Path) -> None:
