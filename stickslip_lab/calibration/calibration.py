@@ -197,6 +197,9 @@ class Calibration:
         """Return rows of load [N], then Hopf speeds, then fold speeds [m/s], three each at :data:`QUANTILES`.
 
         The loads, up to five, are evenly spaced over :attr:`loads`.
+
+        Raises:
+            PhysicsError: The law cannot be moved so far (:func:`.move_boundaries`).
         """
         fold = self.belief.fold_speed
         return [

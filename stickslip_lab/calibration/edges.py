@@ -122,7 +122,7 @@ class Passage:
     time: float  # the end of the quiet [s]
     speed: FloatArray  # of the surface, shape (n,) [m/s]
     load: FloatArray  # shape (n,) [N]
-    step: FloatArray  # since the last bin, shape (n,) [s]
+    step: FloatArray  # time since the bin before, 0 to 5, shape (n,) [s]
     began: bool  # whether a vibration began at its end
     tolerance: float  # how far that time may be off [s]
     trust: float  # probability that the reports are right

@@ -270,8 +270,8 @@ def threshold_of(levels: Sequence[LevelBins]) -> float:
     """Return the threshold between quiet and vibration in all recordings, as level less ``20 lg V`` [dB].
 
     Raises:
-        NoTwoModes: The level varies by less than 0.1 dB, or is missing; or its values do not fall into two
-            modes 6 dB apart, with few of them between.
+        NoTwoModes: The level varies by less than 0.1 dB, or is missing; its values do not fall into two modes
+            6 dB apart, with few of them between; or the modes differ by the speed alone.
     """
     value, by_speed = (
         np.concatenate([np.empty(0), *(getattr(level, name) for level in levels)])

@@ -261,7 +261,7 @@ def explained_fit_errors(curve: FrictionCurve) -> Iterator[None]:
     Floating-point warnings are silenced within it.
 
     Raises:
-        FitError: The block raised one, or a numerical error.
+        FitError: The block raised one, or an ArithmeticError, ValueError, IndexError or LinAlgError.
     """
     questions = ' '.join(_unit_questions(curve))
     try:

@@ -97,7 +97,10 @@ class PooledFit(StribeckFit):
 
     @property
     def sentence(self) -> str:
-        """Sentence on the effect of the load on friction, with the exponent; '' without a column of loads."""
+        """Sentence on the effect of the load on friction, with the exponent, or on why there is none.
+
+        '' without a column of loads.
+        """
         if not self.has_exponent:
             return 'the points are of one load' if self.load == self.load else ''
         low, high = self.exponent_interval
