@@ -31,9 +31,9 @@ from stickslip_monitor.physics.numerics import gauss_rule, last_above, root_on_b
 
 # Stretches of half cycles that are summed at a time, which the processor's cache holds.
 _STRETCHES = 16384
-# Width of a stretch [rad] up to which 6 nodes will do for a table, which is cubic there, and the rule for
-# wider ones and other laws. Of tables that scatter they leave 2e-15; 3 nodes, up to 0.02, left 2e-8.
-_NARROW, _NARROW_RULE, _WIDE_RULE = 0.3, gauss_rule(6), gauss_rule(16)
+# The rule for narrow stretches of a table, which is cubic there, and that for wider ones and other laws. Of
+# tables that scatter they leave 2e-15; 3 nodes, up to 0.02 rad, left 2e-8.
+_NARROW_RULE, _WIDE_RULE = gauss_rule(6), gauss_rule(16)
 # Amplitude coordinates of a scan, densest where mean falls differ most: about small amplitudes and, far
 # beyond a law's scales, where the belt is almost met. The limit stands twice: friction reverses there. Of the
 # heights of 33 laws the worst hundredth is 0.4 % low; by sums at 49 places 0.6 %, in four times the time.
@@ -41,28 +41,8 @@ _NEAR_LIMIT = np.geomspace(1e-7, 1e-2, 11)
 _BELOW = np.sort(np.concatenate([np.linspace(0.0, 1.0, 101)[:-1] ** 1.5, 1.0 - _NEAR_LIMIT, [1.0]]))
 _ABOVE = np.concatenate([[1.0], 1.0 + np.sqrt(_NEAR_LIMIT), np.linspace(1.12, 1.98, 25)])
 GRID = np.concatenate([_BELOW, _ABOVE])
-# Halvings of a bracket about a turn of rho before a parabola: where rho bends suddenly, as of a table, they
-# leave 1e-6 of its height.
-_HALVINGS = 5
-# Speeds of a curve up to the last breakpoint, at least (by 200 a fold read between them was 0.3 % off for a
-# noisy table of 40 points), and beyond it up to a million times as far, densest where it ends.
-_SPEEDS, _FAR = 400, 1.0 + np.geomspace(1e-3, 1e6, 65)
-# Share by which two speeds of a curve differ at least: a spline through closer ones would only have rounding.
-_SAME = 1e-6
-# Of a table with more points so many, and so many of the others besides that may have the highest fold:
-# a table of 300 that scatters by 0.001 has its fold at 1.235 m/s; by 40 speeds alone it was at 0.62.
-_POINTS, _OUTSTANDING = 100, 160
-# Shares of the speed, to both sides, over which the steepest mean fall is looked for.
-_WINDOWS = np.geomspace(1e-3, 1.0, 61)
-# Speeds in a panel between two breakpoints at which the slope of a law is looked at; and share of three of
-# them within which its steepest fall is sought again.
-_PER_PANEL, _NARROWER = 24, 0.02
-# Amplitude coordinate below which S/a has lost more digits than the slope of steady sliding is off.
-_STILL = 1e-7
 # Friction has no scale outside this range [m/s]; inside it no amplitude over- or underflows.
 _SLOWEST, _FASTEST = 1e-200, 1e200
-# A fall of friction by less than this share of the coefficient is rounding.
-_ROUNDING = 4e-16
 
 
 def crossing_angle(speed: FloatArray, amplitude: FloatArray, level: FloatArray | float) -> FloatArray:
@@ -126,7 +106,7 @@ def _varying_harmonic(
         level: ``mu(V)``, shape (n,) [-].
     """
     begin, extent, element = _smooth_stretches(law, speed, amplitude)
-    is_narrow = (extent <= _NARROW) & (len(getattr(law, 'kinks', ())) > 0)
+    is_narrow = (extent <= 0.3) & (len(getattr(law, 'kinks', ())) > 0)
     total = np.zeros(element.size)
     for (nodes, weights), chosen in ((_NARROW_RULE, is_narrow), (_WIDE_RULE, ~is_narrow)):
         rows = np.flatnonzero(chosen)
@@ -176,9 +156,10 @@ def _velocity_amplitude(x: FloatArray, speed: FloatArray) -> FloatArray:
 
 
 def slope_surface(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> FloatArray:
-    """Return ``rho`` at amplitude coordinates ``x`` and speeds [s/m]; the two broadcast."""
+    """Return ``rho`` at amplitude coordinates ``x`` and speeds [s/m], of the broadcast shape."""
     x, v = np.broadcast_arrays(x, np.clip(speed, _SLOWEST, _FASTEST))
-    still = x < _STILL
+    # S/a has lost more digits there than the slope of steady sliding is off.
+    still = x < 1e-7
     a = _velocity_amplitude(np.where(still, 1.0, x), v)
     rho = 2.0 * harmonic(law, v, a) / a
     rho[still] = -law.slope(v[still])
@@ -186,12 +167,12 @@ def slope_surface(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> FloatAr
 
 
 def _find_vertex(x: FloatArray, y: FloatArray, beyond: float = 0.0) -> FloatArray:
-    """Return where the parabola through three points turns.
+    """Return the place where the parabola through three points turns.
 
     Args:
         x: Places, rising along the first axis, shape (3, n).
         y: Values there, shape (3, n).
-        beyond: How far before the first and behind the last of them it may be; it is clipped there.
+        beyond: Distance before the first and behind the last of them at which the place is clipped.
 
     Returns:
         Shape (n,); the middle place where the points lie on a line.
@@ -205,19 +186,21 @@ def _find_vertex(x: FloatArray, y: FloatArray, beyond: float = 0.0) -> FloatArra
 def _find_turns(
     law: FrictionLaw, speed: FloatArray, low: FloatArray, high: FloatArray, side: FloatArray | float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Find where ``rho`` is highest, or lowest, between two amplitude coordinates each.
+    """Find the highest, or the lowest, ``rho`` between two amplitude coordinates at each speed.
+
+    Where ``rho`` bends suddenly, as that of a table, it is right to 1e-6 of its height.
 
     Args:
         law: The law.
         speed: Shape (n,) [m/s].
-        low: Where to begin, shape (n,).
-        high: Where to end, shape (n,).
+        low: First amplitude coordinates, shape (n,).
+        high: Last ones, shape (n,).
         side: 1 for the highest, -1 for the lowest; one number or one each.
 
     Returns:
         Amplitude coordinates, and ``rho`` there [s/m], shape (n,) each.
     """
-    for _ in range(_HALVINGS):
+    for _ in range(5):
         quarter = 0.25 * (high - low)
         x = low + quarter * np.array([[1.0], [2.0], [3.0]])
         y = slope_surface(law, x, speed)
@@ -231,14 +214,14 @@ def _find_turns(
 
 @lru_cache(maxsize=1)
 def _scan_weights() -> tuple[FloatArray, FloatArray]:
-    """Return how ``rho`` on the grid follows from mean falls of friction; cached.
+    """Return the weights by which ``rho`` on the grid follows from mean falls of friction; cached.
 
     ``rho`` at an amplitude ``x V`` is ``4/pi`` times the integral of ``sin^2(u) m(x sin(u))`` over a quarter
     turn, with the mean fall ``m(s)`` from ``V (1 - s)`` to ``V (1 + s)``, here straight from place to place.
 
     Returns:
-        Amplitudes of the grid in units of ``V``, shape (n,), and of each a row of weights of the mean falls
-        there, shape (n, n).
+        Amplitudes of the grid in units of ``V``, shape (n,), and for each a row of weights of the mean falls
+        at all of them, shape (n, n).
     """
     places = _velocity_amplitude(GRID, np.ones(1))
     n, x, width = places.size, places[1:, None], np.diff(places)
@@ -262,8 +245,8 @@ def _scan_roughly(law: FrictionLaw, speed: FloatArray, count: int) -> tuple[Floa
         count: Number of places.
 
     Returns:
-        ``rho``, and how far it may be off, by how far each mean fall is off the line between those beside it;
-        shape (n, count) each [s/m].
+        ``rho``, and the error that it may have, from the distance of each mean fall from the line between
+        those beside it; shape (n, count) each [s/m].
     """
     places, weights = (part[:count] for part in _scan_weights())
     v, x = speed[:, None], places[1:]
@@ -297,7 +280,7 @@ def _find_peaks(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatA
     place = 0.5 * which
     place[turns] = np.where(which[turns] == 1, x, place[turns])
     # A fall in the last digit of the coefficient is rounding, not friction.
-    rounding = np.abs(peak) * place * speed < _ROUNDING * law.coefficient(speed)
+    rounding = np.abs(peak) * place * speed < 4e-16 * law.coefficient(speed)
     peak[rounding & (place > 0.0)] = 0.0
     return peak, cusp
 
@@ -334,15 +317,19 @@ def average_curve(law: FrictionLaw) -> AverageCurve:
     scales = np.array(speed_scales(law))
     if not scales.size:
         return AverageCurve(*np.zeros((3, 0)))
-    edges = np.append(0.0, scales[:: -(-scales.size // _POINTS)])
-    per_panel = -(-_SPEEDS // scales.size)
-    if scales.size > _POINTS:  # what stands out is added below
+    max_points = 100
+    edges = np.append(0.0, scales[:: -(-scales.size // max_points)])
+    # 400 speeds at least: by 200 a fold read between them was 0.3 % off for a noisy table of 40 points.
+    per_panel = -(-400 // scales.size)
+    if scales.size > max_points:  # what stands out is added below
         per_panel = 2
     share = np.arange(1, per_panel + 1) / per_panel
     panels = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
     near = np.geomspace(1e-9, 0.9, 40) * panels[0]
-    speed = np.unique(np.concatenate([near, panels, _outstanding_speeds(law), scales[-1] * _FAR]))
-    speed = speed[np.append(True, np.diff(speed) > _SAME * speed[1:])]
+    far = scales[-1] * (1.0 + np.geomspace(1e-3, 1e6, 65))  # densest where the law ends
+    speed = np.unique(np.concatenate([near, panels, _outstanding_speeds(law), far]))
+    # A spline through closer speeds would only have rounding.
+    speed = speed[np.append(True, np.diff(speed) > 1e-6 * speed[1:])]
     return AverageCurve(speed, *_find_peaks(law, speed))
 
 
@@ -350,39 +337,38 @@ def _outstanding_speeds(law: FrictionLaw) -> FloatArray:
     """Return speeds of a table whose highest ``rho`` may exceed that of all higher speeds, shape (n,) [m/s].
 
     ``rho`` is the mean of ``-mu'`` about ``V`` with the weight ``sqrt(a^2 - (v - V)^2)``, and so a mean of
-    its means over windows ``V - h`` to ``V + h``: the steepest of these bounds it.
+    its means over windows ``V - h`` to ``V + h``: the steepest of these bounds it. A table of 300 points that
+    scatters by 0.001 has its fold at 1.235 m/s; by 40 speeds of the curve alone it was at 0.62.
     """
     breaks, (steady, fall) = np.array(speed_scales(law)), equilibrium_table(law)
     steepest = steady[1:-1][(fall[1:-1] > fall[:-2]) & (fall[1:-1] >= fall[2:])]
     speed = np.unique(np.concatenate([breaks, 0.5 * (breaks[1:] + breaks[:-1]), steepest]))
     at_rest = -law.slope(speed)
     bound = at_rest.copy()
-    for share in _WINDOWS:
+    for share in np.geomspace(1e-3, 1.0, 61):  # windows as shares of the speed
         fall = law.coefficient(speed * (1.0 - share)) - law.coefficient(speed * (1.0 + share))
         bound = np.maximum(bound, fall / (2.0 * share * speed))
     record = (bound > 0.0) & (bound >= np.maximum.accumulate(bound[::-1])[::-1])
     steady, moving = speed[record & (at_rest >= bound)], speed[record & (at_rest < bound)]
     # So many stand out only where the peaks fall from speed to speed, and between them.
-    return np.append(steady, moving[:: max(1, -(-moving.size // _OUTSTANDING))])
+    return np.append(steady, moving[:: max(1, -(-moving.size // 160))])
 
 
 @lru_cache(maxsize=32)
 def equilibrium_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
-    """Return speeds up to the last breakpoint with the steepest falls among them [m/s], and ``rho(0)`` there.
+    """Return rising speeds up to the last breakpoint [m/s], and ``rho(0) = -mu'`` there [s/m].
 
-    Each of shape (n,); cached. The law needs a breakpoint.
+    The speeds of the steepest falls are among them. Each of shape (n,); cached. The law needs a breakpoint.
     """
     edges = np.append(0.0, speed_scales(law))
-    share = np.arange(1, _PER_PANEL + 1) / _PER_PANEL
+    share = np.arange(1, 25) / 24
     panels = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
     speeds = np.append(np.geomspace(1e-9, 0.9, 40) * panels[0], panels)
     x, y = (np.stack([part[:-2], part[1:-1], part[2:]]) for part in (speeds, -law.slope(speeds)))
     top = (y[1] > y[0]) & (y[1] >= y[2])
     steepest = _find_vertex(x[:, top], y[:, top])
-    # A second parabola, so much narrower, leaves 3e-13 of the height of a Gaussian law in place of 2e-8.
-    x = np.clip(
-        steepest + _NARROWER * np.diff(x[::2, top], axis=0) * [[-1.0], [0.0], [1.0]], x[0, top], x[2, top]
-    )
+    # A second parabola, much narrower, leaves 3e-13 of the height of a Gaussian law in place of 2e-8.
+    x = np.clip(steepest + 0.02 * np.diff(x[::2, top], axis=0) * [[-1.0], [0.0], [1.0]], x[0, top], x[2, top])
     speeds = np.unique(np.concatenate([speeds, steepest, _find_vertex(x, -law.slope(x))]))
     return speeds, -law.slope(speeds)
 
@@ -449,10 +435,10 @@ def _last_root(
     """Return the last speeds at which a height still reaches ``q`` [m/s].
 
     Args:
-        height: Of speeds, shape (n,) [s/m].
-        speed: Of a scan, ascending, shape (m,) [m/s].
-        heights: There, shape (m,) [s/m].
-        q: Shape (n,) [s/m].
+        height: Function of speeds [m/s], shape (k,), to heights [s/m].
+        speed: Speeds of a scan, ascending, shape (m,) [m/s].
+        heights: Heights there, shape (m,) [s/m].
+        q: Heights to reach, shape (n,) [s/m].
 
     Returns:
         Shape (n,); ``nan`` where no speed of the scan reaches it, ``inf`` where the last one does.
@@ -477,8 +463,8 @@ def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArr
     """Return where a stable stick-slip cycle exists; there may be several such ranges of speed.
 
     It does wherever the highest ``rho`` exceeds ``q``: with growing amplitude ``rho`` falls below every
-    ``q``. That is read from :func:`average_curve`, and worked out between two speeds of it of which only
-    one has a cycle. False at rest.
+    ``q``. That is read from :func:`average_curve`, and computed between two of its speeds of which only one
+    has a cycle. False at rest.
 
     Args:
         law: The law.
@@ -556,28 +542,33 @@ def _all_cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[Flo
 
 
 def _scan_blocks(size: int) -> list[slice]:
-    """Return the parts of so many speeds that are scanned at a time, which the processor's cache holds."""
+    """Return slices of ``size`` speeds that are scanned one after the other, as the cache holds them."""
     block = _STRETCHES // GRID.size
     return [slice(first, min(first + block, size)) for first in range(0, size, block)]
 
 
 def _cycle_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
-    """Return the stretches of the amplitude coordinate within which ``rho`` passes ``q`` once.
+    """Return the brackets of the amplitude coordinate within which ``rho`` passes ``q`` once.
+
+    Args:
+        law: The law.
+        speed: Shape (n,) [m/s].
+        q: ``c/N``, shape (n,) [s/m].
 
     Returns:
-        Rows of shape (stretches,): index of the point in ``speed``, amplitude coordinates of begin and end,
+        Shape (5, brackets), the rows index of the point in ``speed``, amplitude coordinates of begin and end,
         and ``rho - q`` at begin and end [s/m].
     """
     brackets = [np.zeros((5, 0))]
     for part in _scan_blocks(speed.size):
-        found = _brackets_of_block(law, speed[part], q[part])
-        found[0] += part.start
-        brackets.append(found)
+        of_part = _scan_brackets(law, speed[part], q[part])
+        of_part[0] += part.start
+        brackets.append(of_part)
     return np.concatenate(brackets, axis=1)
 
 
-def _brackets_of_block(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
-    """Return :func:`_cycle_brackets` of few speeds."""
+def _scan_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
+    """Return :func:`_cycle_brackets` of few speeds, which are scanned at once."""
     rows, error = _scan_roughly(law, speed, GRID.size)
     rows -= q[:, None]
     steps = np.abs(np.diff(rows, axis=1, prepend=rows[:, :1], append=rows[:, -1:]))

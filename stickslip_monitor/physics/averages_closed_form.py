@@ -33,17 +33,11 @@ from stickslip_monitor.physics.numerics import gauss_rule, root_on_bracket
 
 # Largest argument for which a power series is summed in place of Bessel functions.
 _SERIES_LIMIT = 0.5
-# Argument past which 1 - I2/I1 has no digits left and is taken as 1.5 over the argument.
-_FAR = 1e6
 # Gauss-Legendre nodes of the average beyond the sliding limit.
 _NODES, _WEIGHTS = gauss_rule(14)
-# Newton's steps from a first guess that is off by a twentieth at most.
-_STEPS = 5
-# Declines that are known beforehand: between them the first guess is off by 1e-6.
-_KNOWN = 2**13
 _Function = Callable[[FloatArray], FloatArray]
 # Beyond these a dimensionless speed or its Bessel function leaves the range of a float.
-_TINY, _HUGE, _MOST_DECLINE = 1e-300, 1e200, 690.0
+_TINY, _HUGE = 1e-300, 1e200
 
 
 def _series_or_bessel(x: FloatArray, series: _Function, bessel: _Function) -> FloatArray:
@@ -88,21 +82,24 @@ def _growth_slope(alpha: FloatArray) -> FloatArray:
 
 def _decline_slope(v: FloatArray) -> FloatArray:
     """Return ``d decline / dv = 1 - I2(v)/I1(v)``."""
-    # I2/I1 tends to 1 - 1.5/v; past _FAR the difference from 1 has no digits left.
-    return np.where(v < _FAR, 1.0 - _growth_slope(np.minimum(v, _FAR)), 1.5 / np.maximum(v, 1.0))
+    far = 1e6  # I2/I1 tends to 1 - 1.5/v; farther out the difference from 1 has no digits left
+    return np.where(v < far, 1.0 - _growth_slope(np.minimum(v, far)), 1.5 / np.maximum(v, 1.0))
 
 
 @cache
 def _known_declines() -> tuple[FloatArray, FloatArray]:
-    """Return the logarithms of declines and of the ``v`` that have them, rising, shape (n,) each; cached."""
-    v = np.geomspace(1e-3, 1e5, _KNOWN)
+    """Return the logarithms of declines and of the ``v`` that have them, rising, shape (n,) each; cached.
+
+    A ``v`` read between them is off by 1e-6.
+    """
+    v = np.geomspace(1e-3, 1e5, 2**13)
     return np.log(decline(v)), np.log(v)
 
 
 def amplitude_for_growth(d: FloatArray) -> FloatArray:
     """Return the ``alpha`` > 0 at which ``growth(alpha) = d``, for finite ``d`` > 0."""
     alpha = np.sqrt(d) * np.sqrt(d + 8.0)  # between sqrt(8 d) and d + 1.5 ln d
-    for _ in range(_STEPS):
+    for _ in range(5):  # the first guess is off by a twentieth at most
         alpha = alpha + (d - growth(alpha)) / _growth_slope(alpha)
     return alpha
 
@@ -217,7 +214,7 @@ def boundaries(law: Stribeck, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         Two arrays of shape (n,): ``nan`` where there is no boundary, ``inf`` where it has no end.
     """
     number = _hopf_number(law, q)
-    fold = speed_for_decline(np.minimum(number, _MOST_DECLINE))
+    fold = speed_for_decline(np.minimum(number, 690.0))  # beyond it the speed leaves the range of a float
     return number / law.decay, np.where(number < np.inf, fold, number) / law.decay
 
 
@@ -239,7 +236,10 @@ def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
 
 
 def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
-    """Return the largest averaged negative slope ``max_a 2 S/a`` [s/m], which the sliding limit has."""
+    """Return the largest averaged negative slope ``max_a 2 S/a`` at speeds [m/s], of their shape [s/m].
+
+    It is that of the sliding limit.
+    """
     v = np.clip(law.decay * speed, _TINY, _HUGE)
     return _total_fall(law) * 2.0 * i1e(v) / v - law.viscous
 
@@ -291,8 +291,8 @@ def cycles(
     """Return the velocity amplitudes of all cycles and their stability.
 
     Returns:
-        Amplitudes, ascending and padded with ``nan`` [m/s], and 1.0 for a stable, 0.0 for an unstable cycle
-        or padding; both of shape (n, 2).
+        Amplitudes, ascending and padded with ``nan`` [m/s], and 1.0 for a stable, 0.0 for an unstable cycle;
+        both of shape (n, 2). Of padding the second may be either.
     """
     q = damping_per_load(damping, load)
     hopf, fold = boundaries(law, q)

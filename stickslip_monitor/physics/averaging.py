@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where stick-slip begins and ends, and how fast a vibration grows, by first-order KBM averaging.
+"""The Hopf speed and the averaged (KBM) fold, growth and amplitudes of vibrations: first-order averaging.
 
 With ``x - x_e = A cos psi`` and the velocity amplitude ``a = omega A``,
 
@@ -32,7 +32,7 @@ from stickslip_monitor.physics.lubrication import at_points, gives_load, gives_s
 
 
 def averaged(law: FrictionLaw) -> Any:
-    """Return the module that solves the averaged equations of a law: in closed form for Stribeck's."""
+    """Return the module of the averaged equations of a law: closed forms for Stribeck's, else quadrature."""
     return averages_closed_form if computes_as(law, Stribeck) else averages_by_quadrature
 
 
@@ -77,6 +77,9 @@ def sticking_end(bearing: Bearing, load: ArrayLike) -> Any:
     """Return the last speed [m/s] at a load [N] at which a cycle reaches the sliding limit, by averaging.
 
     It is that of :func:`fold_speed` but for laws by which a cycle that never sticks lives on beyond it.
+
+    Returns:
+        Shape of ``load``; ``nan`` where no speed has one, ``inf`` where every high speed has one.
     """
     law, c = bearing.friction, bearing.damping
     if averaged(law) is averages_closed_form:
@@ -125,6 +128,7 @@ def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
     """
 
     def rate(v: FloatArray, n: FloatArray) -> FloatArray:
+        """Return the growth rates [1/s] at speeds [m/s] and loads [N], shape (n,) each."""
         drive = np.maximum(n, 0.0) * -bearing.friction.slope(v)
         return (drive - bearing.damping) / (2.0 * bearing.mass)
 
@@ -191,6 +195,9 @@ def count_cycles(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> NDArray
         speed: Surface speed [m/s].
         load: Load [N]; broadcasts with ``speed``.
 
+    Returns:
+        Counts of the broadcast shape; 0 at rest, without load or where an input is not finite.
+
     >>> count_cycles(bearing, bearing.speed.to_surface([20.0, 34.0, 50.0], 'rpm'), 1000.0).tolist()
     [1, 2, 0]
     """
@@ -205,9 +212,9 @@ def count_cycles(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> NDArray
 def _usable_points(
     speed: ArrayLike, load: ArrayLike
 ) -> tuple[tuple[int, ...], list[FloatArray], NDArray[np.bool_]]:
-    """Return the common shape of points, speeds ahead and loads, and which points may have a cycle.
+    """Return the broadcast shape of points, their speeds (magnitudes) and loads, and whether each is usable.
 
-    Speeds, loads and the last are flat: they are finite there, and the shaft turns.
+    The last three are of shape (n,). A point is usable where both are finite and the shaft turns.
     """
     shape, (v, n) = flatten(speed, load)
     v = np.abs(v)
@@ -233,9 +240,14 @@ def stable_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> F
 
 
 def threshold_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> FloatArray:
-    """Return the amplitude of the smallest unstable cycle [m] of bistable points, each shape (n,).
+    """Return the displacement amplitude of the smallest unstable cycle at bistable points [m], shape (n,).
 
     At other points it is unspecified.
+
+    Args:
+        bearing: Bearing without lubrication effects.
+        speed: ``V`` > 0, shape (n,) [m/s].
+        load: Load, shape (n,) [N].
     """
     law = bearing.friction
     velocity: FloatArray = averaged(law).threshold_amplitude(law, speed, bearing.damping, load)

@@ -158,8 +158,8 @@ class Cycle:
             count: Number of instants, evenly spaced, >= 2.
 
         Returns:
-            Time [s], displacement [m] and velocity [m/s], each of shape (..., count); ``nan``
-            where there is no cycle, or none that a motion stays on.
+            Time [s], displacement [m] and velocity [m/s], each of shape (..., count); ``nan`` unless the kind
+            is ``STICK_SLIP``, ``OVERTAKING`` or ``PURE_SLIP``.
         """
         kind = np.ravel(self.kind)
         period = np.ravel(np.asarray(self.period, dtype=float))
@@ -682,8 +682,8 @@ def _find_sign_changes(gains: FloatArray, stable: bool) -> BoolArray:
     """Return the panels in which a gain of energy becomes a loss, or for unstable cycles a loss a gain.
 
     Args:
-        gains: Gains at rising amplitudes, shape (n, m). Of unstable cycles a last one that is nearly
-            balanced becomes 0, in place.
+        gains: Gains at rising amplitudes, shape (n, m). Of unstable cycles a last one that is a loss or gain
+            by rounding, after a loss, counts as a change and becomes 0, in place.
         stable: Whether stable cycles are looked for.
 
     Returns:

@@ -29,7 +29,7 @@ from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics import averages_closed_form, averaging
 from stickslip_monitor.physics.averages_by_quadrature import average_curve, cusp_slope
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import speed_scales
+from stickslip_monitor.physics.friction import ALMOST_REST, speed_scales
 from stickslip_monitor.physics.numerics import hermite, monotone_slopes, root_on_bracket, spline_slopes
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
@@ -42,7 +42,6 @@ from stickslip_monitor.physics.orbits import (
     law_in_use,
     slip_field,
 )
-from stickslip_monitor.physics.scalar_law import ALMOST_REST
 
 # Error of the long steps that bracket a fold, and how close they lead.
 _COARSE, _ROUGHLY = 1e-7, 1e-5

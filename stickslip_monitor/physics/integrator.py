@@ -57,8 +57,8 @@ class MotionState:
     Args:
         displacement: ``x`` [m].
         relative_speed: ``v = V - x'`` [m/s].
-        phase: Its phase; by default the one that follows from the numbers.
-        trial: Length of the step to try next in units of ``1/omega``; 0 for none yet.
+        phase: Its phase; ``None`` for the one that follows from the numbers.
+        trial: Unit of time of the step to try next [1/omega]; 0 for none yet.
 
     Raises:
         PhysicsError: A number is not finite, or the phase contradicts the relative speed.
@@ -89,7 +89,7 @@ class MotionState:
         return cls(displacement, float(drive.speed[0]) - velocity)
 
     def scaled(self, scale: float) -> MotionState:
-        """Return a copy with displacement and relative speed multiplied by ``scale``."""
+        """Return a copy with displacement and relative speed multiplied by ``scale`` > 0."""
         return MotionState(self.displacement * scale, self.relative_speed * scale, self.phase, self.trial)
 
 
@@ -233,8 +233,6 @@ def _check_grid(time: FloatArray, speed: FloatArray, load: FloatArray) -> None:
         raise PhysicsError(f'drive load[{index}] = {load[index]:g} N must not be negative')
 
 
-# Transitions that the inner loops log before they return to have the log emptied.
-_LOG = 4096
 _OUTCOMES = {
     march.DONE: MotionOutcome.COMPLETE,
     march.EXHAUSTED: MotionOutcome.EXHAUSTED,
@@ -261,8 +259,8 @@ def integrate(
         state: The state at its begin.
         times: Times of the samples, which do not fall, within the drive, shape (n,) [s].
         accuracy: Error of a step of a slip phase relative to the speeds, > 0 [-].
-        compiled: Whether numba compiles the inner loops; by default, where it is installed. The
-            results are the same.
+        compiled: Whether numba compiles the inner loops; ``None`` for where it may be used. The results are
+            the same.
 
     Returns:
         The motion. Where it could not be followed to the end, its ``outcome`` says why, and it has the
@@ -298,7 +296,8 @@ def integrate(
     phase = _starting_phase(law_functions, body, lines, state)
     out = columns(float, at, *np.zeros((4, at.size)))
     samples = march.MotionSamples(*out, *columns(int, np.zeros(at.size)))
-    log = march.TransitionLog(*columns(float, np.zeros(_LOG)), *columns(int, np.zeros(_LOG)))
+    room = np.zeros(4096)  # for transitions, before the loop returns to have the log emptied
+    log = march.TransitionLog(*columns(float, room), *columns(int, room))
     x, z = float(state.displacement), float(state.relative_speed)
     begun = (0, 0.0, 0.0, x, z, int(phase), float(state.trial), 0, 0, 0, 0, 0)
     now = march.Now(march.EVENTS_FULL, *begun)
@@ -336,10 +335,10 @@ def _march_loop(law: ScalarLaw) -> Callable[..., Any]:
 
 
 def is_compiled(compiled: bool | None) -> bool:
-    """Return whether to compile: as asked for, or where numba is installed.
+    """Return whether to compile: ``compiled``, or for ``None`` whether numba may be used.
 
     Raises:
-        PhysicsError: It was asked for and numba is not installed.
+        PhysicsError: ``compiled`` is true, and numba is not installed or the process is a live one.
     """
     if compiled and not jit.has_compiler():
         raise PhysicsError(
@@ -374,7 +373,7 @@ def _make_body(bearing: Bearing, drive: Drive, law: ScalarLaw, accuracy: float) 
 
 
 def _starting_phase(law: LawInUse, body: march.Body, lines: march.Lines, state: MotionState) -> Phase:
-    """Return the phase in which the motion begins: sticking, or the side of the belt on which it slips."""
+    """Return the phase in which the motion begins: that of the state if it has one, else by its motion."""
     if state.phase is not None:
         return state.phase
     if state.relative_speed != 0.0:

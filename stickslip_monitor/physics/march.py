@@ -26,27 +26,23 @@ from stickslip_monitor.physics.series import (
 )
 from stickslip_monitor.physics.slip_series import LONGEST, Medium, expand, first_unit, time_to_rise
 
-# How a march has ended, and how a step has.
-DONE, EVENTS_FULL, EXHAUSTED, NOT_FINITE = 0, 1, 2, 3
-NOTHING, RELEASE_FORWARD, RELEASE_BACKWARD, CONTACT = 0, 1, 2, 3
+# The ways in which a march can end, and those in which a step can.
+DONE, EVENTS_FULL, EXHAUSTED, NOT_FINITE = range(4)
+NOTHING, RELEASE_FORWARD, RELEASE_BACKWARD, CONTACT = range(4)
 
-# Shortest unit of a step that is tried [1/omega].
-_SHORTEST = 1e-28
-# Rounding of the friction that sticking needs, as a share of its terms.
-_ROUNDING = 2e-15
-# Events in a row, at one instant, after which sticking is let live for a while.
-_STALLED, _LET_LIVE = 8, 1e-6
+# Steps without length, at one instant, after which the lining sticks for a while whatever the forces.
+_MAX_STALLED = 8
 
 
 class Body(NamedTuple):
-    """The oscillator and the accuracy asked for.
+    """The oscillator and the accuracy of its steps.
 
     Attributes:
         omega: Natural frequency [rad/s].
         damping: ``2 zeta``.
         momentum: ``m omega`` [kg/s].
         tolerance: Error of a step relative to the speeds.
-        limit: Most steps.
+        limit: Largest number of steps.
     """
 
     omega: float
@@ -57,7 +53,15 @@ class Body(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """Ends of the pieces [s], and on each speed [m/s] and load [N] at its begin, and rates."""
+    """Pieces of the drive, on each of which speed and load are straight lines.
+
+    Attributes:
+        time: Begin of each piece and end of the last, shape (n + 1,) [s].
+        speed: Speed as each piece begins, shape (n,) [m/s].
+        speed_rate: Its rate [m/s^2].
+        load: Load as each piece begins, shape (n,) [N].
+        load_rate: Its rate [N/s].
+    """
 
     time: Sequence[float]
     speed: Sequence[float]
@@ -67,22 +71,22 @@ class Lines(NamedTuple):
 
 
 class Now(NamedTuple):
-    """Place of the motion, and what was counted.
+    """State of a march: place of the motion, and counts.
 
     Attributes:
         status: ``DONE``, ``EVENTS_FULL``, ``EXHAUSTED`` or ``NOT_FINITE``.
-        piece: Of the inputs.
-        time: Since the piece began [s].
+        piece: Index of the piece of the drive.
+        time: Time since the piece began [s].
         rest: What rounding took from that [s].
         x: Displacement [m].
         z: ``V - x'`` [m/s].
         phase: Sign of the relative speed.
-        trial: Length of the step to try next; 0 for none yet.
-        cursor: MotionSamples written.
-        events: Transitions in the log.
-        steps: Steps in all phases.
-        slips: Steps of slip phases.
-        stalled: Events in a row without a step.
+        trial: Unit of the step to try next [1/omega]; 0 for none yet.
+        cursor: Number of samples written.
+        events: Number of transitions in the log.
+        steps: Number of steps in all phases.
+        slips: Number of steps of slip phases.
+        stalled: Number of steps in a row without length.
     """
 
     status: int
@@ -101,7 +105,7 @@ class Now(NamedTuple):
 
 
 class MotionSamples(NamedTuple):
-    """Times of the samples [s], and what is sampled in SI units."""
+    """Rising times of the samples [s], and the motion at them in SI units, of one length."""
 
     times: Sequence[float]
     displacement: MutableSequence[float]
@@ -112,7 +116,7 @@ class MotionSamples(NamedTuple):
 
 
 class TransitionLog(NamedTuple):
-    """Transitions: when [s], and the phase after."""
+    """Times of transitions [s], and the phase after each; the length is that of the room for them."""
 
     time: MutableSequence[float]
     phase: MutableSequence[int]
@@ -123,7 +127,7 @@ class Advance(NamedTuple):
 
     Attributes:
         length: Its length [1/omega].
-        event: What it ended with.
+        event: ``NOTHING``, ``RELEASE_FORWARD``, ``RELEASE_BACKWARD`` or ``CONTACT`` at its end.
         order: Highest power of the time in its series.
         unit: Length of time in whose powers they are [1/omega].
         trial: The unit to try next; 0 for none yet, ``inf`` where no step is short enough.
@@ -137,7 +141,17 @@ class Advance(NamedTuple):
 
 
 class Whole(NamedTuple):
-    """A step: when in a piece of the inputs it began, the place then, its phase and medium, and itself."""
+    """A step with what :func:`write_samples` needs beside it.
+
+    Attributes:
+        base: Begin of the piece of the drive [s].
+        time: Time since then as the step begins [s].
+        rest: What rounding took from that [s].
+        e: Displacement as the step begins [m/s].
+        phase: Phase during the step.
+        medium: The medium as it begins.
+        step: The step.
+    """
 
     base: float
     time: float
@@ -149,10 +163,17 @@ class Whole(NamedTuple):
 
 
 def medium_at(law: LawInUse, body: Body, lines: Lines, piece: int, s: float, side: float) -> Medium:
-    """Return what the lining is in at a time since a piece began [s], seen from a side of the belt.
+    """Return the medium of a lining at a time since a piece began, seen from a side of the belt.
 
-    ``e' = V - z, z' = V' + 2 zeta (V - z) + e - N/(m omega) mu(z)`` in units of ``1/omega``. The side of
-    a lining that slips is 1 behind the belt, -1 ahead of it.
+    ``e' = V - z, z' = V' + 2 zeta (V - z) + e - N/(m omega) mu(z)`` in units of ``1/omega``.
+
+    Args:
+        law: The law.
+        body: The oscillator.
+        lines: The drive.
+        piece: Index of its piece.
+        s: The time [s].
+        side: 1 for a lining that sticks or slips behind the belt, -1 ahead of it.
     """
     rise, growth = lines.speed_rate[piece], lines.load_rate[piece]
     speed, load = side * (lines.speed[piece] + rise * s), lines.load[piece] + growth * s
@@ -182,6 +203,10 @@ def slip_advance(
         trial: The unit to try; 0 for none yet [1/omega].
         left: The longest that the step may be [1/omega].
         work: Written: the series of the step.
+
+    Returns:
+        The step, with ``CONTACT`` or ``NOTHING``; its ``trial`` is 0 after a contact, and ``inf`` where no
+        step is short enough for numbers.
     """
     unit = trial if trial != 0.0 else first_unit(law.numbers, medium, z)
     longest = min(left, LONGEST)
@@ -192,7 +217,7 @@ def slip_advance(
         if share > 0.0:
             break
         unit = after
-        if not unit > _SHORTEST:
+        if not unit > 1e-28:
             return Advance(left, NOTHING, 0, unit, math.inf)
     if trial > unit:
         after = max(after, trial)  # the step was short for the sake of the inputs
@@ -234,7 +259,7 @@ def friction_needed(medium: Medium, e: float) -> float:
 def rounding_of(law: LawInUse, medium: Medium, e: float) -> float:
     """Return the rounding of the friction that sticking needs, in units of ``m omega``."""
     inner = abs(medium.drift_rate) + abs(medium.damping * medium.drift)
-    return _ROUNDING * (inner + abs(e) + law.hold * abs(medium.force))
+    return 2e-15 * (inner + abs(e) + law.hold * abs(medium.force))
 
 
 def stick_advance(
@@ -248,8 +273,8 @@ def stick_advance(
         law: The law.
         medium: What the lining is in as the step begins.
         e: Displacement as the step begins.
-        stalled: How many steps in a row have had no length. After more than ``_STALLED`` of them a short
-            step is taken without a check for release, so that time goes on.
+        stalled: Number of steps in a row without length. After more than ``_MAX_STALLED`` of them a step of
+            1e-6 is taken without a check for release, so that time goes on.
         left: The longest that the step may be, in units of ``1/omega``.
         work: Written: the series of the step, its displacement counted from the begin.
 
@@ -258,8 +283,8 @@ def stick_advance(
         ``NOTHING`` where the lining still sticks.
     """
     length, event = left, NOTHING
-    if stalled > _STALLED:
-        length = min(left, _LET_LIVE)
+    if stalled > _MAX_STALLED:
+        length = min(left, 1e-6)
     else:
         slack, need = rounding_of(law, medium, e), friction_needed(medium, e)
         for kind in range(RELEASE_FORWARD, RELEASE_BACKWARD + 1):
@@ -317,11 +342,11 @@ def write_samples(
         omega: Natural frequency [rad/s].
         whole: The step.
         samples: The samples, written.
-        cursor: How many are written already.
-        end: Where the piece of the inputs ends with the step [s], else infinity.
+        cursor: Number of samples that are written already.
+        end: End of the piece of the drive [s] if the step ends with it, else infinity.
 
     Returns:
-        How many are written in all.
+        Number of samples that are written in all.
     """
     medium, side = whole.medium, 1.0 if whole.phase >= 0 else -1.0
     length, _, order, unit, _ = whole.step
@@ -344,7 +369,13 @@ def write_samples(
 def recenter_medium(law: LawInUse, medium: Medium, e: float, z: float) -> Medium:
     """Return the medium with displacements counted from where the lining is, so that they keep digits.
 
-    Where it is released at the limit, what is missing to the limit or beyond it is rounding and is left out.
+    Where it is released at the limit, the distance from the limit is rounding and becomes 0.
+
+    Args:
+        law: The law.
+        medium: The medium, with displacements counted from the unloaded spring.
+        e: Displacement of the lining.
+        z: Its relative speed.
     """
     speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate = medium
     offset += e
@@ -410,7 +441,7 @@ def march(
             z = 0.0
             if event != CONTACT:
                 phase = 1 if event == RELEASE_FORWARD else -1
-            elif stalled > _STALLED:
+            elif stalled > _MAX_STALLED:
                 phase = 0
             else:
                 medium_here = medium_at(law, body, lines, piece, time, 1.0)

@@ -31,10 +31,9 @@ from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics import scalar_law as scalar_laws
 from stickslip_monitor.physics import series, slip_series
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import FrictionLaw
+from stickslip_monitor.physics.friction import ALMOST_REST, FrictionLaw
 from stickslip_monitor.physics.numerics import gauss_rule
 from stickslip_monitor.physics.scalar_law import (
-    ALMOST_REST,
     LawInUse,
     friction_drop,
     friction_slope,
@@ -44,25 +43,15 @@ from stickslip_monitor.physics.scalar_law import (
 from stickslip_monitor.physics.series import PLACE, RELATIVE_SPEED, find_level, new_work, place_and_speed
 from stickslip_monitor.physics.slip_series import LONGEST, Medium, acceleration, expand, first_unit
 
-# How an orbit ended: steps ran out, at a turn, on the belt, past the place that could hold it, at
-# rest, or, back in time, from far outside.
+# The ways in which an orbit can end: its steps ran out, at a turn, on the belt, past the place that could
+# hold it, at rest, or, back in time, far outside.
 EXHAUSTED, TURNED, LANDED, MISSED, RESTED, LEFT = range(6)
-# Shortest step, below which a motion does not move on in double precision.
-_SHORTEST = 1e-13
-# Steps after which an orbit is given up: the stiffest cycle of the tests takes 6,000.
-_MAX_STEPS = 20000
-# Share of the energy at the start below which an orbit has come to rest.
-_SETTLED = 1e-12
-# Growth of energy, back in time, from which no orbit comes back.
-_ESCAPED = 1e12
-# Way beyond the belt, in its speed, from which no orbit comes back in time.
-_THROUGH = 1e-3
 # Gauss-Legendre nodes and weights in a step: of its divergence five leave an error of 1e-13.
 _NODES, _WEIGHTS = (tuple(column.tolist()) for column in gauss_rule(5))
 # Interpreted steps of a process after which it pays to compile: 20,000 take 0.8 s, loading the
 # compiled loop 0.7 s. A table of boundaries of Stribeck's law takes 6,000.
 PATIENCE = 20_000
-# Columns of what follow_each reads and writes of an orbit.
+# Numbers of an orbit that follow_each reads and writes.
 _READS, _WRITES = 8, 7
 
 
@@ -73,16 +62,16 @@ def law_in_use(law: FrictionLaw) -> LawInUse:
 
 @dataclass(frozen=True, slots=True)
 class SlipField:
-    """Field in which orbits slip; of one number for each orbit from ``speed`` on.
+    """Field in which orbits slip; arrays have one number for each orbit.
 
     Attributes:
         law: The friction law.
         damping: ``2 zeta``.
         drift: 1 behind the belt, -1 ahead of it, 0 about steady sliding.
         speed: ``V`` > 0, shape (n,) [m/s].
-        force: ``N/(m omega V)``.
-        offset: What the belt holds beyond slow sliding.
-        origin: Reference speed [m/s].
+        force: ``N/(m omega V)``, shape (n,).
+        offset: Force that the belt holds beyond slow sliding, in units of ``m omega V``, shape (n,).
+        origin: Reference speed, shape (n,) [m/s].
     """
 
     law: FrictionLaw
@@ -99,7 +88,7 @@ class SlipField:
         return SlipField(self.law, self.damping, self.drift, *(column[rows] for column in columns))
 
     def rest(self) -> FloatArray:
-        """Return the displacement of steady sliding, shape (n,) [V/omega]; 0 if counted from there."""
+        """Return the displacement of steady sliding, shape (n,) [V/omega]; 0 where it counts from there."""
         if self.drift == 0.0:
             return np.zeros(self.speed.size)
         if scalar_law(self.law).module is None:
@@ -119,7 +108,7 @@ class SlipField:
 
 
 def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipField:
-    """Return the medium in which linings slip behind the belt, with displacements counted from breakaway.
+    """Return the field in which linings slip behind the belt, with displacements counted from breakaway.
 
     Args:
         bearing: The bearing.
@@ -136,12 +125,13 @@ class Route(NamedTuple):
     """Way in which orbits are followed.
 
     Attributes:
-        last: Number of turns that ends them, one number or one each; 0 for none.
-        error: Of a step in units of the motion.
-        direction: In time, 1 or -1, one number or one each.
+        last: Number of turns after which they end, one number or one each; 0 for none.
+        error: Error of a step, as of :func:`.slip_series.expand`.
+        direction: Direction in time, 1 or -1, one number or one each.
         contact: Whether contact with the belt ends them.
         weigh: Whether to integrate the divergence.
-        max_steps: Of an orbit; one that needs more is ``EXHAUSTED``.
+        max_steps: Largest number of steps of an orbit; one that needs more is ``EXHAUSTED``. The stiffest
+            cycle of the tests takes 6,000.
     """
 
     last: Any
@@ -149,7 +139,7 @@ class Route(NamedTuple):
     direction: Any = 1.0
     contact: bool = False
     weigh: bool = False
-    max_steps: int = _MAX_STEPS
+    max_steps: int = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,10 +148,10 @@ class Orbits:
 
     Attributes:
         end: ``EXHAUSTED``, ``TURNED``, ``LANDED``, ``MISSED``, ``RESTED`` or ``LEFT``.
-        time: When.
-        place: Displacement there.
-        turns: Displacement at the first two turns, shape (2, n).
-        divergence: Integral of the flow's divergence.
+        time: Time at the end [1/omega]; ``nan`` unless it turned or landed.
+        place: Displacement there [V/omega]; ``nan`` as the time.
+        turns: Displacements at the first two turns, ``nan`` for none, shape (2, n) [V/omega].
+        divergence: Integral of the flow's divergence; 0 where it was not weighed.
     """
 
     end: IndexArray
@@ -180,8 +170,8 @@ class _Effort:
 def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbits:
     """Follow orbits from displacements and relative speeds to their ends.
 
-    The same loop runs interpreted until this process has taken :data:`PATIENCE` steps, which it counts,
-    and compiled from then on where numba is installed.
+    The loop runs interpreted until this process has taken :data:`PATIENCE` steps, which are counted here,
+    and compiled from then on where numba may be used.
 
     Args:
         field: What the linings slip in.
@@ -230,12 +220,12 @@ def follow_each(
     Args:
         law_numbers: The law, as :attr:`.LawInUse.numbers` of :func:`.series_law`.
         damping: ``2 zeta``.
-        drift: As of :class:`SlipField`.
-        rows: Of each orbit speed, force, offset, origin, displacement, relative speed, last turn
+        drift: That of :class:`SlipField`.
+        rows: For each orbit speed, force, offset, origin, displacement, relative speed, last turn
             and direction.
-        route: The same for all, without ``last`` and ``direction``.
-        work: Written: the series of a step; as of :func:`.new_work`.
-        out: Written: of each orbit end, time, place, two turns, divergence and the number of steps.
+        route: The way of all; its ``last`` and ``direction`` are not used.
+        work: A row of :func:`.new_work`; written: the series of a step.
+        out: Written: for each orbit end, time, place, two turns, divergence and the number of steps.
     """
     for k in range(len(rows)):
         row, to = rows[k], out[k]
@@ -248,7 +238,7 @@ def follow_each(
 def follow_one(
     law_numbers: Any, medium: Medium, e: float, z: float, route: Route, work: MutableSequence[float]
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Follow the orbit that begins at ``e`` and ``z``.
+    """Follow the orbit that begins at ``e`` and ``z`` to its end.
 
     Args:
         law_numbers: The law, as :attr:`.LawInUse.numbers` of :func:`.series_law`.
@@ -274,7 +264,7 @@ def follow_one(
     for _ in range(route.max_steps):
         steps += 1
         order, share, now, unit = expand(law_numbers, medium, e, z, unit, LONGEST, route.error, work)
-        if not abs(unit) > _SHORTEST:
+        if not abs(unit) > 1e-13:  # a motion does not move on in double precision
             break
         e_after, z_after = place_and_speed(work, order, share)
         cut = share
@@ -310,7 +300,17 @@ def _integrate_divergence(
     unit: float,
     weigh: bool,
 ) -> float:
-    """Return the integral of the flow's divergence over a step; 0 where it is not weighed."""
+    """Return the integral of the flow's divergence over a step; 0 where ``weigh`` is not set.
+
+    Args:
+        law_numbers: The law.
+        medium: What the lining slips in.
+        work: The series of the step.
+        order: Highest power in them.
+        share: Length of the step in units of time.
+        unit: The unit, negative back in time [1/omega].
+        weigh: Whether to integrate.
+    """
     total = 0.0
     for k in range(len(_NODES) if weigh else 0):
         _, z = place_and_speed(work, order, _NODES[k] * share)
@@ -327,19 +327,19 @@ def _motion_energy(e: float, z: float) -> float:
 def _find_landing(
     medium: Medium, work: Sequence[float], order: int, share: float, e: float, z: float
 ) -> tuple[int, float]:
-    """Find where a step touches the belt, or passes the last place at which a stick could hold.
+    """Find the end of a step that touches the belt, or passes the last place at which the belt could hold.
 
     Args:
         medium: What it slips in.
         work: The series of the step.
-        order: Their order.
+        order: Highest power in them.
         share: Length of the step in their unit.
         e: Displacement as it ends.
         z: Relative speed as it ends.
 
     Returns:
-        ``LANDED``, ``MISSED``, or ``EXHAUSTED`` for neither; the length of the step up to there, as given
-        for neither.
+        ``LANDED`` or ``MISSED``, and the length of the step up to there; ``EXHAUSTED`` and ``share`` for
+        neither.
     """
     hold, end = -medium.offset, EXHAUSTED
     if medium.drift > 0.0 and e > hold:
@@ -363,9 +363,10 @@ def _fading_end(medium: Medium, direction: float, begun: float, now: float, z: f
         z: Its relative speed now.
 
     Returns:
-        ``RESTED`` where it has faded, ``LEFT`` where back in time it has gone for good, else ``EXHAUSTED``.
+        ``RESTED`` where its energy has faded to 1e-12; ``LEFT`` where, back in time, it has gone through the
+        belt, or grown beyond return; else ``EXHAUSTED``.
     """
-    if now < _SETTLED * begun:
+    if now < 1e-12 * begun:
         return RESTED
-    through = medium.origin + medium.speed * z < -_THROUGH * medium.speed
-    return LEFT if direction < 0.0 and (through or now > _ESCAPED * (1.0 + begun)) else EXHAUSTED
+    through = medium.origin + medium.speed * z < -1e-3 * medium.speed
+    return LEFT if direction < 0.0 and (through or now > 1e12 * (1.0 + begun)) else EXHAUSTED

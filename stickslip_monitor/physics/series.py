@@ -9,25 +9,23 @@ from __future__ import annotations
 
 from collections.abc import MutableSequence, Sequence
 
-# Highest power of the time: 12 takes 40 % longer in a noisy table, and 20 no less. And places of a series.
 ORDER = 16
+"""Highest power of the time: 12 takes 40 % longer in a noisy table, and 20 no less."""
 STRIDE = ORDER + 1
-# Where in the row of work the series of displacement, relative speed and its rate begin, where 1/k is, and
-# where those of the law begin.
+"""Number of coefficients of a series, constant first."""
 PLACE, RELATIVE_SPEED, RATE, INVERSE, LAW = (STRIDE * series for series in range(5))
-
-
-# The rows of a law are ten: its pieces are of that degree.
-_NOTHING = (0.0,) * (INVERSE + 1) + tuple(1.0 / k for k in range(1, STRIDE)) + (0.0,) * (10 * STRIDE)
+"""Indices in the row of work: of the series of displacement, of relative speed and of its rate, of the
+numbers ``1/k``, and of the first of ten series of the law, whose pieces are of that degree."""
 
 
 def new_work() -> list[float]:
-    """Return a row of work, with nothing in it but the inverse numbers."""
-    return list(_NOTHING)
+    """Return a new row of work: the numbers ``1/k`` from ``INVERSE`` + 1 on, all else 0."""
+    inverse = [0.0, *(1.0 / k for k in range(1, STRIDE))]
+    return [0.0] * INVERSE + inverse + [0.0] * (10 * STRIDE)
 
 
 def place_and_speed(work: Sequence[float], order: int, share: float) -> tuple[float, float]:
-    """Return displacement and relative speed at a share of the unit."""
+    """Return displacement and relative speed at a share of the unit, by series up to the power ``order``."""
     place, speed = 0.0, 0.0
     for k in range(order, -1, -1):
         place, speed = place * share + work[PLACE + k], speed * share + work[RELATIVE_SPEED + k]
@@ -35,13 +33,13 @@ def place_and_speed(work: Sequence[float], order: int, share: float) -> tuple[fl
 
 
 def value_and_slope(work: Sequence[float], row: int, order: int, share: float) -> tuple[float, float]:
-    """Return the value and the slope of a series at a share of the unit.
+    """Return the value of a series at a share of the unit, and its slope there for each unit.
 
     Args:
         work: The row of work.
-        row: Where the series begins in it.
+        row: Index of the series in it.
         order: Its highest power.
-        share: The place.
+        share: The share.
     """
     value, slope = work[row + order], 0.0
     for k in range(order - 1, -1, -1):
@@ -57,9 +55,9 @@ def find_turn(
     Args:
         work: The row of work; written: the rate of the relative speed.
         order: Highest power of the relative speed.
-        share: Share by which it has turned.
-        rate: Its rate there, of another sign than that at the begin.
-        close: What may be left of that rate, as a share.
+        share: A share of the unit by which it has turned once.
+        rate: Its rate there for each unit, of another sign than that at the begin.
+        close: Share of that rate which may be left.
     """
     for k in range(order):
         work[RATE + k] = (k + 1.0) * work[RELATIVE_SPEED + k + 1]
@@ -76,15 +74,15 @@ def find_level(
 
     Args:
         work: The row of work.
-        row: Where the series begins in it.
+        row: Index of the series in it.
         order: Its highest power.
         end: Share of the unit by which the level has been passed.
-        final: Its value there.
+        final: Value of the series there.
         level: The level.
-        close: How far the value may be from it; by default not at all but for rounding.
+        close: Error allowed in the value; 0 for rounding only.
 
     Returns:
-        ``end`` where it has not been passed.
+        The share, from 0 to ``end``; ``end`` where the level has not been passed by then.
 
     >>> round(find_level([1.0, 0.0, -0.25], 0, 2, 3.0, -1.25, 0.0), 12)
     2.0

@@ -32,13 +32,8 @@ from stickslip_monitor.physics.series import (
     value_and_slope,
 )
 
-# Longest step [1/omega], in which no event comes twice, and the most that one may grow by.
-LONGEST, _GROWTH = 1.0, 5.0
-# How far past the end of a piece of a law a step goes, in units of speed and of the root of its error: a
-# piece errs there by the square.
-_PAST = 0.03
-# An error [m/s] that is no more than a number's last digits.
-_UNDERFLOW = 1e-280
+LONGEST = 1.0
+"""Longest step, in which no event comes twice [1/omega]."""
 
 
 class Medium(NamedTuple):
@@ -48,7 +43,7 @@ class Medium(NamedTuple):
         speed: The unit ``U`` of speeds [m/s].
         force: ``N/(m omega U)``.
         damping: ``2 zeta``.
-        offset: Of the displacement, see above.
+        offset: The equations' ``offset``: the force besides that of ``e``.
         origin: Reference speed [m/s].
         drift: Speed of the belt beyond the reference.
         force_rate: Change of the force in ``1/omega``.
@@ -68,10 +63,10 @@ class Medium(NamedTuple):
 
 
 class Expansion(NamedTuple):
-    """Series of a step, in the row of work.
+    """A step whose series are in the row of work.
 
     Attributes:
-        order: Highest power of the time in it.
+        order: Highest power of the time in the series.
         share: Length of the step in units of ``unit``; 0 where the unit was too long for numbers.
         unit: Length of time in whose powers the series are; negative back in time [1/omega].
         next_unit: The unit to try next.
@@ -110,9 +105,9 @@ def expand(
     error: float,
     work: MutableSequence[float],
 ) -> Expansion:
-    """Expand a motion in powers of the time, and find how long the step may be.
+    """Expand a motion in powers of the time, and choose the length of the step.
 
-    It ends where the last powers come to the error, and where the relative speed leaves the piece of
+    The step ends where the last powers come to the error, and where the relative speed leaves the piece of
     the law in which the series holds.
 
     Args:
@@ -122,12 +117,13 @@ def expand(
         z: Relative speed there.
         unit: Length of the step to try, negative to go back in time [1/omega].
         longest: The longest that it may be, at most :data:`LONGEST` [1/omega].
-        error: Of the step in units of the motion.
+        error: Error of the step, as a share of displacement, speed and their changes.
         work: Written: the series of displacement and relative speed, and of the law.
     """
     speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate = medium
     low, high, drop = begin_series(law_numbers, origin, z, speed, work)
-    past = _PAST * math.sqrt(error)
+    # A step goes past the end of a piece, which errs there by the square.
+    past = 0.03 * math.sqrt(error)
     low, high = (low - origin) / speed - past, (high - origin) / speed + past
     work[PLACE], work[RELATIVE_SPEED] = e, z
     rate = unit * (e + offset - damping * z + force * drop)
@@ -151,7 +147,7 @@ def expand(
             share = min(1.25 * leaving, 1.0)  # some more, so that the end of the piece is passed
             power = share
             # Released at the limit from a belt at rest only the change of the load moves it.
-            allowed = max(allowed if allowed > 0.0 else error * abs(turn), _UNDERFLOW)
+            allowed = max(allowed if allowed > 0.0 else error * abs(turn), 1e-280)
         last, now, power = now, max(abs(step * moved), abs(step * held)), power * share
         if max(now, 0.1 * last) * power <= allowed and (share < 1.0 or abs(unit) >= longest):
             order = k + 1  # the last two powers do not matter, and no longer step would be taken
@@ -160,7 +156,7 @@ def expand(
     if order == ORDER:
         if not (math.isfinite(now) and math.isfinite(last)):
             return Expansion(0, 0.0, unit, 0.01 * unit)
-        fits = min(_GROWTH, LONGEST / abs(unit))
+        fits = min(5.0, LONGEST / abs(unit))
         if last > 0.0 or now > 0.0:  # the root of order 16
             fits = min(fits, 0.9 * math.sqrt(math.sqrt(math.sqrt(math.sqrt(allowed / max(last, now))))))
         next_unit, fits = fits * unit, min(fits, longest / abs(unit))
@@ -173,15 +169,15 @@ def expand(
 def _cut_at_piece(
     work: MutableSequence[float], order: int, share: float, low: float, high: float, close: float
 ) -> float:
-    """Return the share of the unit up to where the relative speed leaves a piece of the law, or as given.
+    """Return the share of the unit at which the relative speed leaves a piece of the law, at most ``share``.
 
     Args:
         work: The series; where the rate of the relative speed changes its sign it is written.
-        order: Its order.
+        order: Highest power in them.
         share: Length of the step in units.
-        low: Where the piece begins, as a relative speed.
-        high: Where it ends.
-        close: How far from there the step may end.
+        low: Relative speed at which the piece begins.
+        high: Relative speed at which it ends.
+        close: Error allowed in the relative speed at which the step ends.
     """
     end, rate = value_and_slope(work, RELATIVE_SPEED, order, share)
     if rate * work[RELATIVE_SPEED + 1] < 0.0:  # it turns: so far it may have come
