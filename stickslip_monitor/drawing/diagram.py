@@ -183,7 +183,7 @@ def _join_branches(speed: FloatArray, turns: Sequence[_Turn], cycles: FloatArray
     Args:
         speed: Rising, with the speed of every turn among them, shape (n,) [m/s].
         turns: The turns, by speed.
-        cycles: Amplitudes at each speed, rising, ``nan`` for none, shape (n, k) [m]; at a turn its own count.
+        cycles: Amplitudes at each speed, rising, ``nan`` for none, shape (n, k) [m]; not used at turns.
 
     Returns:
         The branches: stable ones first, of these the larger first.

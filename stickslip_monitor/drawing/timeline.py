@@ -240,7 +240,7 @@ def _draw_load(axes: canvas.Axes, lines: _Lines) -> None:
 
 
 def _draw_margins(axes: canvas.Axes, lines: _Lines) -> None:
-    """Draw the margins to both boundaries, and those of the true lining where they are known.
+    """Draw the margins to both boundaries, with the band of caution; those of the true lining where known.
 
     The axis ends between 30 and 150 %.
     """

@@ -293,8 +293,8 @@ class Extremes:
         durations[_STABLE] += lasting.sum() - durations.sum()
         self.lasting_ns += durations
         self._take_margins(scan, size, top)
-        # One that dies out beyond the fold has no amplitude any more. That of the exact cycle rises with the
-        # load at one speed and, as a rule, with the speed at one load.
+        # A vibration that dies out beyond the fold has no amplitude any more. That of the exact cycle rises
+        # with the load at one speed and, as a rule, with the speed at one load.
         rows = rows[scan.sticking[rows] & ((codes == _BISTABLE) | (codes == _UNSTABLE))]
         if rows.size:
             self._take_rows(scan, rows[_outermost_points(size[rows], scan.load[rows])], 'amplitude')
