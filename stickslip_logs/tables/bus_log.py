@@ -290,9 +290,11 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """Yield the numbers of messages as canboat's ``analyzer -json`` writes them, as rows.
 
     None for a damaged line, an empty row for a line without a message, nothing for a blank line. Fields that
-    are no numbers are skipped. Numbers of a second source of a name are named 'NAME from SOURCE'.
+    are no numbers are skipped, but where the field had numbers before. Numbers of a second source of a name
+    are named 'NAME from SOURCE'. A last row with only a time stands for messages behind the last of these:
+    others go on where a sender falls silent.
     """
-    first = dict[str, str]()
+    first, latest, when = dict[str, str](), '', ''
     for line in lines:
         try:
             message = _decode_object(line)
@@ -302,8 +304,8 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
                 yield NO_SENTENCE
                 continue
             fields = {name: _plain_value(value) for name, value in message.get('fields', {}).items()}
-            place, when = [str(message['pgn'])], message['timestamp']
-            if not isinstance(when, str):
+            place, stamp = [str(message['pgn'])], message['timestamp']
+            if not isinstance(stamp, str):
                 raise TypeError('a time is a text')
             place += ['engine'] if place[0] in _OF_ENGINES else []
             instance = fields.pop('Instance', fields.pop('Engine Instance', None))
@@ -311,11 +313,17 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
             continue
+        when, source = stamp, str(message.get('src', ''))
         for name, value in fields.items():
-            if isinstance(value, int | float) and not isinstance(value, bool):
-                path, source = '.'.join((*place, name)), str(message.get('src', ''))
+            path = '.'.join((*place, name))
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if is_number or path in first:
                 unit = 'rpm' if (place[0], name) == ('127488', 'Speed') else ''
-                yield when, _name_of(path, source, first), repr(value), unit, source
+                text = repr(value) if is_number else 'null' if value is None else f"'{value}'"
+                latest = when
+                yield when, _name_of(path, source, first), text, unit, source
+    if latest and when != latest:
+        yield _row_of_time(when)
 
 
 def _plain_value(value: Any) -> Any:

@@ -11,7 +11,7 @@ from nasty_logs import nmea_sentence
 
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
-from stickslip_logs.tables.bus_log import nmea_rows, signalk_rows
+from stickslip_logs.tables.bus_log import canboat_rows, nmea_rows, signalk_rows
 
 SECOND = 10**9
 START = 1_780_000_000
@@ -92,3 +92,20 @@ def test_other_vessels_go_on_where_the_own_one_falls_silent(tmp_path: Path) -> N
         for second in range(20, 60)
     ]
     assert span_of(tmp_path / 'a.log', [*numbers, *others]) == (0.0, 59.0)
+
+
+def engine_message(second: int, **fields: object) -> str:
+    """Return a line of canboat of the speed of an engine, or of another PGN without fields."""
+    message = {'timestamp': f'2026-05-04T06:00:{second:02}Z', 'src': 16, 'pgn': 127488 if fields else 127489}
+    return json.dumps(message | {'fields': {'Instance': 0, **fields}})
+
+
+def test_a_field_of_canboat_that_knows_no_number_any_more_is_no_end_of_the_log() -> None:
+    lines = [engine_message(0, Speed=60.0, Word='OK'), engine_message(1, Speed=None, Word='OK')]
+    lines += [engine_message(2, Speed='Unknown'), engine_message(3)]
+    assert list(canboat_rows(iter(lines))) == [
+        ('2026-05-04T06:00:00Z', '127488.engine.0.Speed', '60.0', 'rpm', '16'),
+        ('2026-05-04T06:00:01Z', '127488.engine.0.Speed', 'null', 'rpm', '16'),
+        ('2026-05-04T06:00:02Z', '127488.engine.0.Speed', "'Unknown'", 'rpm', '16'),
+        ('2026-05-04T06:00:03Z', '', '', '', ''),
+    ]
