@@ -463,7 +463,7 @@ def _draw_between(limits: Any, seed: int, place: str) -> float:
 
 
 def _number_repeated(entries: list[Any]) -> list[str]:
-    """Return a name for each entry of a list: an effect's name and count, else the position.
+    """Return a name for each entry of a list: an effect's name and count, else the position; both from 0.
 
     An effect keeps its name, and so its random stream, when others are added to the list.
     """

@@ -56,9 +56,10 @@ def pieces_of_cubics(cubics: Cubics) -> Pieces:
 
 
 def fit_pieces(law: FrictionLaw) -> Pieces:
-    """Fit pieces to a law's coefficient, to 1e-14 of it where the law's own rounding allows that.
+    """Fit pieces to a law's coefficient, to 1e-14 of the largest of a piece or of slow sliding.
 
-    Beyond 4^20 times its last scale, or where it is not finite, the law goes on as a line.
+    Where the law's own rounding does not allow that the error may be larger. Beyond 4^20 times its last
+    scale, or from where the coefficient is not finite on, the law goes on as a line.
 
     >>> pieces = fit_pieces(Stribeck(0.3, 0.1, 10.0))
     >>> math.isclose(friction_drop(pieces, 0.0, 0.1), -0.2 * math.expm1(-1.0), rel_tol=1e-14)
