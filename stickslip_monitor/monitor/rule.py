@@ -48,7 +48,7 @@ WITHIN, BEYOND, IDLE = 0, 1, 2
 """A stick-slip cycle exists, none exists, or nothing slides or moves."""
 VIBRATION, CAUTION, BISTABLE, STICK_SLIP, AMPLITUDE = range(5)
 """The rungs of the alarm, in the order of the ladder without normal."""
-RUNGS = 5
+RUNGS = AMPLITUDE + 1
 
 # Each with the measurement that chose it: docs/rule.md, "Why these numbers".
 LATE = 2.5
@@ -69,7 +69,7 @@ BORNE = 0.5
 MEMORY = 300 * 10**9
 """No value stands for longer [ns]."""
 SIZED = 10**9
-"""Time after which the amplitude of the cycle is worked out again [ns]."""
+"""Time after which the amplitude of the cycle is computed again [ns]."""
 
 
 def si_value(c: RuleNumbers, place: int, number: _Number) -> _Number:
@@ -346,52 +346,117 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     s.point, s.lost = s.now, 0
     speed, load = median_point(s)
     scale = scale_of(s, c, load)
-    s.rate = growth_rate(c, model[0], s.value[SPEED], s.value[LOAD], scale_of(s, c, s.value[LOAD]))
-    s.median_rate = growth_rate(c, model[0], speed, load, scale)
-    if s.earlier[SPEED] != s.earlier[SPEED] and c.onset_growth > 0.0:
-        # Of fewer than three speeds there is no median that could bear a growth out.
-        s.median_rate = min(s.median_rate, 0.0)
+    update_rates(s, c, model[0], speed, load, scale)
     sliding = speed != 0.0 and load > 0.0
-    place = place_at(c.table_first, c.table_step, load / scale)
-    lower = scale * boundary_at(model[1][2], c.table_growth[2], place)
-    limit, near, wide, inside, exists = reach(s, c, model, abs(speed), place, scale)
-    below = abs(speed) < lower  # friction still rises with the speed: no cycle exists
-    if below:
-        inside = exists = False
-        near, wide = abs(speed) * c.caution_on > lower, abs(speed) * c.caution_off > lower
-    # The probability follows the load by a lag; where sliding is unstable a cycle exists.
-    exists = exists or s.median_rate > 0.0
-    s.course = WITHIN if sliding and exists else BEYOND if sliding and not below else IDLE
+    lower, limit, near, wide, inside = judge_point(s, c, model, speed, load, scale)
     if c.has_level and may_be_foreign(s, c):
         doubt_foreign(s)
     # A level starts stick-slip inside the fold only, and keeps it within the range of caution.
-    may_tell = sliding and (wide if s.sticking else inside)
+    may_tell = wide if s.sticking else inside
     # What the latest values end, the medians do not begin.
     inside_now = c.by_chance == 1 or abs(s.value[SPEED]) < limit or s.rate > 0.0
     update_stick_slip(s, c, measured_now(s, c) if may_tell else UNKNOWN, is_turning(s) and inside_now, fresh)
+    if s.sticking or (sliding and comes(s, c, speed, (lower, limit))):
+        near = wide = True
+    request_rungs(s, c, near, wide, inside)
+    update_rungs(s, c, fresh)
+
+
+def update_rates(s: State, c: RuleNumbers, law: Numbers, speed: float, load: float, scale: float) -> None:
+    """Set the growth rates of a disturbance [1/s]: ``s.rate`` of the latest values, ``s.median_rate``.
+
+    Args:
+        s: The memory, changed.
+        c: The numbers of the configuration.
+        law: Those of the friction law.
+        speed: The median speed [m/s].
+        load: The median load [N].
+        scale: :func:`scale_of` the median load.
+    """
+    s.rate = growth_rate(c, law, s.value[SPEED], s.value[LOAD], scale_of(s, c, s.value[LOAD]))
+    s.median_rate = growth_rate(c, law, speed, load, scale)
+    if s.earlier[SPEED] != s.earlier[SPEED] and c.onset_growth > 0.0:
+        # Of fewer than three speeds there is no median that could bear a growth out.
+        s.median_rate = min(s.median_rate, 0.0)
+
+
+def judge_point(
+    s: State, c: RuleNumbers, model: Model, speed: float, load: float, scale: float
+) -> tuple[float, float, bool, bool, bool]:
+    """Judge a point by :func:`reach`, or below the range of cycles by its lower end; set ``s.course``.
+
+    Args:
+        s: The memory, of which the probabilities change too.
+        c: The numbers of the configuration.
+        model: The law, the tables of the boundaries and of the belief.
+        speed: The median speed [m/s].
+        load: The median load [N].
+        scale: :func:`scale_of` that load.
+
+    Returns:
+        Lower end of the range of cycles and the fold [m/s]; then whether the point is so near that caution is
+        asked for, is within the range in which it is kept, and is in the bistable range: never where nothing
+        slides.
+    """
+    size = abs(speed)
+    place = place_at(c.table_first, c.table_step, load / scale)
+    lower = scale * boundary_at(model[1][2], c.table_growth[2], place)
+    limit, near, wide, inside, exists = reach(s, c, model, size, place, scale)
+    if speed == 0.0 or not load > 0.0:
+        s.course = IDLE
+        return lower, limit, False, False, False
+    if size < lower:  # friction still rises with the speed: no cycle exists
+        # Where sliding is unstable one exists all the same.
+        s.course = WITHIN if s.median_rate > 0.0 else IDLE
+        return lower, limit, size * c.caution_on > lower, size * c.caution_off > lower, False
+    # The probability follows the load by a lag; where sliding is unstable a cycle exists.
+    s.course = WITHIN if exists or s.median_rate > 0.0 else BEYOND
+    return lower, limit, near, wide, inside
+
+
+def request_rungs(s: State, c: RuleNumbers, near: bool, wide: bool, inside: bool) -> None:
+    """Set in ``s.asks`` which rungs are to change: raised ones that are clear, and others that hold.
+
+    Where stick-slip is not predicted the amplitude of its cycle is forgotten.
+
+    Args:
+        s: The memory, changed.
+        c: The numbers of the configuration.
+        near: Whether caution is asked for.
+        wide: Whether caution that stands is kept.
+        inside: Whether the point is in the bistable range.
+    """
     running = s.sticking == 1
-    coming = running or (sliding and comes(s, c, speed, (lower, limit)))
-    near, wide = coming or (sliding and near), coming or (sliding and wide)
-    inside = running or (sliding and inside)
+    holds, keeps = 0, 0
     # A rise of the level raises it, and it stays for as long as the level is high.
     is_raised = s.raised & (1 << VIBRATION) > 0
-    is_other = has_valid_level(s, c) and not running and is_above_threshold(s, c, is_raised)
-    asks = request_bit(s, VIBRATION, is_other and s.vibrating == VIBRATING, not is_other)
-    asks |= request_bit(s, CAUTION, near, not wide)
-    asks |= request_bit(s, BISTABLE, inside, not inside)
-    asks |= request_bit(s, STICK_SLIP, running, not running)
-    if not running:
+    if has_valid_level(s, c) and not running and is_above_threshold(s, c, is_raised):
+        keeps = 1 << VIBRATION
+        holds = keeps if s.vibrating == VIBRATING else 0
+    if near:
+        holds |= 1 << CAUTION
+    if wide:
+        keeps |= 1 << CAUTION
+    if inside or running:
+        holds |= 1 << BISTABLE
+        keeps |= 1 << BISTABLE
+    if running:
+        holds |= 1 << STICK_SLIP
+        keeps |= 1 << STICK_SLIP
+    else:
         s.amplitude, s.sized = 0.0, NEVER
-    high, low = s.amplitude > c.amplitude_limit, not s.amplitude >= c.amplitude_off
-    s.asks = asks | request_bit(s, AMPLITUDE, high, low)
-    update_rungs(s, c, fresh)
+    if s.amplitude > c.amplitude_limit:
+        holds |= 1 << AMPLITUDE
+    if s.amplitude >= c.amplitude_off:
+        keeps |= 1 << AMPLITUDE
+    s.asks = (s.raised & ~keeps) | (holds & ~s.raised)
 
 
 def count_elapsed(s: State, c: RuleNumbers, until: int) -> bool:
     """Count the time since the latest point, while its values stood, for growth and for every rung.
 
-    ``until`` is the time until which they stood [ns].
-    After a loss longer than the off-delay, medians and means start again from the latest values.
+    ``until`` is the time until which they stood [ns]. After a loss longer than the off-delay, medians and
+    means start again from the latest values, and of a bistable bearing only stick-slip that stands is known.
 
     Returns:
         Whether there was such a loss: then this point decides at once.
@@ -521,7 +586,7 @@ def update_stick_slip(s: State, c: RuleNumbers, verdict: int, may_begin: bool, f
     """Begin or end stick-slip at this point.
 
     Changes in the memory whether it stands, its course, the number of onsets, the times towards its end,
-    and whether the level was heard while it stood.
+    and what the level has said while it stood.
 
     Args:
         s: The memory, changed.
@@ -530,29 +595,46 @@ def update_stick_slip(s: State, c: RuleNumbers, verdict: int, may_begin: bool, f
         may_begin: Whether stick-slip may begin here.
         fresh: Whether this is the first point after a gap, which ends it at once.
     """
-    starts = s.median_rate > 0.0 and s.borne >= BORNE * c.onset_growth
-    starts = starts and s.growth >= c.onset_growth
     if verdict == VIBRATING:
-        s.course, starts = WITHIN, True
+        s.course = WITHIN
     elif verdict == QUIET and s.heard and s.median_rate <= 0.0 and s.course == WITHIN:
         s.course = IDLE
-    if not s.sticking:
+    if s.sticking:
+        net, delay = (s.dying, c.decay) if s.course == BEYOND else (s.idle, c.off_delay)
+        if s.course != WITHIN and (fresh or net >= delay):
+            end_stick_slip(s, verdict)
+    else:
         if s.course == BEYOND:
             s.known = 1
-        if starts and may_begin:
-            # What is back before its alarm could clear is no new onset.
-            raised = s.raised & (1 << STICK_SLIP)
-            s.onsets += int(not raised or s.count[STICK_SLIP] >= c.off_delay)
-            s.sticking = s.known = 1
-            s.dying = s.idle = s.heard = 0
-    elif (s.course == BEYOND and (fresh or s.dying >= c.decay)) or (
-        s.course == IDLE and (fresh or s.idle >= c.off_delay)
-    ):
-        end_stick_slip(s, verdict)
-    if s.sticking and verdict == VIBRATING:
-        s.heard = 1
-    if not s.sticking or verdict == VIBRATING:
+        if may_begin and (verdict == VIBRATING or has_grown(s, c)):
+            begin_stick_slip(s, c)
+    note_level(s, verdict)
+
+
+def has_grown(s: State, c: RuleNumbers) -> bool:
+    """Return whether a disturbance has grown enough for stick-slip, by medians too, and grows still."""
+    return s.median_rate > 0.0 and s.borne >= BORNE * c.onset_growth and s.growth >= c.onset_growth
+
+
+def begin_stick_slip(s: State, c: RuleNumbers) -> None:
+    """Begin stick-slip, and count it as an onset unless it is back before its alarm could clear."""
+    raised = s.raised & (1 << STICK_SLIP)
+    s.onsets += int(not raised or s.count[STICK_SLIP] >= c.off_delay)
+    s.sticking = s.known = 1
+    s.dying = s.idle = s.heard = 0
+
+
+def note_level(s: State, verdict: int) -> None:
+    """Note what a level says of stick-slip that is predicted: that it vibrates, or since when it is quiet.
+
+    Args:
+        s: The memory, of which ``heard`` and ``unseen`` change.
+        verdict: State of the level at this point.
+    """
+    if not s.sticking:
         s.unseen = NEVER
+    elif verdict == VIBRATING:
+        s.heard, s.unseen = 1, NEVER
     elif verdict == QUIET and s.unseen == NEVER:
         s.unseen = s.now
 
@@ -570,12 +652,6 @@ def end_stick_slip(s: State, verdict: int) -> None:
     s.sticking, s.growth, s.borne = 0, 0.0, 0.0
     if verdict == QUIET and s.heard:
         s.doubt = 2 * DOUBT
-
-
-def request_bit(s: State, rung: int, holds: bool, clear: bool) -> int:
-    """Return the bit of a rung that is to change, else 0: a raised one if clear, another if it holds."""
-    change = clear if s.raised & (1 << rung) else holds
-    return 1 << rung if change else 0
 
 
 def update_rungs(s: State, c: RuleNumbers, fresh: bool) -> None:

@@ -36,6 +36,7 @@ DOUBT = 600 * 10**9
 """For so long after a short vibration, half as long after a start, no short one is used; a level
 that has not moved for so long is stuck [ns]."""
 _LARGEST = 1e15
+"""Largest magnitude of a saved number without a closer bound."""
 _ZERO_CELSIUS = 273.15
 """0 C in kelvin, the unit of Signal K."""
 
@@ -306,7 +307,10 @@ class RuleSettings:
 
 
 def settings_of(config: BearingConfig) -> RuleSettings:
-    """Return the settings of the rule for a bearing; its boundaries are tabulated once and cached."""
+    """Return the settings of the rule for a bearing; its boundaries are tabulated once and cached.
+
+    An input that is not configured has the numbers of the speed, which are not read.
+    """
     bearing, alarm, belief, level = config.bearing, config.alarm, config.belief, config.level
     table, lubrication = known_table(as_measured(bearing)), bearing.lubrication or Lubrication()
     # What is not measured has numbers of no matter.
@@ -368,7 +372,7 @@ def _pad_points(points: Sequence[float], end: float) -> list[float]:
 def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
     """Return for how long stick-slip outlives the fold [ns].
 
-    0 where growth has no memory; the largest number without damping.
+    0 where growth has no memory (``onset_growth`` is 0); the largest number without damping.
     """
     if bearing.damping <= 0.0:
         return -NEVER
@@ -376,4 +380,5 @@ def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
 
 
 def _to_decibels(level: float, *, in_db: bool) -> float:
+    """Return a threshold in decibels; one that is so already, or ``nan``, as it is."""
     return level if in_db or math.isnan(level) else 20.0 * math.log10(level)

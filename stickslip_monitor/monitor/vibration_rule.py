@@ -113,7 +113,7 @@ def is_above_threshold(s: State, c: RuleNumbers, raised: bool) -> bool:
 
 
 def decibels(c: RuleNumbers, si: float) -> float:
-    """Return a level in decibels; one that is in decibels as it is."""
+    """Return a level in decibels, -400 for 0; one that is in decibels as it is."""
     return si if c.in_db else 20.0 * math.log10(max(si, 1e-20))
 
 
