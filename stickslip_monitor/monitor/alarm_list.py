@@ -53,7 +53,11 @@ class Action(WordEnum):
 
 
 class Flood:
-    """Counts the alarms that are raised, 1000 at most; ``most``: in any ten minutes."""
+    """Counts the alarms that are raised: in the last ten minutes, 1000 at most, and whether that is a flood.
+
+    Attributes:
+        most: The most alarms in any ten minutes so far.
+    """
 
     def __init__(self) -> None:
         self._times: deque[int] = deque(maxlen=1000)
@@ -153,7 +157,14 @@ class AlarmChange:
 
 
 class Annunciator:
-    """All alarms: of each bearing by kind, worst first, and the ``flood`` of those that were raised."""
+    """All alarms: of each bearing by kind, worst first.
+
+    Attributes:
+        now_ns: The latest running time [ns].
+        flood: Counts the alarms that were raised.
+        causes: The causes of each bearing's alarms, by its name.
+        alarms: Each alarm, by bearing and kind.
+    """
 
     def __init__(self, config: MonitorConfig) -> None:
         self.now_ns = 0
@@ -193,7 +204,7 @@ class Annunciator:
             self.causes[name] = Causes(old.config, active)
 
     def shift_stamps(self, step_ns: int) -> None:
-        """Shift the stamps at which shelves end by a step of the stamps' clock [ns]; they last as long."""
+        """Add a step of the stamps' clock [ns] to the stamps at which shelves end; shelves last as long."""
         for alarm in self:
             if alarm.shelved_until_ns is not None:
                 alarm.shelved_until_ns += step_ns

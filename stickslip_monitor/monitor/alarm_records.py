@@ -323,7 +323,8 @@ def require_person_name(name: object) -> str:
     """Check the name of a person for the log, and return it without space around it.
 
     Raises:
-        ConfigurationError: It is empty, too long, not printable, no text, or reserved.
+        ConfigurationError: It is empty, longer than 40 characters, not printable, no text, or reserved in any
+            case of its letters.
     """
     text = name.strip() if isinstance(name, str) else ''
     if not text or len(text) > LONGEST_NAME or not text.isprintable():

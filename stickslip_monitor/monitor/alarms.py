@@ -136,12 +136,12 @@ class Causes:
             self._lost, self._lost_until = False, now_ns + delay if delay else 0
         self.is_acknowledged &= not event.onset
         before, self._condition = LADDER.index(self._condition), event.after
-        now, says = LADDER.index(event.after), event.says
+        now, text = LADDER.index(event.after), event.condition_text
         if event.after is Condition.VIBRATION:
-            self.texts[AlarmKind.VIBRATION] = says
+            self.texts[AlarmKind.VIBRATION] = text
         for kind, rung in RUNG_OF.items():
             if before < rung <= now or rung == now:
-                self.texts[kind] = says
+                self.texts[kind] = text
 
     def take_fault(self, place: int, fault: str, now_ns: int) -> None:
         """Count a sample with an invalid value, or one of two mixed sources, and write the text of its alarm.

@@ -96,7 +96,7 @@ class Standing:
         return rule.rung_of(self.state)
 
     @property
-    def asked(self) -> int:
+    def asked_rung(self) -> int:
         """Index in ``LADDER`` of the highest rung that the operating point by itself asks for; 0 for none."""
         raised, asks = self.state.raised, self.state.asks
         return int((raised & ~asks) | (asks & ~raised)).bit_length()
@@ -255,7 +255,7 @@ class Event:
         return self.standing.condition
 
     @cached_property
-    def says(self) -> str:
+    def condition_text(self) -> str:
         """Text of the condition by itself, whatever came before."""
         return describe(self.standing, self.lost)
 
@@ -341,7 +341,7 @@ def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) ->
     if b.sticking and b.measured is Measured.VIBRATING:
         return _measured_text(point)
     # The alarm goes by medians: the latest values alone may be within the region already.
-    rung = max(b.asked, rule.CAUTION + 1 if calls_for_caution(b.config, point) else 0)
+    rung = max(b.asked_rung, rule.CAUTION + 1 if calls_for_caution(b.config, point) else 0)
     if rung > b.rung:
         delay = rule.change_delay(b.state, b.settings.live, rung - 1) * 1e-9
         near = LADDER[rung].sentence.rstrip('.').partition(':')[0]
@@ -487,7 +487,7 @@ def order(b: Standing) -> SpeedOrder | None:
         return None
     is_starting = _is_starting(b, point)
     # Otherwise the text is about what is not raised yet, or of what no speed ends.
-    if not is_starting and (b.asked > b.rung or condition is Condition.VIBRATION):
+    if not is_starting and (b.asked_rung > b.rung or condition is Condition.VIBRATION):
         return None
     clear = _clear_speed(b, point)
     if point.outcome in (Outcome.BELOW, Outcome.AT_REST) or not math.isfinite(clear):

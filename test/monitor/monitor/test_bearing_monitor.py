@@ -43,13 +43,13 @@ def two_bearings(**changes: Any) -> MonitorConfig:
 def test_a_point_needs_both_inputs() -> None:
     monitor = Monitor(configured())
     assert feed(monitor, 0.0, 'speed', UNSTABLE).verdict is None
-    assert monitor.bearings['aft'].asked == 0
+    assert monitor.bearings['aft'].asked_rung == 0
     update = feed(monitor, 1.0, 'load', 1000.0)
     assert update.status is Status.ACCEPTED
     assert update.verdict is not None
     assert update.verdict.bearing == 'aft'
     assert update.verdict.time_ns == SECOND
-    assert monitor.bearings['aft'].asked == LADDER.index(Condition.BISTABLE)
+    assert monitor.bearings['aft'].asked_rung == LADDER.index(Condition.BISTABLE)
     assert update.verdict.assessment.speed == pytest.approx(20.0 * math.pi * 0.1 / 60.0)
     assert update.verdict.assessment.load == 1000.0
     assert update.verdict.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
