@@ -26,7 +26,7 @@ from stickslip_logs.recordings.recording import Recording
 from stickslip_monitor import jit
 from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange, Annunciator
-from stickslip_monitor.monitor.alarms import LASTING_NS, LATCHING, AlarmState
+from stickslip_monitor.monitor.alarm_states import LASTING_NS, LATCHING, AlarmState
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.input_faults import SourceWatch, least_gap
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan

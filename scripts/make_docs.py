@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip_monitor.links.buses import INPUT_PARAMETERS, LINK_PARAMETERS
-from stickslip_monitor.monitor.alarms import LIFE, AlarmState
+from stickslip_monitor.monitor.alarm_states import LIFE, AlarmState
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS as INPUTS
 from stickslip_monitor.monitor.record_fields import (

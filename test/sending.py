@@ -22,7 +22,7 @@ from stickslip_monitor.host import HostClock
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange
 from stickslip_monitor.monitor.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.alarm_states import AlarmKind
 from stickslip_monitor.monitor.bearing_monitor import Update
 from stickslip_monitor.monitor.bearing_records import BearingState, bearing_record
 from stickslip_monitor.monitor.input_faults import Graph

@@ -15,7 +15,7 @@ from shared import ROOT, png_size
 import stickslip_monitor
 from stickslip_monitor import Stribeck, Tabulated, assess
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
-from stickslip_monitor.monitor.alarms import TABLE, AlarmKind, AlarmState
+from stickslip_monitor.monitor.alarm_states import TABLE, AlarmKind, AlarmState
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, SourceFaultKind, input_fault
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, INPUT_PARAMETERS, NODE_PARAMETERS

@@ -17,7 +17,7 @@ from prometheus_client.registry import Collector
 
 from stickslip_monitor.dashboard.seen_monitors import NOT_MONITORING, DashboardState, WatchedMonitor
 from stickslip_monitor.monitor import record_fields
-from stickslip_monitor.monitor.alarms import AlarmState
+from stickslip_monitor.monitor.alarm_states import AlarmState
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.bearing_records import WITHOUT_CYCLE
 from stickslip_monitor.monitor.severity import MEASURED, Condition

@@ -18,7 +18,7 @@ from typing import Any
 from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA
-from stickslip_monitor.monitor.alarms import TABLE, AlarmState
+from stickslip_monitor.monitor.alarm_states import TABLE, AlarmState
 from stickslip_monitor.monitor.bearing_records import POINT_NUMBERS
 from stickslip_monitor.monitor.signals import INPUTS, Status
 from stickslip_monitor.monitor.value_check import refused

@@ -19,7 +19,7 @@ from typing import Any
 from stickslip_monitor.links.buses import BusInput, BusInputs
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
+from stickslip_monitor.monitor.alarm_states import AlarmKind, AlarmState, Priority
 from stickslip_monitor.monitor.signals import Input
 
 BY = 'nmea'

@@ -20,7 +20,7 @@ from stickslip_monitor.links.buses import UNITS, BusInput, BusInputs
 from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState, Priority
+from stickslip_monitor.monitor.alarm_states import AlarmKind, AlarmState, Priority
 from stickslip_monitor.monitor.bearing_records import WITHOUT_CYCLE
 from stickslip_monitor.monitor.signals import Input
 

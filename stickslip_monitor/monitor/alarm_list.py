@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from stickslip_monitor.monitor.alarms import (
+from stickslip_monitor.monitor.alarm_states import (
     LATCHING,
     RUNG_OF,
     AlarmKind,

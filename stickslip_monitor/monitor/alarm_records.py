@@ -19,7 +19,7 @@ from stickslip_monitor.monitor.alarm_list import (
     Annunciator,
     LiveAlarm,
 )
-from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState
+from stickslip_monitor.monitor.alarm_states import AlarmKind, AlarmState
 from stickslip_monitor.monitor.value_check import refused
 
 ALARM_SCHEMA = 'stickslip_monitor/alarm/1'

@@ -28,7 +28,7 @@ from true_bearing import TrueBearing
 from stickslip_monitor import Monitor, MonitorConfig
 from stickslip_monitor.monitor.alarm_list import ON_SHOW, Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms import RUNG_OF, AlarmKind
+from stickslip_monitor.monitor.alarm_states import RUNG_OF, AlarmKind
 from stickslip_monitor.monitor.severity import LADDER
 from stickslip_monitor.monitor.signals import Input
 

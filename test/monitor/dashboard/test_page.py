@@ -23,7 +23,7 @@ from benchmarks.signalk_servers import free_port
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.alarm_states import AlarmKind
 
 BEARING = 'aft_stern'
 TOKEN = 'correct-horse-battery'

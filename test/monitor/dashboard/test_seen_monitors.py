@@ -28,7 +28,7 @@ from stickslip_monitor.dashboard.seen_monitors import SPAN, STEP, BearingView, D
 from stickslip_monitor.errors import DashboardError, RosError
 from stickslip_monitor.monitor.alarm_list import Action, Annunciator
 from stickslip_monitor.monitor.alarm_records import ActionRequest, alarms_record
-from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState
+from stickslip_monitor.monitor.alarm_states import AlarmKind, AlarmState
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.state_file import StateWriter
 

@@ -27,7 +27,7 @@ from stickslip_monitor.links.nmea import (
 )
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.alarm_states import AlarmKind
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.signals import Input
 

@@ -15,7 +15,7 @@ from stickslip_monitor.links.buses import BusInput
 from stickslip_monitor.links.signalk import Notifications, SignalKInputs, SignalKValues
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
-from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.alarm_states import AlarmKind
 from stickslip_monitor.monitor.signals import Input
 
 SHIP = 'vessels.urn:mrn:imo:mmsi:230099999'

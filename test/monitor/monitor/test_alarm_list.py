@@ -14,7 +14,7 @@ from stickslip_monitor import Monitor, MonitorConfig, Stream
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange, Annunciator, Flood
 from stickslip_monitor.monitor.alarm_records import alarms_record
-from stickslip_monitor.monitor.alarms import AlarmKind, AlarmState
+from stickslip_monitor.monitor.alarm_states import AlarmKind, AlarmState
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.signals import VALUE_FAULTS, Input, Status
 

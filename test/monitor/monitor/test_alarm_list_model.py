@@ -20,7 +20,7 @@ from sending import configured, verdict_at
 
 from stickslip_monitor.monitor.alarm_list import ON_SHOW, Action, AlarmChange, Annunciator, LiveAlarm
 from stickslip_monitor.monitor.alarm_records import alarms_record, recall_state, state_record
-from stickslip_monitor.monitor.alarms import LATCHING, RUNG_OF, AlarmKind, AlarmState
+from stickslip_monitor.monitor.alarm_states import LATCHING, RUNG_OF, AlarmKind, AlarmState
 from stickslip_monitor.monitor.severity import LADDER, Condition
 
 SECOND = 10**9

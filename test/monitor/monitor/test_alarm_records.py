@@ -14,7 +14,7 @@ from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import AlarmStateError
 from stickslip_monitor.monitor.alarm_list import Action, Annunciator
 from stickslip_monitor.monitor.alarm_records import alarms_record, recall_state, state_record
-from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.alarm_states import AlarmKind
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.monitor.statements import Event
 

@@ -11,7 +11,7 @@ from sending import SECOND, T0, Ship, configured
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.monitor.alarm_list import Action
-from stickslip_monitor.monitor.alarms import AlarmKind
+from stickslip_monitor.monitor.alarm_states import AlarmKind
 from stickslip_monitor.monitor.bearing_records import verdict_value
 from stickslip_monitor.monitor.session import HEARTBEAT_NS, Moment
 

@@ -19,7 +19,7 @@ from simulation import DURATION, LENGTH, Run, repeated_by, run
 
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.alarm_list import LiveAlarm
-from stickslip_monitor.monitor.alarms import Causes
+from stickslip_monitor.monitor.alarm_states import Causes
 
 BATCH = 15
 

@@ -8,7 +8,15 @@ from itertools import product
 import pytest
 from sending import configured
 
-from stickslip_monitor.monitor.alarms import TABLE, AlarmKind, AlarmState, Causes, Facts, Trigger, next_state
+from stickslip_monitor.monitor.alarm_states import (
+    TABLE,
+    AlarmKind,
+    AlarmState,
+    Causes,
+    Facts,
+    Trigger,
+    next_state,
+)
 
 EVERY_FACTS = [Facts(*values) for values in product((False, True), repeat=len(Facts._fields))]
 CAUSES = (Trigger.RAISE, Trigger.CLEAR, Trigger.SUPPRESS, Trigger.UNSUPPRESS)
