@@ -33,7 +33,7 @@ from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import CycleKind, exact_cycle
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
 from stickslip_monitor.physics.integrator import Drive, MotionOutcome, MotionState, Phase, integrate
-from stickslip_monitor.physics.scalar_law import friction_drop, scalar_law
+from stickslip_monitor.physics.scalar_law import law_bounds, scalar_law
 
 CYCLE, NO_CYCLE, NOT_CONVERGED, REFUSED = 'cycle', 'no_cycle', 'not_converged', 'refused'
 """How a method can end; refused is a bearing whose law it is not made for."""
@@ -123,11 +123,11 @@ def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: fl
     span = _CYCLES * typical_period(bearing, speed, load)
     start = (breakaway(bearing, speed, load), speed)
     rtol, atol = (1e-10, 1e-14) if tight else (1e-3, 1e-6)
-    law = scalar_law(bearing.friction).plain
+    top, drop = law_bounds(bearing.friction).top, scalar_law(bearing.friction).plain.drop
 
     def friction(relative: float) -> float:
         """Return the force [N] at a relative speed [m/s]."""
-        mu = law.top - friction_drop(law.numbers, 0.0, abs(relative))
+        mu = top - drop(0.0, abs(relative))
         return load * math.tanh(relative / width) * mu
 
     flow = _build_flow(bearing, speed, friction)
@@ -196,11 +196,11 @@ def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load:
 
 def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow:
     """Return the flow, as :func:`_build_flow`, of a slip behind (``side`` 1) or ahead (-1) of the belt."""
-    law = scalar_law(bearing.friction).plain
+    top, drop = law_bounds(bearing.friction).top, scalar_law(bearing.friction).plain.drop
 
     def friction(relative: float) -> float:
         """Return the force [N] at a relative speed [m/s], of one sign."""
-        return load * side * (law.top - friction_drop(law.numbers, 0.0, side * relative))
+        return load * side * (top - drop(0.0, side * relative))
 
     return _build_flow(bearing, speed, friction)
 

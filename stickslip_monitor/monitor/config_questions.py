@@ -19,7 +19,7 @@ from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import end_of_vibration
 from stickslip_monitor.physics.friction import Tabulated
 from stickslip_monitor.physics.lubrication import as_measured, reference_point
-from stickslip_monitor.physics.scalar_law import scalar_law
+from stickslip_monitor.physics.scalar_law import law_bounds
 
 THICKEST = 1.0
 """Journal diameter from which on it may be in another unit [m]."""
@@ -200,7 +200,7 @@ def note_on_table(bearing: Bearing) -> str:
     if not isinstance(law, Tabulated) or bearing.damping == 0.0:
         return ''
     fall = _last_fall(law)
-    if not fall > ENDS_EARLY * scalar_law(law).plain.fall:
+    if not fall > ENDS_EARLY * law_bounds(law).fall:
         return ''
     return (
         f'friction still falls by {fall:.3g} s/m at its highest measured speed, {law.speed[-1]:g} m/s: above'

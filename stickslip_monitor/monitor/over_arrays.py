@@ -373,16 +373,14 @@ class BearingScan:
         long = self._long
         if long is None:
             long = self._taken + size >= LONG and jit.has_compiler()
-        compiled = settings.law.compiled if long else None
-        long = compiled is not None  # a law without functions of its own runs as it stands
         columns: Any = (stream.inputs, stream.time_ns, stream.arrival_ns, stream.value)
         given: tuple[Any, ...]
-        if compiled:
+        if long:
             physics = boundary_table, lubrication, probability, scalar_law
             modules = (import_module(__name__), rule, vibration_rule, *physics)
             loop: Any = jit.compiled('run', *modules, law=settings.law.module, inline=False)
             states = self.state.row()
-            given = settings.row, (compiled.numbers, settings.boundaries.pieces, settings.chances)
+            given = settings.row, (settings.law.compiled, settings.boundaries.pieces, settings.chances)
         else:
             loop, states = run, [self.state]
             given = [settings.live], settings.model

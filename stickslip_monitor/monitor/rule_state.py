@@ -298,7 +298,7 @@ class RuleSettings:
     def model(self) -> tuple[Any, list[list[tuple[float, ...]]], list[float]]:
         """The law, the boundaries' polynomials and the belief as lists, fast one by one."""
         table = [[tuple(row) for row in part] for part in self.boundaries.pieces.tolist()]
-        return self.law.plain.numbers, table, self.chances.tolist()
+        return self.law.plain, table, self.chances.tolist()
 
     @cached_property
     def row(self) -> Any:

@@ -28,7 +28,7 @@ from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.folds import fold_curve, last_cycles
 from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.numerics import hermite_cubics, spline_slopes
-from stickslip_monitor.physics.orbits import law_in_use
+from stickslip_monitor.physics.scalar_law import law_bounds
 
 # Points in an octave of load, of a smooth law and of one in pieces: measured, twice as many gain nothing.
 _SMOOTH_POINTS, _PIECEWISE_POINTS = 100, 128
@@ -142,7 +142,7 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     """
     bearing = as_measured(bearing)
     law = bearing.friction
-    if not law_in_use(law).fall > 0.0:
+    if not law_bounds(law).fall > 0.0:
         return _NONE
     if bearing.damping == 0.0:  # whatever gains energy gains it at every load
         endless = np.zeros((3, 1, 4))

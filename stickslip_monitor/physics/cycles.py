@@ -47,9 +47,9 @@ from stickslip_monitor.physics.orbits import (
     Route,
     SlipField,
     follow,
-    law_in_use,
     slip_field,
 )
+from stickslip_monitor.physics.scalar_law import law_bounds
 
 
 class CycleKind(IntEnum):
@@ -188,7 +188,7 @@ def _start_state(bearing: Bearing, speed: float, load: float, start: float, slip
         slips: Whether the lining never reaches the belt's speed in the cycle.
     """
     field = slip_field(bearing, np.array([abs(speed)]), np.array([load]))
-    place = float(field.force[0]) * law_in_use(bearing.friction).hold - field.damping
+    place = float(field.force[0]) * law_bounds(bearing.friction).hold - field.damping
     place += float(field.rest()[0]) - start if slips else start
     displacement = math.copysign(1.0, speed) * place * abs(speed) / bearing.natural_frequency
     phase = Phase(int(math.copysign(1.0, speed)))
@@ -400,7 +400,7 @@ def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArr
     with np.errstate(all='ignore'):
         kind[~(load / np.abs(speed) < 1e150 * momentum)] = CycleKind.UNRESOLVED  # squares would overflow
         # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).
-        kind[~(load * law_in_use(bearing.friction).fall > bearing.damping)] = CycleKind.NONE
+        kind[~(load * law_bounds(bearing.friction).fall > bearing.damping)] = CycleKind.NONE
     kind[load <= 0.0] = CycleKind.NO_CONTACT
     kind[speed == 0.0] = CycleKind.AT_REST
     kind[~(np.isfinite(speed) & np.isfinite(load))] = CycleKind.NOT_FINITE
@@ -456,7 +456,7 @@ def _find_unstable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: 
     rows = np.flatnonzero(_slides_steadily(field))
     cycles = FoundCycles.none(np.full(load.size, CycleKind.NONE))
     cycles.put(rows, _pure_slip(field.take(rows), False, weigh))
-    if math.isinf(law_in_use(field.law).fall):
+    if math.isinf(law_bounds(field.law).fall):
         rows = rows[cycles.kind[rows] == CycleKind.NONE]
         cycles.put(rows, _grazing_cycle(field.take(rows)))
     return cycles
@@ -501,7 +501,7 @@ def _slides_steadily(field: SlipField) -> BoolArray:
 
 def _stick_stroke(field: SlipField) -> FloatArray:
     """Return the distance from one stick limit to the other, negative, shape (n,) [V/omega]."""
-    return -2.0 * field.force * law_in_use(field.law).hold
+    return -2.0 * field.force * law_bounds(field.law).hold
 
 
 def _follow_rounds(

@@ -39,9 +39,9 @@ from stickslip_monitor.physics.orbits import (
     Route,
     SlipField,
     follow,
-    law_in_use,
     slip_field,
 )
+from stickslip_monitor.physics.scalar_law import law_bounds
 
 # Error of the long steps that bracket a fold, and how close they lead.
 _COARSE, _ROUGHLY = 1e-7, 1e-5
@@ -80,7 +80,7 @@ class Grazing:
     """
 
     def __init__(self, bearing: Bearing) -> None:
-        self.bearing, self.law, self.use = bearing, bearing.friction, law_in_use(bearing.friction)
+        self.bearing, self.law, self.use = bearing, bearing.friction, law_bounds(bearing.friction)
         # The speeds at which the law changes; 1 m/s for one that is the same at all [m/s].
         self.scales = list(speed_scales(self.law)) or [1.0]
         # A damping ratio of 1e-12 stands for none: a vibration loses 1e-11 of its energy in a turn.
@@ -599,7 +599,7 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     Returns:
         ``nan`` where it sticks at no speed; ``inf`` where it sticks at every high speed; shape (n,).
     """
-    use = law_in_use(bearing.friction)
+    use = law_bounds(bearing.friction)
     loads, back = np.unique(load, return_inverse=True)
     out = np.full(loads.size, np.nan)
     # Without a gain at any speed the flow contracts everywhere (Bendixson's criterion).

@@ -5,15 +5,9 @@ Every law gives, for any array of relative speeds ``v`` [m/s], the coefficient `
 its slope ``d mu / d|v|`` [s/m]. At ``v = 0`` friction is set-valued, ``[-static, static]``; the
 functions return the positive end there and the slope from the right.
 
-That is all a law needs. What runs compiled, long recordings and motions in time, asks it number
-by number: a law that is to be as fast there gives its parameters as a named tuple ``numbers``, and
-its module has two functions of them, as this one has::
-
-    def friction_drop(law, origin, step): ...  # mu(origin) - mu(origin + step)
-    def friction_slope(law, speed): ...  # d mu / d|v|
-
-Without them the law's methods are called, at some microseconds a call. Orbits need neither: they take
-any other law as polynomials in pieces (:mod:`.friction_pieces`).
+That is all a law needs. What is followed point by point, motions and long recordings, takes a law as
+numbers for four functions: the laws of an exponential those of this module, any other as polynomials in
+pieces those of :mod:`.friction_pieces`.
 """
 
 from __future__ import annotations
@@ -287,51 +281,59 @@ class Exponential(NamedTuple):
     exponent: float = 1.0
 
 
-# Decays of speed from which nothing is left, and whose powers are still numbers: Python's power
-# raises where it overflows.
-_FADED = 1e60
+def _falling_part(law: Exponential, origin: float, step: float) -> tuple[float, float, float, float]:
+    """Return the falling part of a law whose exponent is 1 or 2, and by how much a change of speed lowers it.
 
-
-def friction_drop(law: Exponential, origin: float, step: float) -> float:
-    """Return ``mu(v) - mu(v + step)`` of sliding ahead [-], without cancellation for a small step.
-
-    ``(mu_s - mu_k) (exp(-(beta v)^delta) - exp(-(beta (v + step))^delta)) - nu step``. Below ``v`` = 0 the
-    exponential goes on for a distance of ``1/beta`` and is level from there; with an exponent ``delta`` other
-    than 1 it is level at once.
+    Below ``v`` = 0 the exponential goes on for a distance of ``1/beta`` and is level from there.
 
     Args:
         law: Its numbers.
         origin: ``v`` >= 0 [m/s].
         step: Any change of speed [m/s].
 
+    Returns:
+        The part at ``v``, its fall without cancellation, and behind the step ``beta v`` and the exponent.
+    """
+    from_origin, more = law.decay * origin, law.decay * step
+    more = max(more, -1.0 - from_origin)
+    at = from_origin + more
+    exponent = at
+    if law.exponent != 1.0:
+        # Of so fast a speed nothing is left, and its square is a number.
+        at, from_origin = min(at, 1e60), min(from_origin, 1e60)
+        more *= at + from_origin
+        from_origin *= from_origin
+        exponent = at * at
+    top = law.gap * math.exp(-from_origin)
+    # The larger of the two first, whose power is a number.
+    fall = -top * math.expm1(-more) if more >= 0.0 else law.gap * math.exp(-exponent) * math.expm1(more)
+    return top, fall, at, exponent
+
+
+def friction_drop(law: Exponential, origin: float, step: float) -> float:
+    """Return ``mu(v) - mu(v + step)`` of sliding ahead [-]; arguments as of :func:`_falling_part`.
+
+    ``(mu_s - mu_k) (exp(-(beta v)^delta) - exp(-(beta (v + step))^delta)) - nu step``
+
     >>> round(friction_drop(Stribeck(0.3, 0.1, 10.0).numbers, 0.0, 0.1), 6)
     0.126424
     """
-    if law.exponent == 1.0:
-        at, more = law.decay * origin, law.decay * step
-        more = more if more > -1.0 - at else -1.0 - at
-    else:
-        at = _stretched_exponent(law, origin)
-        more = _stretched_exponent(law, origin + step) - at
-    if more >= 0.0:
-        return -law.gap * math.exp(-at) * math.expm1(-more) - law.viscous * step
-    return law.gap * math.exp(-at - more) * math.expm1(more) - law.viscous * step
+    return _falling_part(law, origin, step)[1] - law.viscous * step
 
 
 def friction_slope(law: Exponential, speed: float) -> float:
     """Return ``d mu / d|v|`` at a relative speed [m/s], in s/m; from the right at ``v`` = 0.
 
-    ``nu - (mu_s - mu_k) beta delta (beta |v|)^(delta - 1) exp(-(beta |v|)^delta)``
+    ``nu - (mu_s - mu_k) beta delta (beta |v|)^(delta - 1) exp(-(beta |v|)^delta)`` with ``delta`` 1 or 2.
 
     >>> friction_slope(Stribeck(0.5, 0.25, 10.0).numbers, 0.0)
     -2.5
     """
-    v, rate = abs(speed), law.decay
+    at, rate = law.decay * abs(speed), law.decay
     if law.exponent != 1.0:
-        base = min(law.decay * v, _FADED)
-        rate *= law.exponent * base ** (law.exponent - 1.0)
-        return law.viscous - law.gap * rate * math.exp(-_stretched_exponent(law, v))
-    return law.viscous - law.gap * rate * math.exp(-law.decay * v)
+        at = min(at, 1e60)
+        rate, at = 2.0 * rate * at, at * at
+    return law.viscous - law.gap * rate * math.exp(-at)
 
 
 # Places in the row of work: the series of the falling part, and three numbers for :func:`extend_series`.
@@ -354,18 +356,7 @@ def begin_series(
         The least and the greatest sliding speed at which the series holds [m/s], ``-inf`` and ``inf`` for no
         bound; and the :func:`friction_drop` from the origin to where it begins [-].
     """
-    from_origin, more = law.decay * origin, law.decay * unit * slip
-    more = max(more, -1.0 - from_origin)
-    at = from_origin + more
-    exponent = at
-    if law.exponent != 1.0:
-        at, from_origin = min(at, _FADED), min(from_origin, _FADED)
-        more *= at + from_origin
-        from_origin *= from_origin
-        exponent = at * at
-    top = law.gap * math.exp(-from_origin)
-    # The larger of the two first, whose power is a number.
-    fall = -top * math.expm1(-more) if more >= 0.0 else law.gap * math.exp(-exponent) * math.expm1(more)
+    top, fall, at, exponent = _falling_part(law, origin, unit * slip)
     work[_FALLING] = top - fall
     work[_NUMBERS], work[_NUMBERS + 1], work[_NUMBERS + 2] = at, law.decay * unit, law.viscous * unit
     low = -math.inf
@@ -399,11 +390,6 @@ def extend_series(law: Exponential, k: int, work: MutableSequence[float]) -> flo
     total += work[LAW + 1] * work[_FALLING + k - 1] if k > 1 else 0.0
     work[_FALLING + k] = -work[INVERSE + k] * (total + work[LAW + k] * work[_FALLING])
     return work[_FALLING + k] + work[_NUMBERS + 2] * slip
-
-
-def _stretched_exponent(law: Exponential, speed: float) -> float:
-    """Return ``(beta v)^delta`` [-]; 0 below ``v`` = 0, and no more than that of ``beta v = _FADED``."""
-    return min(law.decay * speed, _FADED) ** law.exponent if speed > 0.0 else 0.0
 
 
 LAWS: dict[str, tuple[Callable[..., FrictionLaw], tuple[str, ...]]] = {

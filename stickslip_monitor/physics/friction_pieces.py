@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any friction law as polynomials in pieces, right to rounding, for the orbits' power series.
+"""A friction law as polynomials in pieces, with the power series of its coefficient along a motion.
 
-A measured table is such a law as it stands. Of any other the coefficient is evaluated in arrays and fitted
-between Chebyshev points, and a piece that misses in between is halved until it does not.
+A measured table is such a law as it stands; any other is fitted (:func:`.scalar_law.fit_pieces`). Plain
+functions of numbers, which run as they stand and compiled alike.
 """
 
 from __future__ import annotations
@@ -12,18 +12,7 @@ from bisect import bisect_right
 from collections.abc import MutableSequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.physics.friction import ALMOST_REST, FrictionLaw, speed_scales
-from stickslip_monitor.physics.friction_table import Cubics
 from stickslip_monitor.physics.series import LAW, RELATIVE_SPEED, STRIDE
-
-# Degree of a fitted piece. By 7 the boundaries of a rational law take 2.4 times as many steps, and by 12 a
-# fourth less, each of which takes longer.
-_DEGREE = 10
-# Halvings of a piece at most: what a law does between neighbouring numbers is left as it is.
-_MAX_HALVINGS = 60
 
 
 class Pieces(NamedTuple):
@@ -44,71 +33,6 @@ class Pieces(NamedTuple):
     degree: int
     top: float
     powers: Any
-
-
-def pieces_of_cubics(cubics: Cubics) -> Pieces:
-    """Return a table's cubics as pieces."""
-    begin = np.asarray(cubics.begin, float)
-    powers = np.stack([np.asarray(column, float) for column in cubics[1:]], axis=1)
-    return Pieces(
-        begin, begin, np.ones(begin.size), 3, float(powers[0, 0]), np.ascontiguousarray(powers).ravel()
-    )
-
-
-def fit_pieces(law: FrictionLaw) -> Pieces:
-    """Fit pieces to a law's coefficient, to 1e-14 of the largest of a piece or of slow sliding.
-
-    Where the law's own rounding does not allow that the error may be larger. Beyond 4^20 times its last
-    scale, or from where the coefficient is not finite on, the law goes on as a line.
-
-    >>> pieces = fit_pieces(Stribeck(0.3, 0.1, 10.0))
-    >>> math.isclose(friction_drop(pieces, 0.0, 0.1), -0.2 * math.expm1(-1.0), rel_tol=1e-14)
-    True
-    """
-
-    def coefficient(v: FloatArray) -> FloatArray:
-        """Return ``mu`` of sliding at speeds >= 0 [m/s], of their shape: that of slow sliding at 0."""
-        return np.asarray(law.coefficient(np.maximum(v, ALMOST_REST)), float)
-
-    breaks = np.array(speed_scales(law) or [1.0])
-    edges = np.concatenate([[0.0], breaks, breaks[-1] * 4.0 ** np.arange(1, 21)])
-    t = np.cos(np.pi * np.arange(_DEGREE, -1, -1) / _DEGREE)
-    between = np.cos(np.pi * (np.arange(_DEGREE, 0, -1) - 0.5) / _DEGREE)
-    # In two steps, so that rounding stays that of the values: Chebyshev's series first, then its powers.
-    to_series = np.polynomial.chebyshev.chebvander(t, _DEGREE) / _DEGREE
-    to_series[1:-1] *= 2.0
-    to_series[:, [0, -1]] *= 0.5
-    to_powers = np.zeros((_DEGREE + 1, _DEGREE + 1))
-    for k in range(_DEGREE + 1):
-        to_powers[k, : k + 1] = np.polynomial.chebyshev.cheb2poly(np.eye(k + 1)[k])
-    check = np.vander(between, _DEGREE + 1, increasing=True).T
-    with np.errstate(all='ignore'):
-        edges = edges[np.cumsum(~np.isfinite(coefficient(edges))) == 0]
-        top, allowed = float(coefficient(edges[:1])[0]), 1e-14
-        low, high, fitted = edges[:-1], edges[1:], []
-        for turn in range(_MAX_HALVINGS):
-            base, width = 0.5 * (low + high), 0.5 * (high - low)
-            values = coefficient(base[:, None] + width[:, None] * t)
-            powers = (values @ to_series) @ to_powers
-            miss = np.abs(powers @ check - coefficient(base[:, None] + width[:, None] * between)).max(axis=1)
-            size = np.maximum(np.abs(values).max(axis=1), top)
-            fits = (miss <= allowed * size) | (turn == _MAX_HALVINGS - 1)
-            fitted.append(np.column_stack([low, base, width, powers])[fits])
-            low, high, base = low[~fits], high[~fits], base[~fits]
-            if not low.size:
-                break
-            low, high = np.concatenate([low, base]), np.concatenate([base, high])
-            if low.size > 500:  # so many miss by the law's own rounding
-                allowed *= 10.0
-        last, slope = float(edges[-1]), float(np.asarray(law.slope(edges[-1])))
-    line = np.zeros(_DEGREE + 4)
-    line[:5] = last, last, 1.0, float(coefficient(edges[-1:])[0]), slope if math.isfinite(slope) else 0.0
-    rows = np.concatenate([*fitted, line[None, :]])
-    rows = rows[np.argsort(rows[:, 0])]
-    begin, base, width = (np.ascontiguousarray(column) for column in rows[:, :3].T)
-    powers = np.ascontiguousarray(rows[:, 3:])
-    # The first piece's own value, so that a lining released from the belt feels no fall at once.
-    return Pieces(begin, base, width, _DEGREE, float(np.polyval(powers[0, ::-1], -1.0)), powers.ravel())
 
 
 def _piece_coefficient(law: Pieces, speed: float) -> float:

@@ -1,22 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A measured friction curve as a friction law, with its coefficient and slope number by number."""
+"""A measured friction curve as a friction law."""
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, require_finite, require_not_negative
+from stickslip_monitor.physics.friction_pieces import Pieces
 from stickslip_monitor.physics.numerics import hermite_cubics, monotone_slopes
-
-NEVER_OVERFLOWS = True
-"""The functions of this module raise no ``OverflowError``, as a law's exponentials may."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,17 +81,17 @@ class Tabulated:
         return self.breakpoints
 
     @property
-    def numbers(self) -> Cubics:
-        """The law's parameters for :func:`friction_drop` and :func:`friction_slope`, made anew at each call.
+    def numbers(self) -> Pieces:
+        """The cubics in the distance from where each begins, for the loops; made anew at each call.
 
-        The last cubic is level; a table that begins above zero speed has a level one before its first.
+        The last one is level; a table that begins above zero speed has a level one before its first.
         """
         begins, flat = np.array(self.speed), np.zeros((4, 1))
         cubics = np.hstack([self.cubics[::-1], np.vstack([self.values[-1], flat[1:]])])
         if begins[0] > 0.0:
             first = np.vstack([self.values[0], flat[1:]])
             begins, cubics = np.append(0.0, begins), np.hstack([first, cubics])
-        return Cubics(begins, *np.ascontiguousarray(cubics))
+        return Pieces(begins, begins, np.ones(begins.size), 3, self.values[0], cubics.T.ravel())
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -157,50 +153,3 @@ def _table_column(name: str, values: Sequence[float]) -> tuple[float, ...]:
         require_finite(f'friction table {name}[{index}]', value)
         require_not_negative(f'friction table {name}[{index}]', value)
     return column
-
-
-class Cubics(NamedTuple):
-    """Cubics ``a + s (b + s (c + s d))`` in the distance ``s`` from where each begins, shape (n,).
-
-    Arrays where they are compiled, else lists, which are faster then.
-    """
-
-    begin: Any
-    a: Any
-    b: Any
-    c: Any
-    d: Any
-
-
-def _cubic_coefficient(law: Cubics, speed: float) -> float:
-    """Return the coefficient [-] at a relative speed [m/s], by the first cubic below where it begins."""
-    i = max(bisect_right(law.begin, speed) - 1, 0)
-    s = speed - law.begin[i]
-    return law.a[i] + s * (law.b[i] + s * (law.c[i] + s * law.d[i]))
-
-
-def friction_drop(law: Cubics, origin: float, step: float) -> float:
-    """Return ``mu(v) - mu(v + step)`` of sliding ahead [-]; below ``v`` = 0 the first cubic goes on.
-
-    Args:
-        law: Its numbers.
-        origin: ``v`` >= 0 [m/s].
-        step: Any change of speed [m/s].
-
-    >>> print(friction_drop(Tabulated([0.0, 1.0], [0.75, 0.25]).numbers, 0.0, 0.5))
-    0.25
-    """
-    top = law.a[0] if origin == 0.0 else _cubic_coefficient(law, origin)
-    return top - _cubic_coefficient(law, origin + step)
-
-
-def friction_slope(law: Cubics, speed: float) -> float:
-    """Return ``d mu / d|v|`` at a relative speed [m/s], in s/m; from the right at ``v`` = 0.
-
-    >>> print(friction_slope(Tabulated([0.0, 1.0], [0.75, 0.25]).numbers, 0.5))
-    -0.5
-    """
-    v = abs(speed)
-    i = max(bisect_right(law.begin, v) - 1, 0)
-    s = v - law.begin[i]
-    return law.b[i] + s * (2.0 * law.c[i] + s * 3.0 * law.d[i])

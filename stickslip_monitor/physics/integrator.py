@@ -25,7 +25,7 @@ from stickslip_monitor.physics import march, series, slip_series
 from stickslip_monitor.physics import scalar_law as scalars
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.lubrication import as_measured
-from stickslip_monitor.physics.scalar_law import LawInUse, ScalarLaw, series_law
+from stickslip_monitor.physics.scalar_law import ScalarLaw, law_bounds, scalar_law
 
 Phases = NDArray[np.int8]
 
@@ -280,9 +280,8 @@ def integrate(
     at = np.atleast_1d(np.asarray(times, dtype=float))
     _check_times(at, drive)
     require_positive('accuracy', accuracy)
-    law, use = series_law(bearing.friction), is_compiled(compiled)
-    law_functions = law.compiled if use and law.compiled else law.plain
-    body = _make_body(bearing, drive, law, accuracy)
+    law, use = scalar_law(bearing.friction), is_compiled(compiled)
+    body = _make_body(bearing, drive, law.pieces, accuracy)
 
     def columns(kind: type, *values: Any) -> Any:
         """Return each sequence as the inner loops take it: an array of ``kind`` if compiled, else a list."""
@@ -293,7 +292,7 @@ def integrate(
 
     speed, load = (np.stack([x[:-1], np.diff(x) / np.diff(drive.time)]) for x in (drive.speed, drive.load))
     lines = march.Lines(*columns(float, drive.time, *speed, *load))
-    phase = _starting_phase(law_functions, body, lines, state)
+    phase = _starting_phase(body, lines, state)
     out = columns(float, at, *np.zeros((4, at.size)))
     samples = march.MotionSamples(*out, *columns(int, np.zeros(at.size)))
     room = np.zeros(4096)  # for transitions, before the loop returns to have the log emptied
@@ -306,7 +305,7 @@ def integrate(
     instants: list[FloatArray] = []
     afters: list[Phases] = [np.array([phase], dtype=np.int8)]
     while now.status == march.EVENTS_FULL:
-        now = march.Now(*loop(law_functions, body, lines, now, samples, log, work))
+        now = march.Now(*loop(law.compiled if use else law.plain, body, lines, now, samples, log, work))
         instants.append(np.array(log.time[: now.events], dtype=float))
         afters.append(np.array(log.phase[: now.events], dtype=np.int8))
         now = now._replace(events=0)
@@ -362,21 +361,23 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
         )
 
 
-def _make_body(bearing: Bearing, drive: Drive, law: ScalarLaw, accuracy: float) -> march.Body:
+def _make_body(bearing: Bearing, drive: Drive, pieces: int, accuracy: float) -> march.Body:
     """Return the oscillator; its limit of steps is several times what its fastest time scale can need."""
+    bounds = law_bounds(bearing.friction)
     fastest = bearing.natural_frequency + bearing.damping / bearing.mass
-    fastest += float(np.max(drive.load)) * law.plain.steepest / bearing.mass
+    fastest += float(np.max(drive.load)) * bounds.steepest / bearing.mass
     steps = (drive.end - drive.start) * fastest / min(accuracy**0.125, 1.0)
-    limit = int(min((1000.0 + 4.0 * (drive.time.size + steps)) * (law.pieces + 1), 2.0**62))
+    limit = int(min((1000.0 + 4.0 * (drive.time.size + steps)) * (pieces + 1), 2.0**62))
     damping = 2.0 * bearing.damping_ratio
-    return march.Body(bearing.natural_frequency, damping, bearing.momentum, accuracy, limit)
+    held = bounds.hold, bounds.top
+    return march.Body(bearing.natural_frequency, damping, bearing.momentum, *held, accuracy, limit)
 
 
-def _starting_phase(law: LawInUse, body: march.Body, lines: march.Lines, state: MotionState) -> Phase:
+def _starting_phase(body: march.Body, lines: march.Lines, state: MotionState) -> Phase:
     """Return the phase in which the motion begins: that of the state if it has one, else by its motion."""
     if state.phase is not None:
         return state.phase
     if state.relative_speed != 0.0:
         return Phase.FORWARD if state.relative_speed > 0.0 else Phase.BACKWARD
-    medium = march.medium_at(law, body, lines, 0, 0.0, 1.0)
-    return Phase(march.phase_after_contact(law, medium, body.omega * state.displacement, 0))
+    medium = march.medium_at(body, lines, 0, 0.0, 1.0)
+    return Phase(march.phase_after_contact(body, medium, body.omega * state.displacement, 0))

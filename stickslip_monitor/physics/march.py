@@ -13,9 +13,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import MutableSequence, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from stickslip_monitor.physics.scalar_law import LawInUse
 from stickslip_monitor.physics.series import (
     PLACE,
     RELATIVE_SPEED,
@@ -35,12 +34,14 @@ _MAX_STALLED = 8
 
 
 class Body(NamedTuple):
-    """The oscillator and the accuracy of its steps.
+    """The oscillator, what holds it, and the accuracy of its steps.
 
     Attributes:
         omega: Natural frequency [rad/s].
         damping: ``2 zeta``.
         momentum: ``m omega`` [kg/s].
+        hold: Largest coefficient of friction that sticking can carry [-].
+        top: Coefficient of slow sliding [-].
         tolerance: Error of a step relative to the speeds.
         limit: Largest number of steps.
     """
@@ -48,6 +49,8 @@ class Body(NamedTuple):
     omega: float
     damping: float
     momentum: float
+    hold: float
+    top: float
     tolerance: float
     limit: int
 
@@ -162,13 +165,12 @@ class Whole(NamedTuple):
     step: Advance
 
 
-def medium_at(law: LawInUse, body: Body, lines: Lines, piece: int, s: float, side: float) -> Medium:
+def medium_at(body: Body, lines: Lines, piece: int, s: float, side: float) -> Medium:
     """Return the medium of a lining at a time since a piece began, seen from a side of the belt.
 
     ``e' = V - z, z' = V' + 2 zeta (V - z) + e - N/(m omega) mu(z)`` in units of ``1/omega``.
 
     Args:
-        law: The law.
         body: The oscillator.
         lines: The drive.
         piece: Index of its piece.
@@ -179,13 +181,13 @@ def medium_at(law: LawInUse, body: Body, lines: Lines, piece: int, s: float, sid
     speed, load = side * (lines.speed[piece] + rise * s), lines.load[piece] + growth * s
     rise, force = side * (rise / body.omega), load / body.momentum
     force_rate = growth / (body.momentum * body.omega)
-    offset = rise + body.damping * speed - force * law.top
-    offset_rate = body.damping * rise - force_rate * law.top
+    offset = rise + body.damping * speed - force * body.top
+    offset_rate = body.damping * rise - force_rate * body.top
     return Medium(1.0, force, body.damping, offset, 0.0, speed, force_rate, offset_rate, rise)
 
 
 def slip_advance(
-    law: LawInUse,
+    law_numbers: Any,
     body: Body,
     medium: Medium,
     z: float,
@@ -196,7 +198,7 @@ def slip_advance(
     """Take one step of a slip, up to a contact with the belt in it.
 
     Args:
-        law: The law.
+        law_numbers: The law, as :class:`.LawFunctions`.
         body: The oscillator and the accuracy.
         medium: What the lining slips in.
         z: Relative speed as the step begins, not below 0.
@@ -208,11 +210,11 @@ def slip_advance(
         The step, with ``CONTACT`` or ``NOTHING``; its ``trial`` is 0 after a contact, and ``inf`` where no
         step is short enough for numbers.
     """
-    unit = trial if trial != 0.0 else first_unit(law.numbers, medium, z)
+    unit = trial if trial != 0.0 else first_unit(law_numbers, medium, z)
     longest = min(left, LONGEST)
     while True:
         order, share, unit, after = expand(
-            law.numbers, medium, 0.0, z, min(unit, left), longest, body.tolerance, work
+            law_numbers, medium, 0.0, z, min(unit, left), longest, body.tolerance, work
         )
         if share > 0.0:
             break
@@ -256,21 +258,21 @@ def friction_needed(medium: Medium, e: float) -> float:
     return medium.drift_rate + medium.damping * medium.drift + e
 
 
-def rounding_of(law: LawInUse, medium: Medium, e: float) -> float:
+def rounding_of(body: Body, medium: Medium, e: float) -> float:
     """Return the rounding of the friction that sticking needs, in units of ``m omega``."""
     inner = abs(medium.drift_rate) + abs(medium.damping * medium.drift)
-    return 2e-15 * (inner + abs(e) + law.hold * abs(medium.force))
+    return 2e-15 * (inner + abs(e) + body.hold * abs(medium.force))
 
 
 def stick_advance(
-    law: LawInUse, medium: Medium, e: float, stalled: int, left: float, work: MutableSequence[float]
+    body: Body, medium: Medium, e: float, stalled: int, left: float, work: MutableSequence[float]
 ) -> Advance:
     """Take one step of sticking, up to the release if it comes within the step.
 
     The friction needed, less what the belt can hold, is a parabola of the time on each side.
 
     Args:
-        law: The law.
+        body: The oscillator.
         medium: What the lining is in as the step begins.
         e: Displacement as the step begins.
         stalled: Number of steps in a row without length. After more than ``_MAX_STALLED`` of them a step of
@@ -286,11 +288,11 @@ def stick_advance(
     if stalled > _MAX_STALLED:
         length = min(left, 1e-6)
     else:
-        slack, need = rounding_of(law, medium, e), friction_needed(medium, e)
+        slack, need = rounding_of(body, medium, e), friction_needed(medium, e)
         for kind in range(RELEASE_FORWARD, RELEASE_BACKWARD + 1):
             side = 1.0 if kind == RELEASE_FORWARD else -1.0
-            excess = side * need - law.hold * medium.force
-            rate = side * (medium.damping * medium.drift_rate + medium.drift) - law.hold * medium.force_rate
+            excess = side * need - body.hold * medium.force
+            rate = side * (medium.damping * medium.drift_rate + medium.drift) - body.hold * medium.force_rate
             first = first_excess(0.0 if abs(excess) <= slack else excess, rate, side * medium.drift_rate)
             if first <= left and (event == NOTHING or first < length):
                 length, event = first, kind
@@ -312,19 +314,19 @@ def first_excess(value: float, rate: float, turn: float) -> float:
     return -2.0 * rate / turn if turn > 0.0 else math.inf
 
 
-def phase_after_contact(law: LawInUse, medium: Medium, e: float, sign: int) -> int:
+def phase_after_contact(body: Body, medium: Medium, e: float, sign: int) -> int:
     """Return the phase of a lining that has met the belt: 0 sticks, 1 slips behind it, -1 ahead of it.
 
     It sticks where friction can hold it, and never continues on the side from which it came.
 
     Args:
-        law: The law.
+        body: The oscillator.
         medium: What the lining is in.
         e: Displacement at the contact.
         sign: The side of the slip that ended, 1 or -1; 0 for none.
     """
     need = friction_needed(medium, e)
-    limit = law.hold * max(medium.force, 0.0) + rounding_of(law, medium, e)
+    limit = body.hold * max(medium.force, 0.0) + rounding_of(body, medium, e)
     if need > limit and sign <= 0:
         return 1
     if need < -limit and sign >= 0:
@@ -366,26 +368,26 @@ def write_samples(
     return cursor
 
 
-def recenter_medium(law: LawInUse, medium: Medium, e: float, z: float) -> Medium:
+def recenter_medium(body: Body, medium: Medium, e: float, z: float) -> Medium:
     """Return the medium with displacements counted from where the lining is, so that they keep digits.
 
     Where it is released at the limit, the distance from the limit is rounding and becomes 0.
 
     Args:
-        law: The law.
+        body: The oscillator.
         medium: The medium, with displacements counted from the unloaded spring.
         e: Displacement of the lining.
         z: Its relative speed.
     """
     speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate = medium
     offset += e
-    if z == 0.0 and (offset < 0.0 or offset <= rounding_of(law, medium, e)):
+    if z == 0.0 and (offset < 0.0 or offset <= rounding_of(body, medium, e)):
         offset = 0.0
     return Medium(speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate)
 
 
 def march(
-    law: LawInUse,
+    law_numbers: Any,
     body: Body,
     lines: Lines,
     now: Now,
@@ -415,13 +417,13 @@ def march(
             status = EVENTS_FULL if events >= len(log.time) else EXHAUSTED
             continue
         steps, e, side = steps + 1, omega * x, 1.0 if phase >= 0 else -1.0
-        medium = medium_at(law, body, lines, piece, time, side)
+        medium = medium_at(body, lines, piece, time, side)
         if phase == 0:
-            step = stick_advance(law, medium, e, stalled, left * omega, work)
+            step = stick_advance(body, medium, e, stalled, left * omega, work)
         else:
             slips += 1
-            medium = recenter_medium(law, medium, side * e, side * z)
-            step = slip_advance(law, body, medium, side * z, trial, left * omega, work)
+            medium = recenter_medium(body, medium, side * e, side * z)
+            step = slip_advance(law_numbers, body, medium, side * z, trial, left * omega, work)
         h, event, order, unit, trial = step
         e_after, z_after = place_and_speed(work, order, h / unit)
         if not (trial < math.inf and abs(e_after) < math.inf and abs(z_after) < math.inf):
@@ -444,8 +446,8 @@ def march(
             elif stalled > _MAX_STALLED:
                 phase = 0
             else:
-                medium_here = medium_at(law, body, lines, piece, time, 1.0)
-                phase = phase_after_contact(law, medium_here, omega * x, phase)
+                medium_here = medium_at(body, lines, piece, time, 1.0)
+                phase = phase_after_contact(body, medium_here, omega * x, phase)
             log.time[events], log.phase[events] = base + (time + rest), phase
             events += 1
     return status, piece, time, rest, x, z, phase, trial, cursor, events, steps, slips, stalled

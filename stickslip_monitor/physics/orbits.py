@@ -31,15 +31,9 @@ from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.physics import scalar_law as scalar_laws
 from stickslip_monitor.physics import series, slip_series
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import ALMOST_REST, FrictionLaw
+from stickslip_monitor.physics.friction import FrictionLaw
 from stickslip_monitor.physics.numerics import gauss_rule
-from stickslip_monitor.physics.scalar_law import (
-    LawInUse,
-    friction_drop,
-    friction_slope,
-    scalar_law,
-    series_law,
-)
+from stickslip_monitor.physics.scalar_law import friction_slope, law_bounds, scalar_law
 from stickslip_monitor.physics.series import PLACE, RELATIVE_SPEED, find_level, new_work, place_and_speed
 from stickslip_monitor.physics.slip_series import LONGEST, Medium, acceleration, expand, first_unit
 
@@ -53,11 +47,6 @@ _NODES, _WEIGHTS = (tuple(column.tolist()) for column in gauss_rule(5))
 PATIENCE = 20_000
 # Numbers of an orbit that follow_each reads and writes.
 _READS, _WRITES = 8, 7
-
-
-def law_in_use(law: FrictionLaw) -> LawInUse:
-    """Return a law as plain functions of one speed, with its bounds and kinks; cached."""
-    return scalar_law(law).plain
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,15 +80,8 @@ class SlipField:
         """Return the displacement of steady sliding, shape (n,) [V/omega]; 0 where it counts from there."""
         if self.drift == 0.0:
             return np.zeros(self.speed.size)
-        if scalar_law(self.law).module is None:
-            slow = np.maximum(self.origin, ALMOST_REST)
-            drop = np.asarray(self.law.coefficient(slow) - self.law.coefficient(self.origin + self.speed))
-        else:
-            law_numbers, pairs = (
-                law_in_use(self.law).numbers,
-                zip(self.origin.tolist(), self.speed.tolist(), strict=True),
-            )
-            drop = np.array([friction_drop(law_numbers, *pair) for pair in pairs])
+        plain, pairs = scalar_law(self.law).plain, zip(self.origin.tolist(), self.speed.tolist(), strict=True)
+        drop = np.array([plain.drop(*pair) for pair in pairs])
         return self.damping - self.offset - self.force * drop
 
     def about_steady_sliding(self) -> SlipField:
@@ -115,7 +97,7 @@ def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipFie
         speed: ``V`` > 0, shape (n,) [m/s].
         load: ``N`` > 0, shape (n,) [N].
     """
-    use, momentum = law_in_use(bearing.friction), math.sqrt(bearing.mass) * math.sqrt(bearing.stiffness)
+    use, momentum = law_bounds(bearing.friction), math.sqrt(bearing.mass) * math.sqrt(bearing.stiffness)
     force, damping = load / (momentum * speed), bearing.damping / momentum
     held = force * (use.hold - use.top)
     return SlipField(bearing.friction, damping, 1.0, speed, force, held, np.zeros(speed.size))
@@ -182,8 +164,7 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     Returns:
         Their ends, as :func:`follow_one` has them.
     """
-    n, law = e.size, series_law(field.law)
-    assert law.compiled is not None
+    n, law = e.size, scalar_law(field.law)
     columns = field.speed, field.force, field.offset, field.origin, e, z, route.last, route.direction
     rows, out = np.empty((n, _READS)), np.zeros((n, _WRITES))
     for k, column in enumerate(columns):
@@ -194,14 +175,14 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     while begun < n and (_Effort.steps < PATIENCE or not jit.has_compiler()):
         # One by one, so that long work is noticed while it is under way.
         row, written = rows[begun].tolist(), [0.0] * _WRITES
-        follow_each(law.plain.numbers, *shared, [row], plain, work, [written])
+        follow_each(law.plain, *shared, [row], plain, work, [written])
         out[begun] = written
         _Effort.steps += int(written[-1])
         begun += 1
     if begun < n:
         modules = import_module(__name__), slip_series, series, scalar_laws
         loop = jit.compiled('follow_each', *modules, law=law.module, inline=False)
-        loop(law.compiled.numbers, *shared, rows[begun:], plain, np.array(work), out[begun:])
+        loop(law.compiled, *shared, rows[begun:], plain, np.array(work), out[begun:])
     end, time, place, first, second, gain, _ = out.T
     return Orbits(end.astype(int), time, place, np.stack([first, second]), gain)
 
@@ -218,7 +199,7 @@ def follow_each(
     """Follow one orbit after the other; each row of ``out`` receives the result of :func:`follow_one`.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.numbers` of :func:`.series_law`.
+        law_numbers: The law, as :class:`.LawFunctions`.
         damping: ``2 zeta``.
         drift: That of :class:`SlipField`.
         rows: For each orbit speed, force, offset, origin, displacement, relative speed, last turn
@@ -241,7 +222,7 @@ def follow_one(
     """Follow the orbit that begins at ``e`` and ``z`` to its end.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.numbers` of :func:`.series_law`.
+        law_numbers: The law, as :class:`.LawFunctions`.
         medium: What it slips in.
         e: Displacement from breakaway in units of ``V/omega``.
         z: Speed relative to the belt in units of ``V``.

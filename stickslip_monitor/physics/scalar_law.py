@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any friction law as plain functions of one speed, for motions that are followed point by point.
 
-The first four functions call the methods of a law object, for loops that run as they stand. In compiled loops
-they are replaced by those of the same name in the law's own module (:func:`stickslip_monitor.jit.compiled`).
+An exponential law with an exponent of 1 or 2 is followed by its formula, a table by its cubics, and any
+other by polynomials in pieces that are fitted to it. The first four functions call those of an object, for
+loops that run as they stand. In compiled loops they are replaced by those of the same name in the module of
+the law's numbers (:func:`stickslip_monitor.jit.compiled`).
 """
 
 from __future__ import annotations
@@ -17,21 +19,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip_monitor.physics import friction, friction_pieces
+from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.physics.friction import ALMOST_REST as ALMOST_REST
 from stickslip_monitor.physics.friction import Exponential, FrictionLaw, computes_as, speed_scales
-from stickslip_monitor.physics.friction_table import Cubics
+from stickslip_monitor.physics.friction_pieces import Pieces
+
+# Degree of a fitted piece. By 7 the boundaries of a rational law take 2.4 times as many steps, and by 12 a
+# fourth less, each of which takes longer.
+_DEGREE = 10
+# Halvings of a piece at most: what a law does between neighbouring numbers is left as it is.
+_MAX_HALVINGS = 60
 
 
 def friction_drop(law: Any, origin: float, step: float) -> float:
     """Return the fall of friction ``mu(origin) - mu(origin + step)`` while sliding ahead [-].
 
     Args:
-        law: :attr:`LawInUse.numbers` of the friction law.
+        law: :class:`LawFunctions`.
         origin: Sliding speed at which the step begins [m/s].
         step: Change of the sliding speed [m/s].
 
-    >>> friction_drop(scalar_law(Tabulated([0.0, 1.0], [0.75, 0.25])).plain.numbers, 0.0, 1.0)
+    >>> friction_drop(scalar_law(Tabulated([0.0, 1.0], [0.75, 0.25])).plain, 0.0, 1.0)
     0.5
     """
     return law.drop(origin, step)
@@ -41,10 +49,10 @@ def friction_slope(law: Any, speed: float) -> float:
     """Return the slope ``d mu / d|v|`` at a relative speed [s/m]; from the right at 0.
 
     Args:
-        law: :attr:`LawInUse.numbers` of the friction law.
+        law: :class:`LawFunctions`.
         speed: Relative speed, of either sign [m/s].
 
-    >>> friction_slope(scalar_law(Stribeck(0.5, 0.25, 10.0)).plain.numbers, 0.0)
+    >>> friction_slope(scalar_law(Stribeck(0.5, 0.25, 10.0)).plain, 0.0)
     -2.5
     """
     return law.slope(speed)
@@ -56,7 +64,7 @@ def begin_series(
     """Begin the power series of a law's coefficient in the row of work of :mod:`.series`.
 
     Args:
-        law: :attr:`LawInUse.numbers` of :func:`series_law`.
+        law: :class:`LawFunctions`.
         origin: Sliding speed from which the relative speed counts [m/s].
         slip: Relative speed at which the series begins, in units of speed.
         unit: The unit of the relative speed [m/s].
@@ -74,19 +82,17 @@ def extend_series(law: Any, k: int, work: MutableSequence[float]) -> float:
     """Return the coefficient of a power of the time in the series of ``mu`` [-].
 
     Args:
-        law: :attr:`LawInUse.numbers` of :func:`series_law`.
+        law: :class:`LawFunctions`.
         k: The power, > 0; called after :func:`begin_series`, for 1, 2, 3 ... in turn.
         work: The row of work with the relative speed up to that power; written: the law's rows.
     """
     return law.extend(k, work)
 
 
-class LawInUse(NamedTuple):
-    """A law as the loops take it: what its functions are called with, and bounds.
+class LawBounds(NamedTuple):
+    """Bounds of a law.
 
     Attributes:
-        numbers: What :func:`friction_drop` and :func:`friction_slope` take; of a :func:`series_law` also
-            what :func:`begin_series` and :func:`extend_series` take.
         kinks: Ascending speeds at which the second derivative of ``mu`` jumps [m/s].
         hold: Largest coefficient that sticking can carry [-]: by Filippov's convex hull never less
             than that of slow sliding.
@@ -95,75 +101,44 @@ class LawInUse(NamedTuple):
         steepest: Upper bound of ``|d mu / d|v||`` while it slides [s/m].
     """
 
-    numbers: Any
-    kinks: Any
+    kinks: tuple[float, ...]
     hold: float
     top: float
     fall: float
     steepest: float
 
 
-class _LawFunctions:
-    """Functions of a law without its first argument, as the functions of this module call them.
+@lru_cache(maxsize=64)
+def law_bounds(law: FrictionLaw) -> LawBounds:
+    """Return the bounds and kinks of a law; cached.
 
-    Args:
-        law: The law.
-        module: Its :func:`own_module`, or that of its series; ``None`` for one whose methods are called.
-        numbers: What the module's functions take, in arrays or numbers; unused without a module.
+    >>> law_bounds(Stribeck(0.3, 0.1, 10.0)).hold
+    0.3
+    """
+    kinks, top = tuple(getattr(law, 'kinks', ())), float(law.coefficient(ALMOST_REST))
+    fall, rise = _largest_slope(law, -1.0), _largest_slope(law, 1.0)
+    drops_from_rest = law.static > top * (1.0 + 1e-15)
+    return LawBounds(kinks, max(law.static, top), top, math.inf if drops_from_rest else fall, max(fall, rise))
+
+
+class LawFunctions:
+    """A law's four functions, bound to its numbers as lists, which are faster than arrays one by one.
 
     Attributes:
-        begin: As :func:`begin_series`; only of a module that has it.
-        drop: As :func:`friction_drop`; ``nan`` where it overflows.
-        extend: As :func:`extend_series`; only of a module that has it.
+        begin: As :func:`begin_series`.
+        drop: As :func:`friction_drop`.
+        extend: As :func:`extend_series`.
         slope: As :func:`friction_slope`.
     """
 
     __slots__ = ('begin', 'drop', 'extend', 'slope')
 
-    def __init__(self, law: FrictionLaw, module: ModuleType | None, numbers: Any = None) -> None:
-        if module is None:
-            self.drop: Any = partial(_drop_of, law, float(law.slope(0.0)))
-            self.slope: Any = partial(_slope_of, law)
-        else:
-            columns = (x.tolist() if isinstance(x, np.ndarray) else x for x in numbers)
-            law_numbers = type(numbers)(*columns)
-            never = getattr(module, 'NEVER_OVERFLOWS', False)
-            self.drop = (
-                partial(module.friction_drop, law_numbers)
-                if never
-                else partial(_guard_overflow, module.friction_drop, law_numbers)
-            )
-            self.slope = partial(module.friction_slope, law_numbers)
-            if hasattr(module, 'extend_series'):
-                self.begin = partial(module.begin_series, law_numbers)
-                self.extend = partial(module.extend_series, law_numbers)
-
-
-def _guard_overflow(drop: Any, law_numbers: Any, origin: float, step: float) -> float:
-    """Return ``drop(law_numbers, origin, step)``; ``nan`` where it overflows, so that the step is refused."""
-    try:
-        return drop(law_numbers, origin, step)
-    except OverflowError:
-        return math.nan
-
-
-def _drop_of(law: FrictionLaw, rise: float, origin: float, step: float) -> float:
-    """Return :func:`friction_drop` of a law without functions of its own [-].
-
-    Args:
-        law: The law.
-        rise: Its slope from the right at rest, by which it is continued below a speed of 0 [s/m].
-        origin: Sliding speed at which the step begins [m/s].
-        step: Change of the sliding speed [m/s].
-    """
-    v = origin + step
-    top, now = law.coefficient(np.array([max(origin, ALMOST_REST), max(v, ALMOST_REST)])).tolist()
-    return top - now - (rise * v if v < 0.0 and math.isfinite(rise) else 0.0)
-
-
-def _slope_of(law: FrictionLaw, speed: float) -> float:
-    """Return :func:`friction_slope` of a law without functions of its own [s/m]."""
-    return float(law.slope(speed))
+    def __init__(self, numbers: Any, module: ModuleType) -> None:
+        own = type(numbers)(*(x.tolist() if isinstance(x, np.ndarray) else x for x in numbers))
+        self.begin = partial(module.begin_series, own)
+        self.drop = partial(module.friction_drop, own)
+        self.extend = partial(module.extend_series, own)
+        self.slope = partial(module.friction_slope, own)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,83 +147,99 @@ class ScalarLaw:
 
     Attributes:
         plain: For loops that run as they stand.
-        compiled: For compiled loops; ``None`` for a law without functions of its own.
-        module: The module of these.
+        compiled: For compiled loops: its numbers in arrays.
     """
 
-    plain: LawInUse
-    compiled: LawInUse | None
-    module: ModuleType | None
+    plain: LawFunctions
+    compiled: Exponential | Pieces
+
+    @property
+    def module(self) -> ModuleType:
+        """The module with the functions of its numbers, for compiling."""
+        return import_module(type(self.compiled).__module__)
 
     @property
     def pieces(self) -> int:
-        """Number of pieces of a law of :func:`series_law`; 0 for one that is whole."""
-        return len(self.compiled.numbers.begin) if self.compiled and self.module is friction_pieces else 0
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return the function and arguments by which pickle makes the law again, the module by its name."""
-        return _make_scalar_law, (self.plain, self.compiled, self.module and self.module.__name__)
-
-
-def _make_scalar_law(plain: LawInUse, compiled: LawInUse | None, module: str | None) -> ScalarLaw:
-    """Return a law that another process has sent, with its module by name."""
-    return ScalarLaw(plain, compiled, None if module is None else import_module(module))
+        """Number of pieces; 0 for a law that is whole."""
+        return len(self.compiled.begin) if isinstance(self.compiled, Pieces) else 0
 
 
 @lru_cache(maxsize=64)
 def scalar_law(law: FrictionLaw) -> ScalarLaw:
-    """Return a friction law as plain functions of one speed, with its bounds and kinks; cached.
+    """Return a friction law as plain functions of one speed, with its power series; cached.
 
-    >>> scalar_law(Stribeck(0.3, 0.1, 10.0)).plain.hold
-    0.3
+    >>> scalar_law(Tabulated([0.0, 0.1, 0.4], [0.30, 0.17, 0.11])).pieces
+    3
     """
-    module = own_module(law)
-    kinks = tuple(getattr(law, 'kinks', ())) if module else ()
-    top, fall, rise = float(law.coefficient(ALMOST_REST)), _largest_slope(law, -1.0), _largest_slope(law, 1.0)
-    drops_from_rest = law.static > top * (1.0 + 1e-15)
-    bounds = max(law.static, top), top, math.inf if drops_from_rest else fall, max(fall, rise)
-    numbers = None if module is None else getattr(law, 'numbers', None)
-    plain = LawInUse(_LawFunctions(law, module, numbers), kinks, *bounds)
-    if module is None:
-        return ScalarLaw(plain, None, None)
-    return ScalarLaw(plain, LawInUse(numbers, np.array(kinks), *bounds), module)
+    numbers = _own_numbers(law)
+    if numbers is None:
+        numbers = fit_pieces(law)
+    return ScalarLaw(LawFunctions(numbers, import_module(type(numbers).__module__)), numbers)
 
 
-@lru_cache(maxsize=64)
-def series_law(law: FrictionLaw) -> ScalarLaw:
-    """Return a friction law as :func:`scalar_law` does, with functions that have its power series; cached.
-
-    An exponential law with an exponent of 1 or 2 stays as it is; a table, and any other law, becomes
-    polynomials in pieces. Of every law there is a compiled form.
-    """
-    scalar = scalar_law(law)
-    numbers = scalar.compiled.numbers if scalar.compiled else None
-    module: ModuleType = friction_pieces
-    if isinstance(numbers, Cubics):
-        numbers = friction_pieces.pieces_of_cubics(numbers)
-    elif isinstance(numbers, Exponential) and numbers.exponent in (1.0, 2.0):
-        module = friction
-    else:
-        numbers = friction_pieces.fit_pieces(law)
-    plain = scalar.plain._replace(numbers=_LawFunctions(law, module, numbers))
-    return ScalarLaw(plain, scalar.plain._replace(numbers=numbers), module)
-
-
-def own_module(law: FrictionLaw) -> ModuleType | None:
-    """Return the module with a law's ``friction_drop`` and ``friction_slope``, for compiling.
-
-    ``None`` for a law without ``numbers`` or without these functions, one whose subclass computes otherwise,
-    and a module without a file.
-
-    >>> own_module(Stribeck(0.3, 0.1, 10.0)).__name__
-    'stickslip_monitor.physics.friction'
-    """
+def _own_numbers(law: FrictionLaw) -> Exponential | Pieces | None:
+    """Return the numbers of a law of this package; ``None`` for one that has to be fitted."""
     kind = next((base for base in type(law).__mro__ if 'numbers' in vars(base)), None)
-    if kind is None or not computes_as(law, kind):
-        return None
-    module = import_module(kind.__module__)
-    is_file = getattr(module, '__file__', None) is not None
-    return module if is_file and hasattr(module, 'friction_drop') else None
+    numbers = getattr(law, 'numbers', None) if kind is not None and computes_as(law, kind) else None
+    if isinstance(numbers, Exponential):
+        return numbers if numbers.exponent in (1.0, 2.0) else None
+    return numbers if isinstance(numbers, Pieces) else None
+
+
+def fit_pieces(law: FrictionLaw) -> Pieces:
+    """Fit pieces to a law's coefficient, to 1e-14 of the largest of a piece or of slow sliding.
+
+    It is evaluated in arrays and fitted between Chebyshev points, and a piece that misses in between is
+    halved until it does not. Where the law's own rounding does not allow that the error may be larger. Beyond
+    4^20 times its last scale, or from where the coefficient is not finite on, the law goes on as a line.
+
+    >>> fit_pieces(Stribeck(0.3, 0.1, 10.0)).degree
+    10
+    """
+
+    def coefficient(v: FloatArray) -> FloatArray:
+        """Return ``mu`` of sliding at speeds >= 0 [m/s], of their shape: that of slow sliding at 0."""
+        return np.asarray(law.coefficient(np.maximum(v, ALMOST_REST)), float)
+
+    breaks = np.array(speed_scales(law) or [1.0])
+    edges = np.concatenate([[0.0], breaks, breaks[-1] * 4.0 ** np.arange(1, 21)])
+    t = np.cos(np.pi * np.arange(_DEGREE, -1, -1) / _DEGREE)
+    between = np.cos(np.pi * (np.arange(_DEGREE, 0, -1) - 0.5) / _DEGREE)
+    # In two steps, so that rounding stays that of the values: Chebyshev's series first, then its powers.
+    to_series = np.polynomial.chebyshev.chebvander(t, _DEGREE) / _DEGREE
+    to_series[1:-1] *= 2.0
+    to_series[:, [0, -1]] *= 0.5
+    to_powers = np.zeros((_DEGREE + 1, _DEGREE + 1))
+    for k in range(_DEGREE + 1):
+        to_powers[k, : k + 1] = np.polynomial.chebyshev.cheb2poly(np.eye(k + 1)[k])
+    check = np.vander(between, _DEGREE + 1, increasing=True).T
+    with np.errstate(all='ignore'):
+        edges = edges[np.cumsum(~np.isfinite(coefficient(edges))) == 0]
+        top, allowed = float(coefficient(edges[:1])[0]), 1e-14
+        low, high, fitted = edges[:-1], edges[1:], []
+        for turn in range(_MAX_HALVINGS):
+            base, width = 0.5 * (low + high), 0.5 * (high - low)
+            values = coefficient(base[:, None] + width[:, None] * t)
+            powers = (values @ to_series) @ to_powers
+            miss = np.abs(powers @ check - coefficient(base[:, None] + width[:, None] * between)).max(axis=1)
+            size = np.maximum(np.abs(values).max(axis=1), top)
+            fits = (miss <= allowed * size) | (turn == _MAX_HALVINGS - 1)
+            fitted.append(np.column_stack([low, base, width, powers])[fits])
+            low, high, base = low[~fits], high[~fits], base[~fits]
+            if not low.size:
+                break
+            low, high = np.concatenate([low, base]), np.concatenate([base, high])
+            if low.size > 500:  # so many miss by the law's own rounding
+                allowed *= 10.0
+        last, slope = float(edges[-1]), float(np.asarray(law.slope(edges[-1])))
+    line = np.zeros(_DEGREE + 4)
+    line[:5] = last, last, 1.0, float(coefficient(edges[-1:])[0]), slope if math.isfinite(slope) else 0.0
+    rows = np.concatenate([*fitted, line[None, :]])
+    rows = rows[np.argsort(rows[:, 0])]
+    begin, base, width = (np.ascontiguousarray(column) for column in rows[:, :3].T)
+    powers = np.ascontiguousarray(rows[:, 3:])
+    # The first piece's own value, so that a lining released from the belt feels no fall at once.
+    return Pieces(begin, base, width, _DEGREE, float(np.polyval(powers[0, ::-1], -1.0)), powers.ravel())
 
 
 def _largest_slope(law: FrictionLaw, sign: float) -> float:

@@ -111,7 +111,7 @@ def expand(
     the law in which the series holds.
 
     Args:
-        law_numbers: The law, as :attr:`.LawInUse.numbers` of :func:`.series_law`.
+        law_numbers: The law, as :class:`.LawFunctions`.
         medium: The medium as the step begins.
         e: Displacement there.
         z: Relative speed there.

@@ -8,11 +8,17 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
-from own_law import WithoutFunctions
+from own_law import OwnLaw
 
 from stickslip_monitor.physics.friction import Coulomb, Stretched, Stribeck, Tabulated
-from stickslip_monitor.physics.friction_pieces import fit_pieces, friction_drop, friction_slope
-from stickslip_monitor.physics.scalar_law import begin_series, extend_series, scalar_law, series_law
+from stickslip_monitor.physics.friction_pieces import friction_drop, friction_slope
+from stickslip_monitor.physics.scalar_law import (
+    begin_series,
+    extend_series,
+    fit_pieces,
+    law_bounds,
+    scalar_law,
+)
 from stickslip_monitor.physics.series import (
     ORDER,
     PLACE,
@@ -29,7 +35,7 @@ UNIT, ORIGIN = 0.2, 0.05
 
 def coefficients(law, count=10):
     """Of ``mu`` along the course, by the functions of the orbits."""
-    numbers, work = series_law(law).plain.numbers, new_work()
+    numbers, work = scalar_law(law).plain, new_work()
     work[RELATIVE_SPEED : RELATIVE_SPEED + len(COURSE)] = COURSE
     low, high, drop = begin_series(numbers, ORIGIN, COURSE[0], UNIT, work)
     assert low < ORIGIN + UNIT * COURSE[0] < high
@@ -64,7 +70,7 @@ def test_the_series_of_a_table_is_that_of_its_cubic():
     np.testing.assert_allclose(actual[1:], right[1:], atol=1e-14)
 
 
-@pytest.mark.parametrize('law', [WithoutFunctions(0.3, 0.1, 10.0), Stretched(0.3, 0.1, 10.0, 0.0, 1.2)])
+@pytest.mark.parametrize('law', [OwnLaw(0.3, 0.1, 10.0), Stretched(0.3, 0.1, 10.0, 0.0, 1.2)])
 def test_a_law_in_pieces_is_the_law_to_rounding(law):
     pieces, speed = fit_pieces(law), np.geomspace(1e-9, 1e5, 700)
     top = float(law.coefficient(1e-300))
@@ -77,11 +83,11 @@ def test_a_law_in_pieces_is_the_law_to_rounding(law):
 
 def test_rounding_does_not_divide_a_piece_of_a_smooth_law():
     """Fitted by an inverse of the powers alone there are up to 743 of a rational law below 1 m/s."""
-    assert np.count_nonzero(fit_pieces(WithoutFunctions(0.3, 0.1, 10.0)).begin < 1.0) < 30
+    assert np.count_nonzero(fit_pieces(OwnLaw(0.3, 0.1, 10.0)).begin < 1.0) < 30
 
 
 def test_a_kink_that_no_breakpoint_names_is_found():
-    class Bent(WithoutFunctions):
+    class Bent(OwnLaw):
         def coefficient(self, speed):
             return 0.3 - 0.5 * np.minimum(np.abs(np.asarray(speed, float)), 0.0771)
 
@@ -91,7 +97,7 @@ def test_a_kink_that_no_breakpoint_names_is_found():
 
 
 def test_a_step_without_friction_is_a_swing():
-    numbers, work = series_law(Coulomb(0.0, 0.0)).plain.numbers, new_work()
+    numbers, work = scalar_law(Coulomb(0.0, 0.0)).plain, new_work()
     order, share, unit, _ = expand(
         numbers, Medium(1.0, 0.0, 0.0, 0.0, 1.0, 0.0), 1.0, 0.0, 0.8, 1.0, 1e-13, work
     )
@@ -105,8 +111,8 @@ def test_a_step_without_friction_is_a_swing():
 
 def test_a_step_ends_just_past_a_point_of_a_table():
     law = Tabulated([0.0, 0.5, 1.0], [0.3, 0.2, 0.15])
-    numbers, work = series_law(law).plain.numbers, new_work()
+    numbers, work = scalar_law(law).plain, new_work()
     medium = Medium(1.0, 3.0, 0.04, 0.0, 0.0, 1.0)
     order, share, *_ = expand(numbers, medium, 0.5, 0.4, 0.5, 1.0, 1e-13, work)
     assert place_and_speed(work, order, share)[1] == pytest.approx(0.5 + 1e-8, abs=8e-9)
-    assert scalar_law(law).plain.kinks == (0.5, 1.0)
+    assert law_bounds(law).kinks == (0.5, 1.0)

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from stickslip_monitor import Bearing, exact_cycle, fold_speed, hopf_speed
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.friction import Stretched, Stribeck, stribeck
-from stickslip_monitor.physics.scalar_law import friction_drop, friction_slope, scalar_law
+from stickslip_monitor.physics.scalar_law import law_bounds, scalar_law
 
 LAW = Stretched(0.3, 0.1, 10.0, 0.002, 2.0)
 BENCH = Bearing(50.0, 400.0, 2.0e6, LAW, 0.100)
@@ -29,13 +29,13 @@ def test_slope_and_numbers_are_those_of_the_coefficient(exponent):
     v, h = np.geomspace(1e-3, 0.5, 30), 1e-7
     by_difference = (law.coefficient(v + h) - law.coefficient(v - h)) / (2.0 * h)
     np.testing.assert_allclose(law.slope(v), by_difference, rtol=1e-6, atol=1e-9)
-    plain = scalar_law(law).plain
+    bounds, plain = law_bounds(law), scalar_law(law).plain
     for speed in (0.003, 0.1):
-        mu = plain.top - friction_drop(plain.numbers, 0.0, speed)
+        mu = bounds.top - plain.drop(0.0, speed)
         assert mu == pytest.approx(float(law.coefficient(speed)))
-        assert friction_slope(plain.numbers, speed) == pytest.approx(float(law.slope(speed)))
+        assert plain.slope(speed) == pytest.approx(float(law.slope(speed)))
     fine = -law.slope(np.linspace(1e-4, 0.5, 200_001))
-    assert plain.fall == pytest.approx(np.max(fine), rel=1e-8)
+    assert bounds.fall == pytest.approx(np.max(fine), rel=1e-8)
 
 
 @pytest.mark.parametrize('exponent', [0.5, 4.5, float('nan')])
