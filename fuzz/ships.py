@@ -322,12 +322,15 @@ def random_differences(folder: Path, bus: str, seed: int) -> list[str]:
     """Return a sentence for each difference between ``watch`` and ``check`` of a random ship and voyage."""
     rng = random.Random(seed)
     document, signals = random_ship(rng, bus)
-    lines = lines_of(bus, random_voyage(rng, signals))
+    samples = random_voyage(rng, signals)
+    if not samples:
+        return []
+    lines = lines_of(bus, samples)
     ship = folder / 'ship.yaml'
     ship.write_text(json.dumps(document))
     try:
         return differences(folder, ship, bus, lines)[0]
     except BagError as error:
         # Nothing is known of any bearing: live, all of them wait for their inputs.
-        events = live_events(ship, bus, lines, str) if len(lines) > 1 else []
+        events = live_events(ship, bus, lines, str)
         return [str(error)] if any(event.after.name != 'INPUT_STALE' for event in events) else []
