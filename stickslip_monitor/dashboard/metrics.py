@@ -161,7 +161,7 @@ _OF_ALARMS: dict[str, tuple[str, Callable[[dict[str, Any]], float]]] = {
 
 
 def _alarm_metrics(monitors: list[WatchedMonitor]) -> Iterator[Metric]:
-    """Yield the state of each alarm, and the totals of each monitor."""
+    """Yield the state of each alarm, and the totals of each monitor; of one without a list, neither."""
     labels = [*_BEARING, 'alarm', 'priority']
     records = [(m, m.alarms) for m in monitors if m.alarms is not None]
     alarms = [

@@ -361,7 +361,7 @@ class Alerts:
 
 
 def _order_text(text: str) -> str:
-    """Return what to do and the operating point of an alarm's text, in capitals.
+    """Return the order and the operating point in an alarm's text, as ``STAY ABOVE 46 rpm. NOW 47 rpm 1 kN``.
 
     Of a text without an order what follows the bearing's name, as it is.
     """

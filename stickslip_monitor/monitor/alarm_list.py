@@ -348,7 +348,10 @@ class Annunciator:
         return [a for a in alarms.values() if action is not Action.SHELVE or a.state in STANDING]
 
     def _silence_alarm(self, alarm: LiveAlarm, time_ns: int, by: str) -> AlarmChange:
-        """Silence an alarm for the configured time, and return that change; its state stays."""
+        """Silence an alarm for the configured time, and return that change; its state stays.
+
+        One that was silent because it came back counts as silenced by a person from now on.
+        """
         alarm.silenced, alarm.recurring = True, False
         alarm.silence_end_ns = self.now_ns + self.config.silence_time_ns
         return _make_change(alarm, time_ns, Action.SILENCE.value, alarm.state, by)

@@ -177,8 +177,9 @@ def _list_fault(key: str, listed: object) -> str:
 def _run_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None, errors: int) -> None:
     """Make the node, start it, and spin until a signal or the end of ROS; take it and ROS down in any case.
 
-    Signals that end the program are noted meanwhile, and ignored from then on. ``errors`` is the file
-    descriptor to which Python writes the frames of a crash.
+    Signals that end the program are noted meanwhile, and ignored from then on. Security is enforced where the
+    environment asks for it (:func:`_require_security`). ``errors`` is the file descriptor to which Python
+    writes the frames of a crash.
 
     Raises:
         StickslipError: The node cannot be made or started.
