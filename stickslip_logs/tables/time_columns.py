@@ -647,8 +647,9 @@ def _meaning_as_days(
 ) -> tuple[int, float, str, str] | None:
     """Return what :func:`_meaning_of_numbers` does for numbers that may be days; None if they are none.
 
-    As seconds they would have more lines a second than a log has, or the heading says days; else it is a
-    question, unless they have a whole number of lines a second.
+    They are days if the heading says so, or if as seconds they would have more lines a second than a log
+    has; they are seconds with a whole number of lines a second that is no multiple of three. Else it is a
+    question.
 
     Args:
         values: The numbers, shape (n,).
@@ -663,11 +664,13 @@ def _meaning_as_days(
         if not is_stated and (step == 0.0 or step >= _SECONDS_FROM):
             question = f"has times that may be {elapsed} or {name}: head them 'time [s]' or 'date'"
             return SECOND, 0, f"{elapsed}, or are they {name}? Head them 'time [s]' or 'date'", question
-        is_certain = is_stated or step * _MAX_RATE < 1.0
-        if not is_certain and _is_whole(_rates_of(values, step)) and not _question_on_unit(values, step):
+        is_beyond = step * _MAX_RATE < 1.0
+        # Beyond the rate of any log days are certain, unless each step is a round fraction of a second.
+        rates = [1.0 / step] if is_beyond else _rates_of(values, step)
+        if not is_stated and _is_whole(rates) and not _is_whole([rate / 3.0 for rate in rates]):
             return None
         question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
-        return DAY, zero, f'{name}, without a zone: taken as UTC', '' if is_certain else question
+        return DAY, zero, f'{name}, without a zone: taken as UTC', '' if is_stated or is_beyond else question
     return None
 
 

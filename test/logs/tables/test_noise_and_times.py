@@ -107,7 +107,7 @@ def test_days_of_a_spreadsheet_are_known_at_any_pace(pace: float, digits: int, t
     )
 
 
-@pytest.mark.parametrize('rate', [1, 2, 2.5, 5, 7, 10, 20, 25, 50, 100, 128])
+@pytest.mark.parametrize('rate', [1, 2, 2.5, 5, 7, 10, 20, 25, 50, 100, 128, 500, 1000])
 @pytest.mark.parametrize('digits', [3, 4, 6])
 def test_seconds_since_a_start_of_hours_ago_are_seconds(rate: float, digits: int, tmp_path: Path) -> None:
     if 1 / rate < 10.0**-digits:
