@@ -324,10 +324,10 @@ class StandingValue:
 
 def _is_noisy(value: FloatArray) -> bool:
     """Return whether most steps between some values are changes, many of which turn back."""
-    steps = np.diff(value[np.isfinite(value)])
-    steps = steps[steps != 0.0]
-    turns = int(np.count_nonzero(steps[1:] * steps[:-1] < 0.0))
-    return value.size >= _MIN_STANDING and 2 * steps.size > value.size and 4 * turns > steps.size
+    before, behind = value[:-1], value[1:]
+    is_rising = (behind > before)[behind != before]
+    turns = int(np.count_nonzero(is_rising[1:] != is_rising[:-1]))
+    return value.size >= _MIN_STANDING and 2 * is_rising.size > value.size and 4 * turns > is_rising.size
 
 
 class InputCheck:

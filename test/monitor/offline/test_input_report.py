@@ -418,3 +418,10 @@ def test_a_last_value_that_a_historian_repeats_is_asked_about(
     run = value.size - 1 - int(np.flatnonzero(np.append(True, value[1:] != value[:-1]))[-1])
     assert found.count == run + 1
     assert found.equal == np.count_nonzero(value[1:] == value[:-1]) - run
+
+
+@pytest.mark.filterwarnings('error')
+def test_numbers_beyond_a_double_print_no_warning() -> None:
+    """Differences and products of such numbers are infinite, or none at all."""
+    numbers = np.tile([1e308, -1e308, np.inf, np.inf, 1.0, np.nan], 50)
+    StandingValue().take(np.arange(numbers.size) * 10**9, numbers)
