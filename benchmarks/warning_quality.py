@@ -8,8 +8,9 @@ The three figures of alarm systems are the rates of false and of missed alarms a
   has stood, negative where it came later; *missed*: none stands from the first to the last stick.
 - *detected*: the stick-slip alarm stands at some time of the episode, with a lead of its own;
   *told*: before it, or within its first 5 s.
-- *false*: a stick-slip alarm without an episode within 60 s; *wrong* is the time in that alarm
-  that is further than 60 s from every episode, *unfounded* that outside of episodes.
+- *false*: a stick-slip alarm without an episode within 60 s; *baseless*: one of these while sliding
+  was truly stable from its begin to its end, so no vibration could grow; *wrong* is the time in that
+  alarm that is further than 60 s from every episode, *unfounded* that outside of episodes.
 - *far*: warnings that are raised and cleared while the true fold margin is at least 0.4, and the
   time under a warning there.
 - *newly given*: a warning is raised 10 s or more before an episode and after the one before;
@@ -132,6 +133,17 @@ def false_alarms(output: RuleOutput, truth: TruthRecord) -> list[Interval]:
     return [alarm for alarm in alarmed if not intersection([alarm], near)]
 
 
+def baseless_alarms(output: RuleOutput, truth: TruthRecord) -> list[Interval]:
+    """Return the false alarms while sliding was truly stable from their begin to their end.
+
+    Below the true Hopf speed a vibration grows: there the alarm says what is so, and stick-slip failed to
+    come because the ship left that range sooner.
+    """
+    margin = truth.hopf_margin
+    unstable = while_true(margin.time_ns, margin.value < 0.0, truth.end_ns)
+    return [alarm for alarm in false_alarms(output, truth) if not intersection([alarm], unstable)]
+
+
 def _near(episodes: Intervals) -> list[Interval]:
     return merged((first - NEAR_NS, last + NEAR_NS) for first, last in episodes)
 
@@ -148,6 +160,7 @@ class Quality:
     plain: int = 0  # episodes of voyages without knocks, wear and waves
     plain_detected: int = 0  # those of them that were detected
     false: int = 0  # false stick-slip alarms
+    baseless: int = 0  # those of them while sliding was stable
     wrong: float = 0.0  # time in the stick-slip alarm far from every episode [s]
     unfounded: float = 0.0  # time in the stick-slip alarm without an episode [s]
     unalarmed: float = 0.0  # time in episodes without the stick-slip alarm [s]
@@ -219,6 +232,11 @@ FIGURES: Mapping[str, tuple[str, str, Callable[[Quality], float | None]]] = {
     ),
     'alarm_least': ('lead of the alarm in s, least', '.1f', lambda q: min(q.alarm_leads, default=None)),
     'false_per_100h': ('false alarms per 100 h', '.1f', lambda q: _ratio(q.false * 360_000.0, q.seconds)),
+    'baseless_per_100h': (
+        'of these, while sliding was stable',
+        '.1f',
+        lambda q: _ratio(q.baseless * 360_000.0, q.seconds),
+    ),
     'wrong_hours': ('hours wrongly in alarm', '.2f', lambda q: q.wrong / 3600.0),
     'unfounded_hours': ('hours in stick-slip without an episode', '.2f', lambda q: q.unfounded / 3600.0),
     'unalarmed_hours': ('hours of episodes without the alarm', '.2f', lambda q: q.unalarmed / 3600.0),
@@ -272,6 +290,7 @@ def quality_of(output: RuleOutput, truth: TruthRecord, plain: bool) -> Quality:
         plain=len(found) if plain else 0,
         plain_detected=len(alarm_leads) if plain else 0,
         false=len(false_alarms(output, truth)),
+        baseless=len(baseless_alarms(output, truth)),
         wrong=seconds(alarmed) - seconds(intersection(alarmed, _near(episodes))),
         unfounded=seconds(alarmed) - both,
         unalarmed=seconds(episodes) - both,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -17,6 +18,7 @@ from benchmarks.warning_quality import (
     Quality,
     RuleOutput,
     announced,
+    baseless_alarms,
     false_alarms,
     largest_burst,
     pooled,
@@ -205,6 +207,18 @@ def test_an_episode_from_50_to_60_s(
     assert len(false_alarms(output, what_was)) == false
     good = lead is not None and lead >= 0.0 and not false
     assert quality_of(output, what_was, True).is_good == good
+
+
+def test_a_false_alarm_is_baseless_where_sliding_was_stable_while_it_stood() -> None:
+    """Sliding is unstable from 200 to 202 s; the alarm of 300 s belongs to an episode."""
+    what_was = truth([(290, 310)])
+    margin = np.where((what_was.fold_margin.time_ns // 10**9 - 200) // 2 == 0, -0.01, 0.2)
+    what_was = replace(what_was, hopf_margin=replace(what_was.fold_margin, value=margin))
+    alarmed = [(100, 120), (190, 200), (201, 215), (300, 310), (500, 510)]
+    assert false_alarms(output(alarmed=alarmed), what_was) == list(ns([*alarmed[:3], alarmed[4]]))
+    assert baseless_alarms(output(alarmed=alarmed), what_was) == list(ns([*alarmed[:2], alarmed[4]]))
+    figures = quality_of(output(alarmed=alarmed), what_was, True).figures()
+    assert (figures['false_per_100h'], figures['baseless_per_100h']) == (400.0, 300.0)
 
 
 def test_only_the_time_of_the_truth_is_judged() -> None:
