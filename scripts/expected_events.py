@@ -356,7 +356,7 @@ class _Rule:
                 if name in self.inside
             }
         self.depths |= self.sizes
-        self.rate = self.half * self.inside['hopf'](speed, load)
+        self.rate = self.half * self.inside['hopf'](median_speed - self.speed_error, median_load)
         self._latch()
         wanted = self._asks(median_load)
         self.asks = [by_state[counter.on] for counter, by_state in zip(self.counters, wanted, strict=True)]

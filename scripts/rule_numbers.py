@@ -31,7 +31,7 @@ from stickslip_monitor.offline.processes import core_count, run_in_processes
 
 CONFIGS = Path(__file__).resolve().parents[1] / 'launch_configs'
 WRONG_SOURCE = 'two_publishers'
-NUMBERS = ('HOLD=0', 'BORNE=0', 'middle=first', 'DECAY=0', 'onset_growth=2', 'onset_growth=4')
+NUMBERS = ('HOLD=0', 'middle=first', 'DECAY=0', 'onset_growth=2', 'onset_growth=4')
 SHOWN = (
     *('false_per_100h', 'wrong_hours', 'unfounded_hours', 'missed', 'detected', 'told', 'newly_given'),
     *('far_warned', 'changes_per_hour', 'largest_burst', 'sounds'),

@@ -64,8 +64,8 @@ LOAD_LAG = 4.0
 """Lag of the mean of the load by which probabilities go [s]."""
 HOLD = 6
 """What returns within so many off-delays of being cleared is held for as long."""
-BORNE = 0.5
-"""Share of an onset's growth that the medians of three values must bear out."""
+BORNE = 1.0
+"""Share of ``alarm.onset_growth`` at which stick-slip is predicted; trials of the alarm raise it."""
 MEMORY = 300 * 10**9
 """No value stands for longer [ns]."""
 SIZED = 10**9
@@ -346,38 +346,21 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
     s.point, s.lost = s.now, 0
     speed, load = median_point(s)
     scale = scale_of(s, c, load)
-    update_rates(s, c, model[0], speed, load, scale)
+    s.rate = growth_rate(c, model[0], speed, load, scale)
+    if s.earlier[SPEED] != s.earlier[SPEED] and c.onset_growth > 0.0:
+        # Fewer than three speeds have no median.
+        s.rate = min(s.rate, 0.0)
     sliding = speed != 0.0 and load > 0.0
     lower, limit, near, wide, inside = judge_point(s, c, model, speed, load, scale)
     if c.has_level and may_be_foreign(s, c):
         doubt_foreign(s)
     # A level starts stick-slip inside the fold only, and keeps it within the range of caution.
     may_tell = wide if s.sticking else inside
-    # What the latest values end, the medians do not begin.
-    inside_now = c.by_chance == 1 or abs(s.value[SPEED]) < limit or s.rate > 0.0
-    update_stick_slip(s, c, measured_now(s, c) if may_tell else UNKNOWN, is_turning(s) and inside_now, fresh)
+    update_stick_slip(s, c, measured_now(s, c) if may_tell else UNKNOWN, fresh)
     if s.sticking or (sliding and comes(s, c, speed, (lower, limit))):
         near = wide = True
     request_rungs(s, c, near, wide, inside)
     update_rungs(s, c, fresh)
-
-
-def update_rates(s: State, c: RuleNumbers, law: Numbers, speed: float, load: float, scale: float) -> None:
-    """Set the growth rates of a disturbance [1/s]: ``s.rate`` of the latest values, ``s.median_rate``.
-
-    Args:
-        s: The memory, changed.
-        c: The numbers of the configuration.
-        law: Those of the friction law.
-        speed: The median speed [m/s].
-        load: The median load [N].
-        scale: :func:`scale_of` the median load.
-    """
-    s.rate = growth_rate(c, law, s.value[SPEED], s.value[LOAD], scale_of(s, c, s.value[LOAD]))
-    s.median_rate = growth_rate(c, law, speed, load, scale)
-    if s.earlier[SPEED] != s.earlier[SPEED] and c.onset_growth > 0.0:
-        # Of fewer than three speeds there is no median that could bear a growth out.
-        s.median_rate = min(s.median_rate, 0.0)
 
 
 def judge_point(
@@ -407,10 +390,10 @@ def judge_point(
         return lower, limit, False, False, False
     if size < lower:  # friction still rises with the speed: no cycle exists
         # Where sliding is unstable one exists all the same.
-        s.course = WITHIN if s.median_rate > 0.0 else IDLE
+        s.course = WITHIN if s.rate > 0.0 else IDLE
         return lower, limit, size * c.caution_on > lower, size * c.caution_off > lower, False
     # The probability follows the load by a lag; where sliding is unstable a cycle exists.
-    s.course = WITHIN if exists or s.median_rate > 0.0 else BEYOND
+    s.course = WITHIN if exists or s.rate > 0.0 else BEYOND
     return lower, limit, near, wide, inside
 
 
@@ -579,10 +562,9 @@ def integrate_growth(s: State, passed: int) -> None:
         s.idle = max(0, s.idle + (passed if s.course == IDLE else -again))
         return
     s.growth = max(0.0, s.growth + s.rate * passed * 1e-9)
-    s.borne = max(0.0, s.borne + s.median_rate * passed * 1e-9)
 
 
-def update_stick_slip(s: State, c: RuleNumbers, verdict: int, may_begin: bool, fresh: bool) -> None:
+def update_stick_slip(s: State, c: RuleNumbers, verdict: int, fresh: bool) -> None:
     """Begin or end stick-slip at this point.
 
     Changes in the memory whether it stands, its course, the number of onsets, the times towards its end,
@@ -592,12 +574,11 @@ def update_stick_slip(s: State, c: RuleNumbers, verdict: int, may_begin: bool, f
         s: The memory, changed.
         c: The numbers of the configuration.
         verdict: State of the level; ``UNKNOWN`` where it does not count at this point.
-        may_begin: Whether stick-slip may begin here.
         fresh: Whether this is the first point after a gap, which ends it at once.
     """
     if verdict == VIBRATING:
         s.course = WITHIN
-    elif verdict == QUIET and s.heard and s.median_rate <= 0.0 and s.course == WITHIN:
+    elif verdict == QUIET and s.heard and s.rate <= 0.0 and s.course == WITHIN:
         s.course = IDLE
     if s.sticking:
         net, delay = (s.dying, c.decay) if s.course == BEYOND else (s.idle, c.off_delay)
@@ -606,14 +587,14 @@ def update_stick_slip(s: State, c: RuleNumbers, verdict: int, may_begin: bool, f
     else:
         if s.course == BEYOND:
             s.known = 1
-        if may_begin and (verdict == VIBRATING or has_grown(s, c)):
+        if is_turning(s) and (verdict == VIBRATING or has_grown(s, c)):
             begin_stick_slip(s, c)
     note_level(s, verdict)
 
 
 def has_grown(s: State, c: RuleNumbers) -> bool:
-    """Return whether a disturbance has grown enough for stick-slip, by medians too, and grows still."""
-    return s.median_rate > 0.0 and s.borne >= BORNE * c.onset_growth and s.growth >= c.onset_growth
+    """Return whether a disturbance has grown enough for stick-slip, and grows still."""
+    return s.rate > 0.0 and s.growth >= BORNE * c.onset_growth
 
 
 def begin_stick_slip(s: State, c: RuleNumbers) -> None:
@@ -649,7 +630,7 @@ def end_stick_slip(s: State, verdict: int) -> None:
         s: The memory, changed.
         verdict: State of the level at this point.
     """
-    s.sticking, s.growth, s.borne = 0, 0.0, 0.0
+    s.sticking, s.growth = 0, 0.0
     if verdict == QUIET and s.heard:
         s.doubt = 2 * DOUBT
 

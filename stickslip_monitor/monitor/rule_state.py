@@ -105,7 +105,6 @@ class State:
     known: int = _flag('1 once it is known which state a bistable bearing is in')
     onsets: int = _declare_part(0, 0, -NEVER, '', 'how often it has begun after it was clear')
     growth: float = _growth('how far a disturbance has grown')
-    borne: float = _growth('the same by medians')
     dying: int = _span('net time where no cycle exists while one is predicted')
     idle: int = _span('net time at rest, unloaded or measured quiet meanwhile')
     can: float = _chance('probability that a cycle exists, where there is a belief')
@@ -116,7 +115,6 @@ class State:
     # What the latest point says.
     course: int = _declare_part(0, 0, 2, '', 'a cycle exists, none exists, or nothing slides')
     rate: float = _number('1/s', 'growth rate of a disturbance there', start_at=0.0)
-    median_rate: float = _number('1/s', 'the same by medians', start_at=0.0)
     # The rungs of the alarm, in the order of the ladder without normal.
     raised: int = _declare_part(0, 0, 31, '', 'the rungs that are raised, as bits')
     asks: int = _declare_part(0, 0, 31, '', 'the rungs that the latest point asks to change, as bits')
@@ -167,15 +165,12 @@ class State:
         afresh = _AFRESH if 'odd' in record else ()
         parts = [part for part in fields(cls) if part.name not in afresh]
         parts = [part for part in parts if part.name in record or part.name not in _OF_WATER]
-        state = cls(**{part.name: _check_saved(part, record.get(part.name)) for part in parts})
-        if afresh:
-            state.borne = state.growth
-        return state
+        return cls(**{part.name: _check_saved(part, record.get(part.name)) for part in parts})
 
 
 _NAMES = tuple(part.name for part in fields(State))
 _AFRESH = (
-    *('shift', 'onsets', 'borne', 'still', 'background', 'high_for', 'doubt', 'heard'),
+    *('shift', 'onsets', 'still', 'background', 'high_for', 'doubt', 'heard'),
     *('stamp', 'came', 'now', 'began', 'vibrating', 'level_count'),
 )
 """What begins afresh after 0.2.0, which did not have it or meant something else by it."""

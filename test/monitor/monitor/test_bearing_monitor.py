@@ -79,8 +79,8 @@ def test_coast_down_and_recovery() -> None:
     assert events == [
         (7.1, 'normal', 'caution'),
         (12.1, 'caution', 'bistable'),
-        # Growth is (20 exp(-10 V) - 4) = 3.0186 per second and begins with the first value.
-        (16.0, 'bistable', 'stick_slip'),
+        # Growth is (20 exp(-10 V) - 4) = 3.0186 per second: 3 e-folds from 15.1 s on.
+        (16.1, 'bistable', 'stick_slip'),
         # Coming up it sticks until the fold, passed at 25.1 s, and dies out in 4.8 * 2 m/c.
         (pytest.approx(25.1 + 1.2 + 3.0), 'stick_slip', 'caution'),
         (33.1, 'caution', 'normal'),

@@ -73,7 +73,7 @@ def test_a_missing_part_is_refused() -> None:
 
 def test_the_memory_of_0_2_0_is_taken_over() -> None:
     """It had three parts of a stamp that waits, and no background, shift or count of onsets."""
-    gone = ('shift', 'onsets', 'borne', 'still', 'background', 'high_for', 'doubt', 'heard')
+    gone = ('shift', 'onsets', 'still', 'background', 'high_for', 'doubt', 'heard')
     old = {key: own for key, own in _STICKING.items() if key not in gone}
     old |= {'came': [0, 0], 'odd': [NEVER] * 3, 'agreed': [0, 0, 0], 'spell': NEVER, 'unsure': 0.0}
     state = State.of_record(old)
