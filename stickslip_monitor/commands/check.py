@@ -274,7 +274,11 @@ def _run_checks(
 ) -> Any:
     """Return a generator of the number and the outcome of each recording, as each is done.
 
-    An outcome is a result; where processes or a cluster check, it may be an exception.
+    An outcome is a result; where processes or a cluster check, it may be an exception, and the meter is not
+    moved.
+
+    Raises:
+        FleetError: As it is iterated: the cluster cannot be used.
     """
     if args.scheduler is None and (args.jobs == 1 or len(calls) < 2):
         return ((number, check_one(*call, meter.show)) for number, call in calls.items())
@@ -294,7 +298,7 @@ def check_one(
     Args:
         task: Work on the recording.
         bag: The recording.
-        progress: Called with the name of the recording, and with bytes done and bytes in all.
+        progress: Called with the path of the recording, bytes done, and bytes in all (``None``: not known).
 
     Returns:
         The result, not complete where the task left something out; of a recording that cannot be checked, or

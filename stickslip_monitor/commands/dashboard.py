@@ -216,11 +216,12 @@ def read_page_access(args: argparse.Namespace) -> Access:
 async def _serve_page(
     args: argparse.Namespace, config: MonitorConfig, board: DashboardState, access: Access
 ) -> None:
-    """Serve the page of live monitors or of a replay until a signal ends it.
+    """Serve the page of live monitors or of a replay until a signal ends it; print its address.
 
     Actions on the page go to the monitors. An error that ended a replay is raised when the page ends.
 
     Raises:
+        BagError: The recording cannot be replayed.
         DashboardError: The address or the port cannot be used.
         RosError: Live monitors are to be shown, and ROS 2 is not there.
     """

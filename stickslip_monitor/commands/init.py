@@ -403,7 +403,7 @@ def _next_lines(ranked: Sequence[FoldShift]) -> Iterator[str]:
 
 
 def to_json(values: Sequence[Estimate], text: str) -> dict[str, Any]:
-    """Return the estimates as the documented JSON object, with the text of the parameter file."""
+    """Return the estimates, the load last, as the documented JSON object with the parameter file's text."""
     bearing, load = bearing_of(values), values[-1].value
     return {
         'schema': SCHEMA,

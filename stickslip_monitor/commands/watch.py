@@ -175,8 +175,8 @@ def _name_inputs(config: MonitorConfig, links: LinksConfig) -> MonitorConfig:
 class Feed(Sink):
     """Passes what the monitor publishes to every sink.
 
-    ``monitors`` is the monitor as the page knows it, where there is a page; ``act`` takes what
-    people ask of the monitor.
+    ``monitors`` is the monitor as the page knows it, where there is a page; ``sinks`` are these at first, and
+    others may be appended; ``act`` takes what people ask of the monitor.
     """
 
     act: Callable[[ActionRequest], None]

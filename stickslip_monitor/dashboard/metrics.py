@@ -134,7 +134,7 @@ def _bearing_metrics(records: _Known) -> Iterator[Metric]:
 
 
 def _input_metrics(inputs: list[tuple[tuple[str, str, str], dict[str, Any]]]) -> Iterator[Metric]:
-    """Yield age, rate and counts of samples, from the labels and the record of each input."""
+    """Yield age, rate and counts of samples; ``inputs`` has namespace, bearing and input, and the record."""
     for name, key, text in (
         ('sample_age_seconds', 'age', 'Time since the last sample that was used.'),
         ('sample_rate_hertz', 'rate', 'Samples a second that are used.'),

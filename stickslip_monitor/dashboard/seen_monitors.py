@@ -496,8 +496,9 @@ class DashboardState:
     def monitor(self) -> dict[str, Any]:
         """Return the presence of the monitors, and the faults and notices on what is shown, for the page.
 
-        ``silent`` is the longest silence [s]; ``None`` while one of them has sent nothing. At the end of a
-        recording none is present, and no fault is named.
+        ``there`` says whether any is received, ``finished`` whether a recording has ended; then none is
+        present, and no fault is named. ``silent`` is the longest silence [s], ``None`` while one of them has
+        sent nothing; ``missing`` are the keys of bearings without a record.
         """
         silences = [monitor.silent_for for monitor in self.monitors]
         known_silences = [round(silent, 1) for silent in silences if silent is not None]

@@ -143,6 +143,8 @@ class Server:
     """The dashboard's handlers.
 
     Args:
+        board: What is shown; its ``send`` becomes that of the hub.
+        access: Who may see and do what.
         player: What plays the recording; ``None`` but for a replay.
     """
 

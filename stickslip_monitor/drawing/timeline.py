@@ -117,7 +117,7 @@ def draw_timeline(timeline: Timeline, width: float = canvas.WIDTH) -> canvas.Fig
 
 
 def _draw_title(figure: canvas.Figure, timeline: Timeline) -> None:
-    """Write the title above the panels, and beside it the conditions that occur, each in its colour."""
+    """Write the title above the panels, beside it the conditions of marked events in their colours."""
     from matplotlib.lines import Line2D
 
     occurring = {event.after for _, event in marked_events(timeline.scan.events)}
@@ -132,7 +132,12 @@ def _draw_title(figure: canvas.Figure, timeline: Timeline) -> None:
 
 
 class _Lines:
-    """The columns of a timeline over time, thinned one by one."""
+    """The columns of a timeline over time; :meth:`line` thins them as it returns them.
+
+    Attributes:
+        columns: By name: speeds [rpm], that of the shaft without sign, load [kN], margins [%].
+        is_dated: Whether times on the axis are dates.
+    """
 
     def __init__(self, timeline: Timeline, max_points: int) -> None:
         self._max_points = max_points

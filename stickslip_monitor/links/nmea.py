@@ -72,8 +72,8 @@ def _xor_checksum(body: str) -> int:
 def parse_sentence(text: str) -> tuple[str, str, list[str]] | None:
     """Return talker, formatter and fields of the first sentence of a text.
 
-    ``None`` without a sentence, or with a wrong checksum. What stands before the ``$`` (an IEC 61162-450
-    header and tag block) is skipped.
+    ``None`` without a sentence, or with a wrong checksum or none. What stands before the ``$`` or ``!`` (an
+    IEC 61162-450 header and tag block) is skipped.
     """
     match = _SENTENCE.search(text)
     if match is None:
@@ -309,7 +309,8 @@ class Alerts:
 
         Returns:
             The sentences that answer, ARC for a refusal; and the request that it makes, or ``None``. No
-            sentence and ``None`` for another sentence, and for an ACN to another device.
+            sentence and ``None`` for another sentence, for an ACN to another device, and for one that names
+            no alert of ours, Q too.
         """
         parsed = parse_sentence(line)
         if parsed is None or parsed[1] != 'ACN' or len(parsed[2]) != 6:

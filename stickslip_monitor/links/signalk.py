@@ -122,7 +122,8 @@ class SignalKInputs(BusInputs):
         """Yield bearing, input, number and stamp [ns] of each fresh sample of an admitted source.
 
         The number is converted from the unit of its meta data, and NaN if invalid; the stamp is ``None``
-        if unreadable. ``now`` is of a steady clock [s]; units, sources and times of values are stored.
+        if unreadable. ``now`` is of a steady clock [s]; units, sources and times of values are stored. Other
+        vessels, and what is malformed, are skipped. Call :meth:`greet` first.
         """
         self._take_units(frame)
         for update, source, path, value in _own_values(frame, self._own):
@@ -161,6 +162,8 @@ class SignalKInputs(BusInputs):
 
     def _is_fresh(self, key: tuple[str, str], stamp: float, timeout: float, now: float) -> bool:
         """Return whether a value is current: the first of a source is not if older than the timeout.
+
+        Age is by the server's clock, as of its greeting; without a time in that no first value is current.
 
         Args:
             key: Path and source of the value, which is noted as having sent.
@@ -301,7 +304,7 @@ class Notifications:
     def take_alarms(self, record: Mapping[str, Any]) -> list[Update]:
         """Return the updates for the alarms that differ from what was sent, and note them as sent.
 
-        Alarms of other bearings are left out.
+        ``record`` is the list of alarms as it is published. Alarms of other bearings are left out.
         """
         return [
             update

@@ -91,7 +91,7 @@ class Outliner:
         self._rows = self._thin_rows(rows) if rows.size > 24 * _MAX_GROUPS else rows
 
     def _new_rows(self, scan: Scan) -> NDArray[np.void]:
-        """Return the verdicts of a scan as rows (:data:`_ROW`); store time and end of its last one."""
+        """Return the verdicts of a scan, at least one, as rows; store time and end of its last one."""
         points, time = scan.assessment, scan.time_ns
         amplitude = np.full(time.size, np.nan)
         sticking = np.flatnonzero(scan.sticking)

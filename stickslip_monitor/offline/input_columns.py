@@ -126,7 +126,8 @@ class ColumnBinding:
         """Return the one column that is an input, with only the rows selected by ``where``.
 
         Raises:
-            BagError: No column fits, or several do; or its rows mix several senders, by another column.
+            BagError: No column fits, or several do; ``where`` names a column or a text that is not there; or
+                its rows are of several things, by another column.
         """
         if source.column:
             columns = self._columns_called(source.column)

@@ -156,7 +156,9 @@ class Gaps:
         """Return the fault that too many messages have equal or nearly equal log times; '' for none."""
         count, longest = self._messages, self._longest_run
         remedy = 'were they recorded without a clock (use_sim_time), or are their times in another unit?'
-        if count > _CROWD and count > _CROWD_RATE * self._log_passed_ns * 1e-9:
+        is_crowded = count > _CROWD and count > _CROWD_RATE * self._log_passed_ns * 1e-9
+        # Two of one time may be a pair of one instant, as a minimum and a maximum.
+        if is_crowded or (count > 2 and not self._log_passed_ns):
             return f'{count} messages on {topic} have hardly any time between them: {remedy}'
         # A run ten times as long as is usual shows a clock that stands.
         if longest > _CROWD and longest * self._times > 10 * count:
@@ -331,7 +333,13 @@ def _is_noisy(value: FloatArray) -> bool:
 
 
 class InputCheck:
-    """Adds up counts, gaps and faults of one input of a bearing."""
+    """Adds up counts, gaps and faults of one input of a bearing.
+
+    Args:
+        config: The bearing.
+        place: The input, a place in :data:`.signals.INPUTS`.
+        absent: Why the recording lacks it; '' if it is there.
+    """
 
     def __init__(self, config: BearingConfig, place: int, absent: str = '') -> None:
         self.quantity = INPUTS[place]

@@ -342,7 +342,7 @@ class _Follower:
 
         Args:
             samples: The part.
-            ticks: Times [ns]: all samples that had arrived by then count.
+            ticks: Times, ascending [ns]: all samples that had arrived by then count.
             seen: At which time each state is judged [ns]: the tick, or just after it for a loss.
         """
         ends = np.searchsorted(samples.stream.arrival_ns, ticks, 'right')

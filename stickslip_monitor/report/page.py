@@ -224,7 +224,7 @@ def _timeline_picture(part: BearingPart, course: Course) -> Picture:
 
 
 def _input_facts(item: InputReport, source: InputConfig) -> dict[str, Any]:
-    """Return the facts of an input that its record lacks: field, type, limit [s], and texts of faults."""
+    """Return the facts of an input that its record lacks: field, type, limit [s], what is wrong or asked."""
     return {
         'field': source.field_text,
         'type': source.type,

@@ -216,7 +216,7 @@ def _amplitude_sentence(course: Course) -> str:
 
 
 def _margin_sentence(course: Course, near: Sequence[ConditionInterval]) -> str:
-    """Return the sentence on the time ``near`` the stick-slip region, without stick-slip."""
+    """Return the sentence on one spell or more ``near`` the stick-slip region, without stick-slip."""
     inside = _total_seconds(join_spells(course.spells, (Condition.BISTABLE,)))
     text = f'{course.config.name}: no stick-slip was predicted, but the bearing was'
     if inside:
@@ -317,7 +317,7 @@ def iso(time_ns: int) -> str:
 def duration(seconds: float) -> str:
     """Format a duration [s] in at most two units: ``1 h 5 min``, ``2 min 10 s``, ``4.2 s``.
 
-    The smaller unit is cut, not rounded. A duration that is not finite is 'for ever'.
+    With no-break spaces. The smaller unit is cut, not rounded. A duration that is not finite is 'for ever'.
     """
     if not math.isfinite(seconds):
         return 'for ever'
@@ -337,7 +337,7 @@ def duration(seconds: float) -> str:
 
 
 def share(part: float, whole: float) -> str:
-    """Format a part of a whole in per cent; 'below 0.1 %' for less, '0 %' only for none."""
+    """Format a part of a whole in per cent; 'below 0.1 %' for less, '0 %' for none or of none."""
     if whole <= 0.0 or part <= 0.0:
         return f'0{_SPACE}%'
     percent = 100.0 * part / whole

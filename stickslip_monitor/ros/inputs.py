@@ -364,9 +364,13 @@ class Lane:
     def _count_missing(self, info: Any, late: bool) -> None:
         """Note the sender and number of a message, and count those missing since its last one.
 
-        They count as lost, but after a stall of the node as left out. Of too many senders the oldest is
-        forgotten. Without numbers, as in some ROS 2, nothing is noted. (The event of a lost message leaves
-        out those for which the queue had no room.)
+        They count as lost, but as left out up to a sender's first message in time after a stall. Of too many
+        senders the oldest is forgotten. Without numbers, as in some ROS 2, nothing is noted. (The event of a
+        lost message leaves out those for which the queue had no room.)
+
+        Args:
+            info: What the middleware says of the message.
+            late: Whether the message came during a stall of the node.
         """
         publisher, number = info.get('publisher_gid'), info.get('publication_sequence_number')
         if publisher is None or number is None:

@@ -67,13 +67,14 @@ class NodeLoop:
     """Receives samples and drives the timers of an active node.
 
     Args:
-        configured: What it has: session, publishers, clips.
+        configured: What it has: session, publishers, clips; its graph is given the lanes.
         guard: Makes the callback of the timer, and that of a number.
         clock: Reads the steady clock and the time by which the node measures.
         simulated: Whether ROS time follows /clock.
 
     Raises:
-        Exception: One of :data:`.inputs.ROS_FAULTS`: an input or service cannot be made.
+        Exception: One of :data:`.inputs.ROS_FAULTS`: an input or service cannot be made. Where a
+            subscription cannot, what was made is destroyed.
     """
 
     def __init__(

@@ -68,7 +68,7 @@ class RosGraph(Graph):
         """
         name = self._given.get(topic, topic)
         profile, lane = self._asked_quality(name), self.lanes.get(topic)
-        override = _override_clause(name, profile)
+        override = _override_clause(topic, profile)
         infos = self._node.get_publishers_info_by_topic(name)
         if lane is not None and not any(bytes(info.endpoint_gid) in lane.senders for info in infos):
             # Some middleware names senders otherwise than publishers.

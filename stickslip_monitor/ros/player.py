@@ -34,7 +34,10 @@ Recorded = tuple[str, int, bytes]
 
 
 class Player:
-    """A node that publishes encoded messages on their topics.
+    """A node that publishes encoded messages on their topics, and /clock.
+
+    Args:
+        types: Message type of each topic; a recorded /clock is skipped.
 
     Attributes:
         skipped: Topics that cannot be played, with the reason.
@@ -74,7 +77,7 @@ class Player:
     def play(
         self, messages: Iterable[Recorded], rate: float, progress: Callable[[int], None] | None = None
     ) -> int:
-        """Publish messages at their recorded times divided by the rate.
+        """Publish messages at their recorded times divided by the rate, and /clock meanwhile.
 
         Blocks until all are published and, for up to :data:`_PATIENCE` s a topic, received; a topic whose
         readers take longer is logged.

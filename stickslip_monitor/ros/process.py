@@ -209,9 +209,12 @@ def _run_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | No
 def main(args: Sequence[str] | None = None, store: Callable[[ClipConfig], ClipStore] | None = None) -> int:
     """Run the node until a signal ends it; print a failure as one line ``ERROR: ...``.
 
+    With ``--traceback`` the traceback of a fault comes before it. Signals that end a program stay ignored
+    afterwards.
+
     Args:
         args: Arguments without the program's name; those of the process if ``None``.
-        store: Makes what takes event clips.
+        store: Makes what takes event clips; ``None`` for none.
 
     Returns:
         0 after Ctrl-C, a termination signal or the end of the terminal; 2 where the node cannot be made or

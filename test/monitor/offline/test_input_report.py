@@ -338,8 +338,17 @@ def test_messages_without_time_between_them_are_no_quiet_voyage(
         (np.arange(60_000) // 200, ''),
         (np.arange(700), ''),
         (np.full(700, 5), '700 messages on x have hardly any time between them'),
+        (np.full(3, 5), '3 messages on x have hardly any time between them'),
+        (np.full(2, 5), ''),
     ],
-    ids=['a clock that stands from 200 s on', 'whole seconds at 200 Hz', 'seconds', 'no clock'],
+    ids=[
+        'a clock that stands from 200 s on',
+        'whole seconds at 200 Hz',
+        'seconds',
+        'no clock',
+        'three',
+        'a pair',
+    ],
 )
 def test_a_clock_that_stands_still(seconds: IntArray, sentence: str) -> None:
     for size in (7, 100_000):
