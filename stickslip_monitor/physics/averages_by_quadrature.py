@@ -246,18 +246,23 @@ def _scan_roughly(law: FrictionLaw, speed: FloatArray, count: int) -> tuple[Floa
 
     Returns:
         ``rho``, and the error that it may have, from the distance of each mean fall from the line between
-        those beside it; shape (n, count) each [s/m].
+        those beside it and from its rounding; shape (n, count) each [s/m]. The error of next to no speed is
+        ``inf`` or ``nan``.
     """
     places, weights = (part[:count] for part in _scan_weights())
     v, x = speed[:, None], places[1:]
     ahead = np.where(np.arange(1, count) < _BELOW.size, 1.0, -1.0)
     falls = ahead * law.coefficient(v * np.abs(1.0 - x)) - law.coefficient(v * (1.0 + x))
     falls = np.hstack([-law.slope(v), falls / (2.0 * v * x)])
+    with np.errstate(over='ignore', divide='ignore'):
+        rounding = 4e-16 * law.coefficient(v) / (2.0 * v * x)
     share = np.diff(places)[:-1] / (places[2:] - places[:-2])
     bend = np.zeros_like(falls)
     bend[:, 1:-1] = np.abs(falls[:, :-2] + share * (falls[:, 2:] - falls[:, :-2]) - falls[:, 1:-1])
+    bend[:, 1:] += rounding
     # Not by ``@``: its threads take more than they spare.
-    rho, error = (np.einsum('ij,kj->ik', part, weights[:, :count]) for part in (falls, bend))
+    with np.errstate(invalid='ignore'):
+        rho, error = (np.einsum('ij,kj->ik', part, weights[:, :count]) for part in (falls, bend))
     return rho, error
 
 
@@ -572,8 +577,8 @@ def _scan_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatA
     rows, error = _scan_roughly(law, speed, GRID.size)
     rows -= q[:, None]
     steps = np.abs(np.diff(rows, axis=1, prepend=rows[:, :1], append=rows[:, -1:]))
-    # Exact wherever the way to a place beside may lead through 0.
-    point, k = np.nonzero(np.abs(rows) <= np.maximum(steps[:, :-1], steps[:, 1:]) + error)
+    # Exact unless the way to the places beside surely does not lead through 0.
+    point, k = np.nonzero(~(np.abs(rows) > np.maximum(steps[:, :-1], steps[:, 1:]) + error))
     is_near = np.zeros(rows.shape, bool)
     is_near[point, k] = True
     rows[point, k] = slope_surface(law, GRID[k], speed[point]) - q[point]

@@ -890,10 +890,10 @@ def _curve_in_pieces(grazing: Grazing, span: FoldRange) -> FloatArray:
     rows = np.arange(0, speed.size, 8)  # every 16th would leave 1 % of a scattered table in place of 0.7 %
     # The ratio of the rough scan leads to 3e-5 of half the loads of a table of 100 points, and the slopes of
     # margins are known to a tenth: to 5 % as a rule, to 40 % far out.
-    known, guess = span.rough[:, np.isfinite(span.rough[1])], None
-    if known.size:
-        guess = np.log(known[1] / _sticking_loads(grazing, known[0]))
-        guess = shape[rows] * np.exp(np.interp(np.log(speed[rows]), np.log(known[0]), guess))
+    rough, guess = span.rough[:, np.isfinite(span.rough[1])], None
+    if rough.size:
+        guess = np.log(rough[1] / _sticking_loads(grazing, rough[0]))
+        guess = shape[rows] * np.exp(np.interp(np.log(speed[rows]), np.log(rough[0]), guess))
     loads = grazing.loads(speed[rows], _ROUGHLY, _MAX_EXCESS * span.top, guess, 0.1)
     ratio = np.log(loads / shape[rows])
     is_finite = np.isfinite(ratio)

@@ -134,11 +134,11 @@ class LawFunctions:
     __slots__ = ('begin', 'drop', 'extend', 'slope')
 
     def __init__(self, numbers: Any, module: ModuleType) -> None:
-        own = type(numbers)(*(x.tolist() if isinstance(x, np.ndarray) else x for x in numbers))
-        self.begin = partial(module.begin_series, own)
-        self.drop = partial(module.friction_drop, own)
-        self.extend = partial(module.extend_series, own)
-        self.slope = partial(module.friction_slope, own)
+        values = type(numbers)(*(x.tolist() if isinstance(x, np.ndarray) else x for x in numbers))
+        self.begin = partial(module.begin_series, values)
+        self.drop = partial(module.friction_drop, values)
+        self.extend = partial(module.extend_series, values)
+        self.slope = partial(module.friction_slope, values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

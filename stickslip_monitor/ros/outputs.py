@@ -170,7 +170,7 @@ class Configured:
                 self._node.get_logger().error(fault)
 
     def tick_clips(self) -> None:
-        """Advance the clips, if any, to the latest time of a bearing; pass on complete ones, to be written."""
+        """Advance the clips, if any, to the latest time of a bearing; pass on complete ones to be written."""
         if self.clips is not None:
             bearings = self.session.monitor.bearings.values()
             self.clips.advance(max((b.now_ns or 0 for b in bearings), default=0))
