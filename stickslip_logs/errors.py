@@ -55,7 +55,10 @@ def listed(texts: Sequence[str]) -> str:
 
 
 def did_you_mean(given: object, candidates: Iterable[str]) -> str:
-    """Return the end of a sentence on an unknown name: ``; did you mean 'x'?``, empty if none is near."""
+    """Return the end of a sentence on an unknown name: ``; did you mean 'x'?``, empty if none is near.
+
+    What is given is taken as text. A name that contains it is near too, from two characters on.
+    """
     text, names = str(given), list(candidates)
     # The dashes of options make no two of them alike.
     bare = {name.lstrip('-'): name for name in names}

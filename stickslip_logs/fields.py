@@ -83,6 +83,8 @@ class NumberField:
     def read(self, message: Any) -> float:
         """Return the number at the path in a decoded ROS message; remember names of indexed elements.
 
+        A bool, an octet or the text of a number counts as one.
+
         Raises:
             NoSuchElementError: The message is not for this number, as it names other elements only.
             LookupError: An array is shorter than the index asks for, or has another name at the

@@ -284,6 +284,10 @@ def _join_segments(segments: IntArray, begin: IntArray) -> IntArray:
     """Join segments, each from one of the indexes ``begin`` up to the next; return them in order.
 
     Steps and first rows are those of the first segment of each.
+
+    Args:
+        segments: The fields of a :class:`_Run` each, shape (n, 7).
+        begin: Indexes that rise from 0.
     """
     result = segments[begin]
     result[:, 3] = segments[np.append(begin[1:], len(segments)) - 1, 3]
@@ -514,7 +518,10 @@ def _is_late(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
 
 
 def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
-    """Return whether a few rows stand too early in the file: they leave no gap where they belong."""
+    """Return whether the middle one of three runs is early rows, and the last continues the first.
+
+    They are too few to leave a gap where they belong.
+    """
     is_there = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns <= source.jump_ns
     is_soon = excursion.last_ns - run.first_ns <= _MAX_LATE_NS
     gap_ns = run.first_ns - before.last_ns

@@ -138,6 +138,8 @@ def turning_factor(name: str, diameter: float) -> float:
 def find_unit(text: str, quantity: str = '') -> Unit | None:
     """Return the unit that a text spells, in brackets or not; None for any other text.
 
+    It is read as written, else in lower case. Some, such as 'C' or '%', count only beside their quantity.
+
     Args:
         text: Such as ``'[kN]'`` or ``'r / min'``.
         quantity: Quantity that is named beside the text, if one is.

@@ -184,6 +184,8 @@ def main(
 ) -> int:
     """Run a command; print an error as one sentence on standard error.
 
+    Standard output and error escape from now on what their encoding lacks.
+
     Args:
         argv: Arguments without the program's name. ``None`` for those of the process, which then belongs to
             the command: its streams, warnings and signals are set up, and signals are ignored at the end.
@@ -242,7 +244,8 @@ def _run_reporting_errors(
 def _run_command(arguments: list[str], commands: Mapping[str, str], package: str) -> int:
     """Parse the arguments, run their command, and return its exit code.
 
-    ``help COMMAND`` stands for ``COMMAND --help``; a shell that asks for completions is answered instead.
+    ``help COMMAND`` stands for ``COMMAND --help``; a shell that asks for completions is answered instead,
+    which ends the process.
 
     Raises:
         ConfigurationError: No command is given, it is unknown or has moved, or an option is wrong.

@@ -64,7 +64,8 @@ def read_token(path: str) -> str:
     """Return the token in a file that holds nothing else, without white space around it.
 
     Raises:
-        ConfigurationError: It cannot be read, is too large or too short, or every user can read or write it.
+        ConfigurationError: It cannot be read, is too large or too short or not printable ASCII, or every user
+            can read or write it.
     """
     try:
         mode = Path(path).stat().st_mode
@@ -100,8 +101,8 @@ def check_replaceable(path: str | Path, mark: bytes | None, *, force: bool = Fal
         force: Whether any regular file may be replaced.
 
     Raises:
-        OutputError: A file of somebody else is there, or something that is no file; or its folder is missing
-            or not writable, or the name too long.
+        OutputError: A file of somebody else that is not empty is there, or something that is no file; or its
+            folder is missing or not writable, or the name too long.
     """
     try:
         mode = Path(path).stat().st_mode

@@ -167,7 +167,8 @@ def unblocked_log() -> Iterator[int]:
 class ServiceManager:
     """Service manager that started the node, notified by the datagrams of sd_notify(3).
 
-    Without a service manager, which names its socket in ``NOTIFY_SOCKET``, nothing is sent.
+    Without a service manager, which names its socket in ``NOTIFY_SOCKET``, nothing is sent. Its
+    watchdog has the period in ``WATCHDOG_USEC``; without it :meth:`beat` notifies at the first call only.
     """
 
     def __init__(self) -> None:

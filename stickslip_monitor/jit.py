@@ -101,6 +101,7 @@ def _compile_function(
     Arguments are as of :func:`compiled`; ``cache`` says whether numba keeps the code on disk.
 
     Raises:
+        ImportError: numba is not installed.
         RuntimeError: numba has no folder for its cache.
     """
     numba = import_module('numba')

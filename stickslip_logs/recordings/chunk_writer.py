@@ -204,7 +204,7 @@ class ChunkWriter:
 
         Args:
             block: The records, one after the other.
-            ends: The byte behind each of the n records, shape (n,).
+            ends: The byte behind each of the n > 0 records, shape (n,).
             channel: The channel id of each, shape (n,).
             log_time: The log time of each, rising [ns], shape (n,).
         """

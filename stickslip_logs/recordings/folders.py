@@ -211,6 +211,9 @@ def _holds_numbers(begin: bytes) -> bool:
 def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> list[Path]:
     """Return the recordings that files of a folder are: the folder where they are parts of one, else each.
 
+    Without metadata, parts are numbered files of one name that follow each other in time (read to see that);
+    a single one is too.
+
     Args:
         folder: The folder.
         names: The names of its files of recordings.

@@ -43,8 +43,8 @@ class McapFile:
 
     Channels and schemas are by number, and count as they were first defined. ``counts`` are the
     messages of each channel; with ``is_stated`` they are those of the summary: nothing was
-    decompressed. ``start_ns`` and ``end_ns`` are the earliest and the latest log time but 0, which
-    ``has_zero`` holds [ns].
+    decompressed. ``start_ns`` and ``end_ns`` are the earliest and the latest log time [ns], None
+    without any; a 0, which ``has_zero`` notes, is among them only where they are those of the summary.
     """
 
     def __init__(self, path: Path, size: int, findings: Findings) -> None:
@@ -285,8 +285,10 @@ class McapFile:
     def _set_span(self, counts: Statistics) -> bool:
         """Set first and last time, and ``has_zero``, by the chunk heads; note where the statistics differ.
 
+        With a log time of 0 the first time is 0.
+
         Returns:
-            False where the chunk heads cannot be times of messages.
+            False where the chunk heads cannot be times of messages, or a 0 is beside dates.
         """
         held = [block for block in self.blocks if block.channels != 0]
         start = min((block.start_ns for block in held), default=0)

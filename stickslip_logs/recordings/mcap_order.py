@@ -154,7 +154,13 @@ class BlockTimes:
     def _select_blocks(
         self, numbers: Mapping[str, int]
     ) -> Iterator[tuple[McapFile, list[tuple[int, Block]]]]:
-        """Yield each file with those of its blocks, and their numbers, that may have some topics."""
+        """Yield each file with those of its blocks, and their numbers, that may have some topics.
+
+        Blocks are numbered through all files, from 0.
+
+        Args:
+            numbers: Has the topics as keys; the numbers are not used.
+        """
         begin = 0
         for file in self._files:
             mask = sum(1 << key for key, channel in file.channels.items() if channel.topic in numbers)

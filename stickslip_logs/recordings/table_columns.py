@@ -226,7 +226,10 @@ class ColumnRecording(Recording):
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
-        """The topics that are delivered, or else the columns."""
+        """The topics that are delivered, or else the columns by heading, such as of type 'column in rpm'.
+
+        The count is of lines until the numbers of a topic are counted.
+        """
         if self.by_topic:
             return {
                 name: TopicInfo(name, FLOAT64, self.counts.get(name, self.table.line_count), 'cdr', '')

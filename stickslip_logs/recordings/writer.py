@@ -54,7 +54,8 @@ class BagWriter:
         label: What the recording is, by which :func:`is_labelled` knows it again.
 
     Raises:
-        BagError: The path exists already, or the compression is unknown.
+        BagError: The path exists already, or the compression is unknown; at the end of the block, the disk
+            does not take the rest: nothing stays.
 
     >>> import tempfile
     >>> from stickslip_logs.recordings.reader import open_bag

@@ -199,7 +199,8 @@ class StampLayout:
     def _parse_alike(self, texts: Cells) -> Times:
         """Return the times of cells that are all written like the first one; else mark none as a time.
 
-        This is the fast way; cells of other layouts are left to :meth:`_parse_stamp`.
+        None are times either where the layout has names of months, days of the year or halves of a day. This
+        is the fast way; such cells are left to :meth:`_parse_stamp`.
         """
         none = np.zeros(len(texts), np.int64), np.zeros(len(texts), np.bool_)
         match = self._pattern.fullmatch(texts[0]) if texts else None

@@ -111,6 +111,8 @@ def _are_values_apart(time_ns: IntArray, key: IntArray, value: FloatArray) -> bo
 def find_end_columns(head: Sequence[Cells], tail: Sequence[Cells], width: int) -> list[int]:
     """Return the places of the columns with one text in all of the head and another one in all of the tail.
 
+    Rows that end before a column say nothing about it.
+
     Args:
         head: The rows of the head.
         tail: The rows of the tail; without any there is no such column.

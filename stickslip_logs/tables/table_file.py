@@ -650,10 +650,10 @@ def _open_parquet(path: Path) -> Any:
 
 @contextlib.contextmanager
 def _as_bag_error(path: Path) -> Iterator[None]:
-    """Raise any error of pyarrow as a BagError that names the file."""
+    """Raise any error of the block as a BagError that names the file: pyarrow's have no common root."""
     try:
         yield
-    except Exception as error:  # pyarrow's errors have no common root
+    except Exception as error:
         raise BagError(f"log '{path}' cannot be read as Parquet: {str(error)[:200]}") from None
 
 

@@ -254,8 +254,8 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
     """Return a clock that adds a column of milliseconds, or of seconds, to times that are whole without it.
 
     Such a column is headed by a unit of time, is below the second or minute to which all times are written,
-    rises in nearly all rows of equal times, and falls to the next second or minute. A remark names it.
-    Without one the clock itself is returned.
+    rises in nearly all rows of equal times, and falls to the next second or minute. Head and tail
+    decide. A remark of the new clock names it. Without one the clock itself is returned.
     """
     rows = [row for row in (*table.rows[:MAX_ROWS], *table.tail) if len(row) >= len(table.names)]
     time_ns, is_timed = clock.read([[row[k] for row in rows] for k in clock.columns])

@@ -87,9 +87,10 @@ def _read_lines(path: str | Path, max_bytes: int, error: type[StickslipError]) -
 
 
 def _split_rows(lines: Sequence[str], delimiter: str) -> tuple[list[TableRow], dict[int, Exception]]:
-    """Return the rows that are not blank, and by line the error of each that csv refuses.
+    """Return the rows that are not blank, and by line, from 1, the error of each that csv refuses.
 
-    Such a row has its line as the only cell: it may be a remark above the headings.
+    Cells are stripped. A row that csv refuses has its line as the only cell: it may be a remark above the
+    headings.
     """
     rows, damaged = list[TableRow](), dict[int, Exception]()
     for number, line in enumerate(lines, start=1):

@@ -357,7 +357,10 @@ class Annunciator:
         return _make_change(alarm, time_ns, Action.SILENCE.value, alarm.state, by)
 
     def _expire_timers(self, alarms: Iterable[LiveAlarm], time_ns: int) -> list[AlarmChange]:
-        """Unshelve and unsilence those of some alarms whose time is up; return the changes, in order."""
+        """Unshelve and unsilence those of some alarms whose time is up; return the changes, in order.
+
+        The running time ``now_ns`` decides; ``time_ns`` only stamps the changes.
+        """
         changes = []
         for alarm in alarms:
             if alarm.state is AlarmState.SHELVED and self.now_ns >= alarm.shelf_end_ns:
@@ -380,7 +383,11 @@ class Annunciator:
         return any(alarm.sounding for alarm in self.alarms[name].values())
 
     def _update_alarms(self, name: str, time_ns: int) -> list[AlarmChange]:
-        """Raise, clear, suppress and cover the alarms of a bearing as its causes say; return the changes."""
+        """Raise, clear, suppress and cover the alarms of a bearing as its causes say; return the changes.
+
+        Takes over their texts, and acknowledges those that a worse one covers. Time is counted by
+        the running time ``now_ns``; ``time_ns`` only stamps the alarms and the changes.
+        """
         causes, changes = self.causes[name], []
         for alarm in self.alarms[name].values():
             active = causes.is_present(alarm.kind)

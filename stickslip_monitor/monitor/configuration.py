@@ -154,13 +154,14 @@ def _check_names(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]
 
 
 def _convert_torsional(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the parameters of a bearing with mass, damping and stiffness in place of torsional values.
+    """Return parameters, by full name, with mass, damping and stiffness of a bearing for torsional values.
 
     Each torsional value is divided by the square of the journal's radius. Without any the parameters
-    come back as they are.
+    come back as they are; with one all three are required.
 
     Raises:
-        ConfigurationError: One is invalid, or is given beside what it stands for.
+        ConfigurationError: One, or the diameter, is missing or invalid, or mass, damping or stiffness is
+            given beside them.
     """
     rows = {row.name: row for row in parameters.LINING_PARAMETERS}
     given = [row for row in parameters.TORSIONAL_PARAMETERS.values() if f'{name}.{row.name}' in values]
@@ -331,6 +332,9 @@ class _Section:
     def _build_lubrication(self) -> Lubrication | None:
         """Return the load and the water at which friction was measured; ``None`` where neither matters.
 
+        It is at the constant water temperature, or at that of the measurement until one comes. The load is
+        1 N where friction does not depend on it.
+
         Raises:
             ConfigurationError: Friction depends on one of them, and its value at the measurement is missing.
         """
@@ -397,7 +401,7 @@ class _Section:
                 yield f'{shown} near the fold: with tolerances caution goes by alarm.caution_probability'
 
     def _build_speed(self, factor: float, rest: float) -> SpeedConfig:
-        """Return the input of the speed, over the gear of an engine.
+        """Return the input of the speed; the speed of an engine is divided by the gear.
 
         Args:
             factor: Surface speed of one unit of the input [m/s].
@@ -474,7 +478,8 @@ class _Section:
             deadband: Magnitude below which a value counts as 0 [SI].
 
         Raises:
-            ConfigurationError: Topic, type, field or ``where`` are missing or invalid.
+            ConfigurationError: Neither topic nor column is given, or topic, type, field or ``where`` is
+                invalid.
         """
         name, values = f'{self.name}.{quantity}', self._own
         topic = values[f'{quantity}.topic']

@@ -226,7 +226,11 @@ class Scan:
 
 
 def join_scans(parts: Sequence[Scan]) -> Scan:
-    """Return the verdicts on the successive parts of a recording, at least one, as those of one part."""
+    """Return the verdicts on the successive parts of a recording, at least one, as those of one part.
+
+    The places in ``sample`` and ``at`` must be those in the whole recording. ``unknown`` and ``water_doubt``
+    are those of the last part.
+    """
     columns: dict[str, Any] = {
         column.name: np.concatenate([getattr(part, column.name) for part in parts])
         for column in fields(Scan)

@@ -207,8 +207,12 @@ def _iterate_sections(
 ) -> Iterator[tuple[str, Mapping[Any, Any]]]:
     """Yield the full name of each section, which may be a pattern, with its parameters, nested or not.
 
+    Of what has no ``ros__parameters`` the sections inside are taken; what is not a mapping is skipped.
+    ``path`` is for the error; ``space`` is the name that these sections are nested in, '' at the top.
+
     Raises:
-        ConfigurationError: A section for our node, or for any, has no ``ros__parameters``.
+        ConfigurationError: ``ros__parameters`` of a section is not a mapping, or a section for our node, or
+            for any, has none.
     """
     for key, inside in content.items():
         name = f'{space}/{str(key).strip("/")}'

@@ -203,6 +203,9 @@ STATE_TYPE = _type_of(State)
 def _check_saved(part: Any, saved: Any) -> Any:
     """Check the saved value of a part of the memory, and return it with ``None`` as ``nan``.
 
+    ``part`` is its dataclass field. A list of one number for each input that lacks the last, as up to 0.3.0,
+    gets the default for it.
+
     Raises:
         ValueError: It is not of its kind, number and range.
     """

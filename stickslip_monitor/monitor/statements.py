@@ -273,6 +273,9 @@ class Event:
 def describe(b: Standing, lost: dict[str, float], before: Condition | None = None) -> str:
     """Return the text for a person: what the condition means, what to do, and the present point.
 
+    It begins with the bearing's name. Without an assessment, or as input_stale, only the sentence of the
+    condition follows.
+
     Args:
         b: The bearing.
         lost: The inputs lost, with their ages [s]; with any of them the text is about these alone.
@@ -326,9 +329,9 @@ _OVER = {
 
 
 def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) -> str:
-    """Return one sentence on what is about to change, else on what the condition means.
+    """Return what is about to change, the order to stay above a speed, or else what the condition means.
 
-    ``given`` is the order to the crew; ``None`` where there is none.
+    The text is one or two sentences. ``given`` is the order to the crew; ``None`` where there is none.
     """
     condition, clears = b.condition, b.clears
     if clears is not None:
@@ -390,8 +393,8 @@ def _doubt_text(b: Standing) -> str:
 def _belief_text(b: Standing, point: Assessment) -> str:
     """Return a sentence, after a space, with the probability of stick-slip and the range of the fold [rpm].
 
-    '' without a belief, where the probability is not finite, and while stick-slip stands at a probability
-    that has not followed the load yet.
+    The range is that from 5 to 95 %. '' without a belief, where the probability is not finite, and while
+    stick-slip stands at a probability that has not followed the load yet.
     """
     config = b.config
     if config.belief is None or not math.isfinite(point.probability_can):
