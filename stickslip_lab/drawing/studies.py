@@ -175,7 +175,7 @@ def _draw_levels(axes: canvas.Axes, calibration: Calibration) -> None:
 
 
 def _draw_reports(axes: canvas.Axes, calibration: Calibration) -> None:
-    """Draw each passage as a line over the speed, thick where vibration was reported.
+    """Draw each passage as a line over speed over configured fold speed, thick where vibration was reported.
 
     Sets limits and ticks of the height: passages are numbered upwards from 1.
     """
@@ -194,10 +194,10 @@ def _draw_ends(axes: canvas.Axes, calibration: Calibration, has_level: bool) -> 
     """Draw the ends that count as at the fold, the bounds from below, and crosses at worthless ends.
 
     A mark stands at the height of its passage's number or, with ``has_level``, at half the height of the
-    axes.
+    axes. Where parts of a recording overlap in time, as after a step back of the clock, its passage is the
+    first of them.
     """
     doubtful = {id(end) for end, _ in calibration.doubts}
-    tracks = {track.name: (k, track) for k, track in enumerate(calibration.edges.tracks, 1)}
     low, high = axes.get_ylim()
     for mark, text, edge, chosen in (
         ('^', 'end at the fold', canvas.PAPER, [e for e in calibration.edges.seen if id(e) not in doubtful]),
@@ -206,7 +206,11 @@ def _draw_ends(axes: canvas.Axes, calibration: Calibration, has_level: bool) -> 
     ):
         at = []
         for end in chosen:
-            k, track = tracks[end.recording]
+            k, track = next(
+                (k, track)
+                for k, track in enumerate(calibration.edges.tracks, 1)
+                if track.name == end.recording and track.time[0] <= end.time <= track.time[-1]
+            )
             over = float(np.interp(end.time, track.time, track.over))
             at.append((over, low + 0.5 * (high - low) if has_level else float(k)))
         if at:

@@ -50,3 +50,11 @@ def test_reports_are_drawn_as_passages_and_a_bound_as_what_it_is() -> None:
     assert lines['end at the fold'][1].tolist() == [1.0]
     (over,), (height,) = lines['fold is not below']
     assert (over < 1.02, height) == (True, 2.0)
+
+
+def test_an_end_before_a_step_of_the_clock_is_drawn_at_its_own_part() -> None:
+    first, second = (slow_passage(number, level=False) for number in range(2))
+    parts = tuple(replace(one.courses[0], name='bag') for one in (first, second))
+    lines = lines_of([Evidence('bag', parts, first.reports + second.reports)])
+    np.testing.assert_allclose(lines['end at the fold'][0], 1.0, atol=0.05)
+    assert lines['end at the fold'][1].tolist() == [1.0, 2.0]
