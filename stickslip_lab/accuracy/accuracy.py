@@ -213,8 +213,8 @@ def summarise(rows: Sequence[Row], base: str) -> list[Summary]:
 def pareto(seconds: Sequence[float], errors: Sequence[float]) -> list[int]:
     """Return the indexes of the points that no other beats in time and error together, by rising time.
 
-    Points that are not finite take no part; errors up to 1e-14 are rounding, and count as equal. Both
-    sequences have equal lengths.
+    Points that are not finite take no part; errors up to 1e-14 are rounding, and count as equal. Of points
+    with equal time and error the first counts. Both sequences have equal lengths.
     """
     errors = [max(error, 1e-14) for error in errors]
     is_finite = [math.isfinite(t) and math.isfinite(e) for t, e in zip(seconds, errors, strict=True)]

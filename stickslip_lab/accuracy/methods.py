@@ -95,8 +95,8 @@ def _late_amplitude(runs: Sequence[Any], span: float, speed: float, omega: float
         omega: Natural frequency [rad/s].
 
     Returns:
-        The amplitude; ``nan`` where the motion decays, its last stroke being below 0.8 times its first, or
-        stays below half the sliding limit ``V/omega``.
+        The amplitude; ``nan`` where the motion has fewer than two turning points then, decays, its last
+        stroke then being below 0.8 times its first, or stays below half the sliding limit ``V/omega``.
     """
     turns = [(t, y[0]) for way in runs for t, y in zip(way.t_events[0], way.y_events[0], strict=True)]
     late = np.array([x for t, x in turns if t > 0.6 * span])
@@ -111,7 +111,7 @@ def smoothed(width: float, tight: bool, bearing: Bearing, speed: float, load: fl
 
     LSODA integrates in SI units from breakaway for ten cycles, the last four of which are measured. Common
     practice; Vigue, Vergez, Karkar and Cochelin, J. Sound Vib. 389 (2017) 350-363. It has not converged where
-    LSODA fails; a wrong amplitude goes unnoticed.
+    LSODA fails; a wrong amplitude goes unnoticed. There is no cycle where :func:`_late_amplitude` finds none.
 
     Args:
         width: The width [m/s].
@@ -156,7 +156,8 @@ def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load:
 
     Sticking is a straight line; ten cycles from breakaway in SI units, the last four of which are
     measured. Common practice; Leine, van Campen, de Kraker and van den Steen, Nonlinear Dyn. 16
-    (1998) 41-54. It has not converged where ``solve_ivp`` fails.
+    (1998) 41-54. It has not converged where ``solve_ivp`` fails; there is no cycle where
+    :func:`_late_amplitude` finds none. Chatter ends it after 200 phases.
 
     Args:
         tight: Whether to use DOP853 with tolerances 1e-12 and 1e-15; else RK45 with scipy's 1e-3 and 1e-6.
@@ -482,11 +483,11 @@ def has_resolvent(bearing: Bearing) -> bool:
 
 
 def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Compute the amplitude by harmonic balance, starting from that of averaging.
+    """Compute the amplitude of the largest stable cycle by harmonic balance, starting from that of averaging.
 
     Solves with 1, 3, 7, ... harmonics in turn, at last with ``harmonics`` of them. There is no cycle where
-    averaging has none, or where the solver falls to steady sliding; where the last solution fails, it has not
-    converged.
+    averaging has no stable one, or where the solver falls to steady sliding; where the last solution fails,
+    it has not converged.
     """
     omega, law = bearing.natural_frequency, _Law(bearing, speed, load)
     cycles = stationary_amplitudes(bearing, speed, load)
@@ -508,10 +509,11 @@ def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float
 
 
 def averaging(points: int, bearing: Bearing, speed: float, load: float) -> MethodResult:
-    """Compute the amplitude by averaging of first order, as the monitor does; no cycle where it has none.
+    """Compute the amplitude of the largest stable cycle by averaging of first order, as the monitor does.
 
-    ``points`` copies of the operating point are solved in one call, and the first is returned. Of the
-    Stribeck law, which has closed forms, 0 evaluations are stated, of any other ``None``.
+    There is no cycle where it has no stable one. ``points`` copies of the operating point are solved in one
+    call, and the first is returned. Of the Stribeck law, which has closed forms, 0 evaluations are stated,
+    of any other ``None``.
     """
     speeds = speed if points == 1 else np.full(points, speed)
     cycles = stationary_amplitudes(bearing, speeds, load)

@@ -184,7 +184,8 @@ class Calibration:
     def hopf_speeds(self, load: float) -> list[float]:
         """Return the Hopf speed [m/s] at a load > 0 [N] for each of :data:`QUANTILES`, widened by the floor.
 
-        Unlike those of :attr:`belief` they need not lie evenly about the middle.
+        Unlike those of :attr:`belief` they need not lie evenly about the middle. Without a Hopf speed they
+        are about 1e-9 m/s.
         """
         grid = self.posterior.by_all
         hopf = grid.log_r + self.reference.hopf(math.log(load) + grid.log_q)
@@ -196,7 +197,8 @@ class Calibration:
     def boundaries(self) -> list[list[float]]:
         """Return rows of load [N], then Hopf speeds, then fold speeds [m/s], three each at :data:`QUANTILES`.
 
-        The loads, up to five, are evenly spaced over :attr:`loads`.
+        The loads, up to five, are evenly spaced over :attr:`loads`. Hopf speeds are about
+        1e-9 m/s where there is none, fold speeds 0.
 
         Raises:
             PhysicsError: The law cannot be moved so far (:func:`.move_boundaries`).

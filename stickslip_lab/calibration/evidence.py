@@ -64,15 +64,15 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
 
     The table is read as a log is: lines above its headings are skipped, and the headings may be a comment.
     They are ``bearing, start, end, state`` and, optionally, ``tolerance [s]`` and ``trust``, 10 s and 0.9
-    where they are empty. Times are ISO 8601 with a zone.
+    where they are empty. Times are ISO 8601 with a zone; the state is squeal or quiet, in any case.
 
     Args:
         path: The file.
         bearings: Names of the bearings that are configured.
 
     Raises:
-        CalibrationError: The file cannot be read, a line breaks a rule, a bearing is not one of them, or two
-            reports overlap; the text names file, line, value and rule.
+        CalibrationError: The file cannot be read or has no report, a line breaks a rule, a bearing is not one
+            of them, or two reports overlap; the text names file, line, value and rule.
     """
     rows, _ = read_table(
         path, MAX_TABLE_BYTES, CalibrationError, lambda cells: {*_plain_headings(cells)} >= {*_COLUMNS}

@@ -120,7 +120,7 @@ def infer(edges: Edges, reference: Reference, prior: FloatArray, spreads: Spread
     """Compute the posterior of both factors from the edges: by the ends, and by onsets too.
 
     Args:
-        edges: The edges, of one passage at least.
+        edges: The edges, with ``edges.loads`` above 0: a bin is slower than three times the fold.
         reference: The configured bearing.
         prior: Covariance of ``(ln r, ln q)`` about 0, shape (2, 2).
         spreads: Other uncertainties.
@@ -152,7 +152,7 @@ def _fold_grid(
     """Return a grid of ``u`` and ``ln q``, weighted by the prior and the ends.
 
     Args:
-        edges: The edges; of them only the ends count here.
+        edges: The edges; only the ends count here, and those of one recording must be neighbours.
         reference: The configured bearing.
         prior: Covariance of ``(ln r, ln q)``, shape (2, 2).
         spreads: Other uncertainties. With ``forget`` the weights spread from recording to recording.

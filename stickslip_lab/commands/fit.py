@@ -165,7 +165,7 @@ def columns_of_points(fit: StribeckFit) -> dict[str, Any]:
     """Return the columns of the points by heading, in SI units, shape (n,) each, in the curve's order.
 
     They are ``line``, ``speed``, ``coefficient``, ``fitted``, ``band``, ``residual``, ``weight`` and
-    ``leverage``.
+    ``leverage``; ``band`` is the half width of the 95 % band at the reference point.
     """
     curve = fit.points
     return {

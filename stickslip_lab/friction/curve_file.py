@@ -101,8 +101,9 @@ def read_curve(
         The points in the file's order, in SI units and C; ``std`` is 1 for all without a spread or weights.
 
     Raises:
-        FitError: The file breaks a rule, the text names file, line, column, value and rule; or both a ``std``
-            and a ``weight`` column are named.
+        FitError: The file breaks a rule, the text names file, line, column, value and rule; both a ``std``
+            and a ``weight`` column are named; ``unit`` differs from the heading's; or speeds are in a unit of
+            turning and ``journal_diameter`` is ``None``.
     """
     rows, delimiter = _read_rows(path)
     where = f'{path}, line {rows[0].line}'
@@ -241,7 +242,8 @@ def _choose_columns(where: str, cells: list[str], columns: Mapping[str, str | No
         columns: Headings of quantities that are named; ``None`` for those to recognise.
 
     Raises:
-        FitError: Speed or coefficient is missing, or a column is in doubt.
+        FitError: A spread and a weight are both named, speed or coefficient is missing, a column is in doubt,
+            or it is unclear whether a heading's factor multiplies or divides.
     """
     named = {quantity: columns.get(quantity) for quantity in NAMES}
     if named['std'] is not None and named['weight'] is not None:

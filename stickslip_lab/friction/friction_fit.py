@@ -281,6 +281,9 @@ def explained_fit_errors(curve: FrictionCurve) -> Iterator[None]:
 def _choose_fit(curve: FrictionCurve, viscous: Viscous) -> StribeckFit:
     """Return the fit with or without a viscous slope; it has the test of the slope if the points allow one.
 
+    With 'yes' a slope that is negative by chance is left out; 'auto' takes a slope that the F-test demands,
+    'no' takes none.
+
     Raises:
         FitError: There are too few points, or ``viscous`` is 'yes' and the slope clearly negative.
     """

@@ -95,12 +95,15 @@ class FrictionCourse:
     def bearing_at(self, bearing: Bearing, time: float, *, scaled: bool = True) -> Bearing:
         """Return a bearing with the law and the water of a time; the bearing itself where nothing moves.
 
-        A water temperature needs the temperature at which the bearing's friction was measured.
+        Without lubrication the water does not count.
 
         Args:
             bearing: The bearing, with the law of the configuration.
             time: Time since the scene's start [s]; the start of its second counts.
             scaled: Whether the drift of the common ``factor`` counts.
+
+        Raises:
+            PhysicsError: The water moves, and the temperature at which friction was measured is not known.
         """
         law = self.at(time, scaled=scaled)
         bearing = bearing if law is bearing.friction else replace(bearing, friction=law)
@@ -440,7 +443,9 @@ class Lining:
     def _uniform_stretches(self, nodes: FloatArray) -> Iterator[tuple[int, int]]:
         """Yield the stretches with one law and no knock inside, as first and last index of ``nodes``.
 
-        Neighbours share a node; ``nodes`` is time, speed and load, shape (3, n).
+        Neighbours share a node; ``nodes`` is time, speed and load, shape (3, n). One begins at each knock, at
+        each multiple of :data:`STEP` if friction moves and, with lubrication, at the first node of each tenth
+        of a second.
         """
         time = nodes[0]
         inner = np.isin(time, list(self._knocks))

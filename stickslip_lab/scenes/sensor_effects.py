@@ -282,6 +282,8 @@ _MAX_JUMP = 3.2e8
 def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Return the change that scatters the stamps by a normal deviation; stamps before 1970 become 1970.
 
+    The stamps are those in headers; of messages without a header they are the log times.
+
     Raises:
         SceneError: The deviation is missing, or not from 0 to 10 s.
     """

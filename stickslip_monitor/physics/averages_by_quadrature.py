@@ -473,7 +473,7 @@ def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArr
 
     Args:
         law: The law.
-        speed: Shape (n,) [m/s].
+        speed: Speed >= 0, shape (n,) [m/s].
         q: ``c/N``, shape (n,) [s/m].
         fold: Averaged fold at each, shape (n,) [m/s].
     """
@@ -503,6 +503,12 @@ def threshold_amplitude(law: FrictionLaw, speed: FloatArray, damping: float, loa
     """Return the velocity amplitude of the smallest unstable cycle about stable sliding [m/s], shape (n,).
 
     ``nan`` where steady sliding is not stable or no cycle surrounds it.
+
+    Args:
+        law: The law.
+        speed: Speed > 0, shape (n,) [m/s].
+        damping: ``c`` [N s/m].
+        load: Load, shape (n,) [N].
     """
     q = damping_per_load(damping, load)
     amplitude, stable = _all_cycles(law, speed, q)

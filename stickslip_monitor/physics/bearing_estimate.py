@@ -239,7 +239,7 @@ def _load_exponent_shift(values: Sequence[Estimate], nominal: float) -> FoldShif
     """Return the shift of the fold by a load exponent of 1, where friction was measured at another load.
 
     ``below`` is for a test at :data:`ELSEWHERE` times the load, ``above`` for one at its inverse; the spread
-    is 0.5, as 0 to 1 is possible.
+    is 0.5, as 0 to 1 is possible. A fold without end counts as none.
 
     Args:
         values: The estimates.

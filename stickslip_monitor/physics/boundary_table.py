@@ -186,7 +186,8 @@ known_table = lru_cache(maxsize=64)(boundary_table)
 def _linear_pieces(speed: FloatArray) -> FloatArray:
     """Return straight lines between speeds at places 0, 1, ... of a table, as :func:`_spline_pieces` does.
 
-    ``nan`` counts as 0; a piece with an infinite end is level.
+    ``nan`` counts as 0. A piece towards an infinite speed is level; one from there to a finite speed is
+    ``nan``.
     """
     speed = np.where(np.isnan(speed), 0.0, speed)
     pieces = np.zeros((speed.size - 1, 4))

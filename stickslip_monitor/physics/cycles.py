@@ -480,7 +480,8 @@ def _may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolA
 
     Under averaging it does where ``rho(a; V)`` is above ``c/N`` at some amplitude and falls below
     it up to the sliding limit; of a law whose ``rho`` is highest there, as Stribeck's, nowhere. Averaging is
-    right to a tenth up to ``eta`` = 20: a load lower by that may do.
+    right to a tenth up to ``eta`` = 20, so it is True where the highest ``rho`` is above ``0.9 c/N`` and
+    ``rho`` is lower again at the limit, be it still above ``c/N``. False for laws with closed forms.
 
     Args:
         bearing: The bearing.

@@ -21,6 +21,8 @@ from stickslip_monitor.physics.numerics import root_on_bracket
 def load_of_fold(bearing: Bearing, speed: ArrayLike) -> Any:
     """Return the least load [N] whose fold that decides lies above surface speeds [m/s].
 
+    Speeds astern mirror those ahead. Below the fold of the table's first load it is that load.
+
     Returns:
         Shape of ``speed``; 0 where every load has it, ``nan`` where none has it.
 

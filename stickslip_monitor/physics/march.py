@@ -371,13 +371,13 @@ def write_samples(
 def recenter_medium(body: Body, medium: Medium, e: float, z: float) -> Medium:
     """Return the medium with displacements counted from where the lining is, so that they keep digits.
 
-    Where it is released at the limit, the distance from the limit is rounding and becomes 0.
+    Where it is at the belt's speed, a distance from the limit below 0, or within rounding, becomes 0.
 
     Args:
         body: The oscillator.
         medium: The medium, with displacements counted from the unloaded spring.
-        e: Displacement of the lining.
-        z: Its relative speed.
+        e: Displacement of the lining, in units of ``medium.speed`` over ``omega``.
+        z: Its relative speed, in units of ``medium.speed``.
     """
     speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate = medium
     offset += e
