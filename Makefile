@@ -73,7 +73,7 @@ bags: $(VENV)/.run  ## Make the recordings of bags/ again from their scenes
 bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes docs/accuracy.md
 	$(BIN)/python -m benchmarks $(BENCH_ARGS)
 
-warning-quality: $(VENV)/.bench  ## Judge the warnings over 140 voyages and 80 manoeuvres, ten seeds of each scene; writes docs/warning_quality.md
+warning-quality: $(VENV)/.bench  ## Judge the warnings over 140 voyages and 80 manoeuvres, five minutes on two cores; writes docs/warning_quality.md
 	PYTHONPATH=. $(BIN)/python scripts/warning_quality.py
 
 calibration-study: $(VENV)/.bench  ## What calibration reaches, five minutes on two cores; writes docs/calibration.md
