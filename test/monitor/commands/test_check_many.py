@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from shared import CONFIG, ROOT, Stickslip, until
 
-from stickslip_logs.recordings.folders import find_bags, left_out
+from stickslip_logs.recordings.folders import describe_unchecked, find_bags
 
 BAGS = ROOT / 'bags'
 NAMES = ('voyage', 'coast_down', 'history_above', 'history_below')
@@ -92,7 +92,7 @@ def test_a_log_that_is_named_or_learnt_from_is_not_left_out(tmp_path: Path) -> N
     (tmp_path / 'b.csv').touch()
     (tmp_path / 'reports.csv').touch()
     recordings = [*find_bags([tmp_path, tmp_path / 'b.csv']), tmp_path / 'reports.csv']
-    assert left_out([tmp_path], recordings) == ''
+    assert describe_unchecked([tmp_path], recordings) == ''
 
 
 @pytest.mark.parametrize('cut', [0, 3000])

@@ -615,7 +615,7 @@ def test_what_is_told(case: Case) -> None:
     assert sum(heard.used) >= told.used * len(heard.used)
     times = [event.time_ns for event in heard.events]
     assert times == sorted(times) or 'set by' in what or 'set back' in what
-    assert told.condition_text in heard.monitor.bearings[NAME].text()
+    assert told.says in heard.monitor.bearings[NAME].text()
 
 
 @pytest.mark.parametrize('times', [2, 6])
