@@ -20,8 +20,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import FloatArray
-from stickslip_monitor.physics.friction import ALMOST_REST as ALMOST_REST
-from stickslip_monitor.physics.friction import Exponential, FrictionLaw, computes_as, speed_scales
+from stickslip_monitor.physics.friction import (
+    ALMOST_REST,
+    Exponential,
+    FrictionLaw,
+    computes_as,
+    speed_scales,
+)
 from stickslip_monitor.physics.friction_pieces import Pieces
 
 # Degree of a fitted piece. By 7 the boundaries of a rational law take 2.4 times as many steps, and by 12 a
