@@ -12,6 +12,7 @@ import itertools
 from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime, timezone
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,19 +20,22 @@ from numpy.typing import NDArray
 
 from stickslip_logs.arrays import BoolArray, IntArray
 from stickslip_logs.errors import plural
+from stickslip_logs.units import SECOND_NS
 
 MAX_TIME_NS = 1 << 62
 """Of the year 2116: two later times would have no sum of 64 bits [ns]."""
+EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+"""Time from which nanoseconds count."""
 # Smaller steps back are disorder, whatever the rate: they are sorted and not reported [ns]. Segments begin
 # with this resolution, too.
-_MIN_STEP_NS = 10**9
+_MIN_STEP_NS = SECOND_NS
 # More steps back of one source are disorder: a loop played 10 times has 9, disorder of 2 s thousands.
 _MAX_STEPS = 32
-# Rows that come back after longer were not late: the clock was set back, and a pause followed. Rows of one
-# source that wait longer for their turn are reported as unordered [ns].
-_MAX_LATE_NS = 60 * 10**9
+MAX_LATE_NS = 60 * SECOND_NS
+"""Rows that come back after longer were not late: the clock was set back, and a pause followed. Rows of one
+source that wait longer for their turn are reported as unordered [ns]."""
 # Sources of which one waits longer for another are reported as unordered [ns].
-_MAX_WAIT_NS = 10 * 10**9
+_MAX_WAIT_NS = 10 * SECOND_NS
 # What is kept of a source, so that memory is bounded: the first intervals, whose median is the usual one, and
 # segments (56 bytes each), whose resolution is halved where there are twice as many.
 _MAX_KEPT = 1 << 12
@@ -82,7 +86,7 @@ class _Step(NamedTuple):
     interval_ns: int
 
 
-_END = (1 << 63) - 1
+_END: int = np.iinfo(np.int64).max
 
 
 @dataclass
@@ -512,7 +516,7 @@ def _is_ahead(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool
 def _is_late(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
     """Return whether the middle one of three runs is late rows, and the last continues the first."""
     gap_ns = run.first_ns - before.last_ns
-    is_brief = excursion.last_ns - excursion.first_ns <= _MAX_LATE_NS
+    is_brief = excursion.last_ns - excursion.first_ns <= MAX_LATE_NS
     has_returned = -_MIN_STEP_NS <= gap_ns <= source.jump_ns + source.interval_ns
     return excursion.step_ns < 0 < run.step_ns and is_brief and has_returned
 
@@ -523,7 +527,7 @@ def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool
     They are too few to leave a gap where they belong.
     """
     is_there = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns <= source.jump_ns
-    is_soon = excursion.last_ns - run.first_ns <= _MAX_LATE_NS
+    is_soon = excursion.last_ns - run.first_ns <= MAX_LATE_NS
     gap_ns = run.first_ns - before.last_ns
     return (
         is_there and is_soon and run.step_ns < 0 < excursion.step_ns and 2 * gap_ns <= 3 * source.interval_ns
@@ -581,13 +585,13 @@ def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     by_time = segments[segments[:, 1].argsort()]
     gap_ns = int((by_time[1:, 1] - np.maximum.accumulate(by_time[:-1, 2])).max(initial=0))
     # One time read wrong at an end makes a year of lost inputs.
-    if gap_ns > max(86_400 * 10**9, 10 * (course.end_ns - course.start_ns - gap_ns)):
+    if gap_ns > max(86_400 * SECOND_NS, 10 * (course.end_ns - course.start_ns - gap_ns)):
         course.gap_ns = gap_ns
     late_ns = _longest_delay(segments[:, 2], segments[:, 1])
     course.wait_ns = late_ns + _MIN_STEP_NS
     # Segments of two sources overlap in the file: what is late within them is not known.
     blur_ns = 2 * int((segments[:, 2] - segments[:, 1]).max()) + _MIN_STEP_NS
-    is_waiting = own_late_ns > _MAX_LATE_NS or late_ns - own_late_ns - blur_ns > _MAX_WAIT_NS
+    is_waiting = own_late_ns > MAX_LATE_NS or late_ns - own_late_ns - blur_ns > _MAX_WAIT_NS
     course.is_unordered = is_waiting and not course.late_count
 
 

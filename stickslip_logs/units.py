@@ -10,6 +10,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+SECOND_NS = 1_000_000_000
+"""A second [ns]."""
+MIB = 1 << 20
+"""A mebibyte [bytes]."""
+
 
 class Unit(NamedTuple):
     """A unit of a quantity: ``SI value = number * factor / divisor + zero``.

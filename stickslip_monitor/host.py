@@ -22,12 +22,17 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
+from stickslip_logs.units import MIB, SECOND_NS
 from stickslip_monitor.files import redirect_to_null
 from stickslip_monitor.monitor.session import Moment
 
-STEP_NS = 10**9
+STEP_NS = SECOND_NS
 """A clock on the wall that gains or loses more [ns] between two looks was set: time that is slewed
 by NTP gains 0.5 ms a second at most."""
+SHOW_NS = SECOND_NS
+"""Time between two publications of the state of all bearings [ns]."""
+BEHIND_NS = SECOND_NS // 2
+"""Delay of a live monitor's time [ns]: a sample delivered within it keeps the time of its stamp."""
 _UPTIME = getattr(time, 'CLOCK_BOOTTIME', time.CLOCK_MONOTONIC)
 
 
@@ -150,7 +155,7 @@ def unblocked_log() -> Iterator[int]:
     # thread; a burst has room.
     os.set_blocking(inlet, False)
     with suppress(OSError):
-        fcntl.fcntl(inlet, fcntl.F_SETPIPE_SZ, 1 << 20)
+        fcntl.fcntl(inlet, fcntl.F_SETPIPE_SZ, MIB)
     os.dup2(inlet, descriptor)
     os.close(inlet)
     thread = threading.Thread(target=_LineForwarder(source, target).run, name='log', daemon=True)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 
@@ -23,11 +23,13 @@ import numpy as np
 from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_lab.scenes.truth import TruthRecord
 from stickslip_logs.tables.whole_table import read_table
+from stickslip_logs.time_order import EPOCH
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.monitor.value_check import Parameter, refused
 
-BIN_NS = 10**9
+BIN_NS = SECOND_NS
 """Width of the bins in which speed and load are averaged [ns]."""
 STATES = {'squeal': True, 'quiet': False}
 # How far the times may be off, and the probability that a report is right: where a person states none.
@@ -36,7 +38,6 @@ _REPORT_NUMBERS = (
     Parameter('trust', 'float', 0.9, 'Probability that the report is right.', '', 0.0, 1.0),
 )
 _COLUMNS = ('bearing', 'start', 'end', 'state')
-_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _FRACTION = re.compile(r'(:\d\d)\.(\d+)')
 
 
@@ -135,7 +136,7 @@ def _parse_time(where: str, text: str) -> int:
         raise refused(where, text, 'a time such as 2026-05-04T06:01:10Z', CalibrationError) from None
     if moment.tzinfo is None:
         raise refused(where, text, 'a time with a zone: end it in Z or +02:00, say', CalibrationError)
-    passed = moment - _EPOCH
+    passed = moment - EPOCH
     digits = fraction.group(2)[:9].ljust(9, '0') if fraction else '0'
     return (passed.days * 86400 + passed.seconds) * 10**9 + int(digits)
 

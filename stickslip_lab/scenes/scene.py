@@ -29,6 +29,7 @@ from stickslip_logs.recordings.writer import (
     encode_stamped,
     encode_string,
 )
+from stickslip_logs.time_order import EPOCH
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import ConfigurationError, SceneError
 from stickslip_monitor.monitor.parameter_file import load_config, load_yaml
@@ -43,8 +44,7 @@ KEYS = (
 SENSORS_SCHEMA = 'stickslip_monitor/sensors/1'
 SENSORS_KEYS = ('sensors', 'description', 'telemetry', 'effects', 'parameter_error')
 # Last time stamp that a recording can have [ns since 1970].
-_MAX_TIME_NS = (1 << 63) - 1
-_EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.timezone.utc)
+_MAX_TIME_NS: int = np.iinfo(np.int64).max
 STAGES: Mapping[str, tuple[str, ...]] = {
     stage: tuple(name for name, effect in DECLARED.items() if effect.stage == stage)
     for stage in ('shaft', 'turning', 'lining', 'sensing', 'sensor', 'recording', 'file')
@@ -291,7 +291,7 @@ def _read_start_ns(settings: Settings, duration: float) -> int:
         except ValueError:
             raise settings.value_error('start', meaning) from None
         zoned = time if time.tzinfo else time.replace(tzinfo=dt.timezone.utc)
-        value = (zoned - _EPOCH) // dt.timedelta(microseconds=1) * 1000
+        value = (zoned - EPOCH) // dt.timedelta(microseconds=1) * 1000
     if isinstance(value, bool) or not isinstance(value, int):
         raise settings.value_error('start', meaning)
     for unit, factor in (('seconds', 10**9), ('milliseconds', 10**6), ('microseconds', 1000)):

@@ -37,9 +37,10 @@ from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, Fi
 from stickslip_logs.recordings.sqlite_recording import SqliteRecording, open_database
 from stickslip_logs.tables.table_file import is_number_table
 from stickslip_logs.tables.text_file import ZSTD
+from stickslip_logs.units import MIB
 
 # Room for ten thousand topics or files [bytes].
-_MAX_METADATA_BYTES = 8 << 20
+_MAX_METADATA_BYTES = 8 * MIB
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _NOT_METADATA = (
     yaml.YAMLError,

@@ -10,6 +10,7 @@ import numpy as np
 
 from stickslip_logs.recordings.recording import DATES_FROM_NS, Request, Series
 from stickslip_logs.time_order import MAX_TIME_NS
+from stickslip_logs.units import SECOND_NS
 
 
 def ask_for_time_unit(start_ns: int | None, end_ns: int | None, max_count: int) -> str:
@@ -39,7 +40,7 @@ MAX_PACE = 1.5
 Part = Mapping[Request, Series]
 # Longer intervals are pauses; longer steps back are a clock that was set, and shorter ones messages in
 # disorder, for which the steps ahead beside them make up [ns].
-_MAX_INTERVAL_NS, _MAX_DISORDER_NS = 60 * 10**9, 10 * 10**9
+_MAX_INTERVAL_NS, _MAX_DISORDER_NS = 60 * SECOND_NS, 10 * SECOND_NS
 
 
 class LogTimes:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import open_file
+from stickslip_logs.units import MIB
 
 MAGIC = b'\x89MCAP0\r\n'
 HEAD = struct.Struct('<BQ')
@@ -37,9 +38,9 @@ PAYLOAD = HEAD.size + MESSAGE_HEAD.size
 PARSE_ERRORS = (McapError, struct.error, ValueError, MemoryError, OverflowError)
 
 # Records that are searched at a time; their indexes take as much memory again [bytes].
-_WINDOW = 4 << 20
+_WINDOW = 4 * MIB
 # A longer schema or channel is skipped [bytes].
-_MAX_DEFINITION = 4 << 20
+_MAX_DEFINITION = 4 * MIB
 # Shorter runs of messages of one length are not read as an array [bytes].
 _MIN_RUN = 1 << 16
 _ZEROS = re.compile(rb'\0*')
@@ -47,10 +48,10 @@ _ZEROS = re.compile(rb'\0*')
 _MESSAGE = int(Opcode.MESSAGE)
 _DEFINITIONS = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
 
-MAX_CHUNK = 128 << 20
+MAX_CHUNK = 128 * MIB
 """The largest chunk that is restored, decompressed or not [bytes]."""
 # The most that is restored of a truncated chunk; recorders write chunks of a few MB [bytes].
-_MAX_TRUNCATED = 32 << 20
+_MAX_TRUNCATED = 32 * MIB
 # Start and end [ns], size and checksum of what is compressed, length of the compression's name.
 CHUNK_HEAD = struct.Struct('<QQQII')
 
@@ -65,7 +66,7 @@ _FEEDS: dict[str, tuple[int, Callable[[], Callable[[bytes | memoryview], bytes]]
 
 def limit_bytes(size: int) -> int:
     """Return how much a file of a size may grow to, unpacked or in memory [bytes]."""
-    return (160 << 20) + 100 * size
+    return 160 * MIB + 100 * size
 
 
 class DamagedBlock(Exception):

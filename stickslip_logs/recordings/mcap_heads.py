@@ -15,12 +15,13 @@ from mcap.opcode import Opcode
 from mcap.records import Footer, Statistics
 
 from stickslip_logs.recordings.mcap_chunks import CHUNK_HEAD, HEAD, MAGIC, MAX_CHUNK, PARSE_ERRORS, Block
+from stickslip_logs.units import MIB
 
 # Longer runs of records outside of chunks are read in pieces of about this size [bytes].
-_MAX_RUN = 1 << 20
+_MAX_RUN = MIB
 # The longest summary that is used [bytes].
-_MAX_SUMMARY = 32 << 20
-MAX_RECORD = 1 << 20
+_MAX_SUMMARY = 32 * MIB
+MAX_RECORD = MIB
 """The longest record of a summary or of a channel that is used [bytes]."""
 _BARE = (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA)
 _DATA = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)

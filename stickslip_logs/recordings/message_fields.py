@@ -39,6 +39,7 @@ from stickslip_logs.recordings.message_types import (
     parse_schema,
 )
 from stickslip_logs.recordings.recording import Fault, Request, Series, short_name
+from stickslip_logs.units import SECOND_NS
 
 # Beyond this a message is no telemetry, and its tokens would cost more than they save.
 _MAX_TOKENS = 500
@@ -50,7 +51,6 @@ _MAX_NAMES = 20
 _ENCAPSULATION = 4
 # As the two bytes lie in the message, read little-endian.
 _CDR_LE, _CDR_BE = 0x0100, 0x0000
-_SECOND = 1_000_000_000
 _STAMP: tuple[FieldPath, ...] = (('header', 'stamp', 'sec'), ('header', 'stamp', 'nanosec'))
 
 # The standard error belongs to the process, not to one of its threads.
@@ -409,7 +409,7 @@ class FieldReader:
             row[rows] = numbers
         if self._stamped:
             sec, nanosec = (part.astype(np.int64) for part in gathered[-2:])
-            own_ns = sec * _SECOND + nanosec
+            own_ns = sec * SECOND_NS + nanosec
             stamp_ns[rows] = np.where(sound & (own_ns != 0), own_ns, stamp_ns[rows])
         return np.arange(len(stamp_ns))[rows][~sound] if not sound.all() else np.empty(0, np.int64)
 
@@ -438,7 +438,7 @@ class FieldReader:
                 self._wanted.short[row] += 1
         if self._stamped:
             stamp = message.header.stamp
-            stamp_ns[place] = stamp.sec * _SECOND + stamp.nanosec or stamp_ns[place]
+            stamp_ns[place] = stamp.sec * SECOND_NS + stamp.nanosec or stamp_ns[place]
 
 
 def _begins_with_header(definitions: Definitions, root: str) -> bool:

@@ -31,8 +31,9 @@ from stickslip_logs.recordings.sqlite_recording import MAGIC as SQLITE
 from stickslip_logs.recordings.sqlite_recording import SqliteRecording, open_database
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.text_file import ZSTD, open_unpacked
+from stickslip_logs.units import MIB
 
-_PIECE = 1 << 20
+_PIECE = MIB
 
 
 def open_bag(path: str | Path) -> Recording:

@@ -26,13 +26,13 @@ from stickslip_logs.tables.dialect import with_unit
 from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, is_same_key
 from stickslip_logs.tables.table_file import Numbers, Rows, select_cells, texts_of
 from stickslip_logs.time_order import Row, Sorter, TimeCourse, TimeOrder
-from stickslip_logs.units import conversion
+from stickslip_logs.units import MIB, SECOND_NS, conversion
 
 # Words in place of numbers that are counted apart.
 _MAX_KINDS = 200
 # More lines of one time, where times are so coarse [ns], have lost their times by rounding; a value before
 # and one behind a change share theirs rightly.
-_MAX_ALIKE, _COARSE_NS = 2, 10 * 10**9
+_MAX_ALIKE, _COARSE_NS = 2, 10 * SECOND_NS
 # Blocks of lines without a number that are kept: the last one is whole, and one wrong time is no end.
 _MAX_BLANK_BLOCKS = 2
 # Rows of a sorted table that are yielded at a time at most.
@@ -41,7 +41,7 @@ _STRETCH = 1 << 16
 # a number has so many.
 _ALL_LINES, _BITS = -1, 62
 # Numbers that wait in memory until the order is known (40 MB for a million lines of two) [bytes].
-_MAX_KEPT_BYTES = 64 << 20
+_MAX_KEPT_BYTES = 64 * MIB
 
 Part = tuple[IntArray, BoolArray, FloatArray]
 """Times of n rows [ns], whether each of k topics has a number in each, shape (k, n), and these, likewise."""

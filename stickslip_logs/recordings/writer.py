@@ -26,6 +26,7 @@ from stickslip_logs.recordings.chunk_writer import COMPRESSORS, ChunkWriter, Mes
 from stickslip_logs.recordings.mcap_chunks import HEAD
 from stickslip_logs.recordings.message_types import definition_of
 from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT
+from stickslip_logs.units import MIB, SECOND_NS
 
 _SUFFIX = '.mcap'
 # Fixed, so that equal recordings are equal files whatever version wrote them.
@@ -68,7 +69,7 @@ class BagWriter:
     """
 
     def __init__(
-        self, path: str | Path, compression: str = 'zstd', chunk_size: int = 1 << 20, label: str | None = None
+        self, path: str | Path, compression: str = 'zstd', chunk_size: int = MIB, label: str | None = None
     ) -> None:
         # What a link leads to, as for every other output.
         self.path = Path(os.path.realpath(path))
@@ -360,7 +361,7 @@ STAMPED_FIELDS: Mapping[str, tuple[str, ...]] = {
 }
 # All types of which numbers can be written by the column.
 NUMBER_FIELDS: Mapping[str, tuple[str, ...]] = {'std_msgs/msg/Float64': ('data',), **STAMPED_FIELDS}
-STAMP_END = (1 << 31) * 1_000_000_000
+STAMP_END = (1 << 31) * SECOND_NS
 _CDR = b'\x00\x01\x00\x00'
 _PADS = b'', bytes(3), bytes(2), bytes(1)
 
@@ -405,7 +406,7 @@ def encode_stamped(type_name: str, field: str, stamp_ns: ArrayLike, values: Arra
     layout = [('head', 'V4'), ('sec', '<i4'), ('nanosec', '<u4'), ('frame', '<u8')]
     rows = np.zeros(stamp.size, np.dtype([*layout, ('numbers', '<f8', len(fields))]))
     rows['head'], rows['frame'] = np.void(_CDR), 1
-    rows['sec'], rows['nanosec'] = stamp // 1_000_000_000, stamp % 1_000_000_000
+    rows['sec'], rows['nanosec'] = stamp // SECOND_NS, stamp % SECOND_NS
     rows['numbers'][:, fields.index(field)] = values
     return _split_rows(rows)
 
@@ -445,7 +446,7 @@ class StatusFields:
 
 def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes:
     """Encode a ``diagnostic_msgs/DiagnosticArray`` with a stamp [ns] and an empty frame, in CDR."""
-    body = bytearray(struct.pack('<iI', stamp_ns // 1_000_000_000, stamp_ns % 1_000_000_000))
+    body = bytearray(struct.pack('<iI', stamp_ns // SECOND_NS, stamp_ns % SECOND_NS))
 
     def put(item: bytes) -> None:
         """Append a number of four bytes, or a text, which begins with one, padded to a multiple of four."""

@@ -17,11 +17,10 @@ import numpy as np
 
 from stickslip_logs.arrays import BoolArray, IntArray
 from stickslip_logs.time_order import MAX_TIME_NS
+from stickslip_logs.units import SECOND_NS
 
 Cells = Sequence[str]
-SECOND = 10**9
-"""Nanoseconds of a second."""
-DAY = 86_400 * SECOND
+DAY = 86_400 * SECOND_NS
 """Nanoseconds of a day."""
 Times = tuple[IntArray, BoolArray]
 """Times [ns] and which cells hold one, shape (n,) each; the time of another cell has no meaning."""
@@ -192,7 +191,7 @@ class StampLayout:
         except (ValueError, OverflowError):
             return None
         seconds += (hour * 60 + minute) * 60 - self._zone_offset(part['z'])
-        time_ns = (day.toordinal() - _EPOCH) * DAY + seconds * SECOND + int(part['f'].ljust(9, '0'))
+        time_ns = (day.toordinal() - _EPOCH) * DAY + seconds * SECOND_NS + int(part['f'].ljust(9, '0'))
         is_day_of_year = 'j' not in part or day.year == year
         return time_ns if is_day_of_year and abs(time_ns) < MAX_TIME_NS else None
 
@@ -233,9 +232,9 @@ class StampLayout:
             below = np.array([int(text[slice(*match.span('f'))]) for text in texts]) if match['f'] else 0
         except ValueError:
             return none
-        if np.abs(seconds).max() >= MAX_TIME_NS // SECOND:
+        if np.abs(seconds).max() >= MAX_TIME_NS // SECOND_NS:
             return none
-        return seconds * SECOND + below * 10 ** (9 - len(match['f'] or '')), ~none[1]
+        return seconds * SECOND_NS + below * 10 ** (9 - len(match['f'] or '')), ~none[1]
 
     def _zone_offset(self, zone: str | None) -> int:
         """Return the distance from UTC [s] of a zone as written: of none that of the table, or else 0."""
@@ -257,7 +256,7 @@ def read_time_of_day(columns: Sequence[Cells]) -> Times:
         if match := _SINCE_START.fullmatch(columns[0][k].strip()):
             hours, minutes, seconds = (int(part) for part in match.groups()[:3])
             nanoseconds = int((match[4] or '').ljust(9, '0'))
-            time_ns[k] = ((hours * 60 + minutes) * 60 + seconds) * SECOND + nanoseconds
+            time_ns[k] = ((hours * 60 + minutes) * 60 + seconds) * SECOND_NS + nanoseconds
             is_timed[k] = True
     return time_ns, is_timed
 

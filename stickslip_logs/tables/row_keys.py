@@ -8,8 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from stickslip_logs.arrays import FloatArray, IntArray
-from stickslip_logs.tables.cell_times import SECOND, Cells
+from stickslip_logs.tables.cell_times import Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, unit_of
+from stickslip_logs.units import SECOND_NS
 
 MAX_WORDS = 100
 """More words of a column are names of files, events or remarks: a fleet's list of ships is shorter."""
@@ -153,7 +154,7 @@ class KeySteps:
             time_ns: The times of the rows [ns], shape (n,), at least one.
             texts: The texts of these rows by place of the column.
         """
-        steps = np.flatnonzero(np.diff(time_ns, prepend=self._last_ns) < -SECOND).tolist()
+        steps = np.flatnonzero(np.diff(time_ns, prepend=self._last_ns) < -SECOND_NS).tolist()
         self._steps += len(steps)
         for place in [*self.places]:
             column = texts[place]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip_logs.tables.cell_times import SECOND, Cells, Times
+from stickslip_logs.tables.cell_times import Cells, Times
 from stickslip_logs.tables.dialect import parse_number
 from stickslip_logs.tables.time_columns import (
     MAX_ROWS,
@@ -21,6 +21,7 @@ from stickslip_logs.tables.time_columns import (
     direction_of,
     find_clock,
 )
+from stickslip_logs.units import SECOND_NS
 
 _OF_TIME = re.compile(TIME_WORDS.pattern + r'|\b(?:utc|gmt|stamp|ns|us|ms|s)\b')
 
@@ -172,7 +173,7 @@ def _is_apart(table: TableColumns, main: Clock, clock: Clock) -> bool:
     Zones are whole quarters of an hour, up to 14 hours. False for a clock without times in the head, or with
     less than half as many different times as the main one. True where no row has times of both.
     """
-    quarter_ns = 900 * SECOND
+    quarter_ns = 900 * SECOND_NS
     rows = [row for row in table.rows[:MAX_ROWS] if len(row) > max(*main.columns, *clock.columns)]
     (main_ns, is_main), (clock_ns, is_clock) = _read_rows(main, rows), _read_rows(clock, rows)
     if not is_clock.any():
@@ -182,6 +183,6 @@ def _is_apart(table: TableColumns, main: Clock, clock: Clock) -> bool:
         return True
     ahead_ns = clock_ns - main_ns
     zone_ns = np.rint(ahead_ns / quarter_ns).astype(np.int64) * quarter_ns
-    is_zone = (np.abs(ahead_ns - zone_ns) < SECOND).all() and np.ptp(zone_ns) == 0
-    is_zone &= abs(int(zone_ns[0])) <= 14 * 3600 * SECOND
+    is_zone = (np.abs(ahead_ns - zone_ns) < SECOND_NS).all() and np.ptp(zone_ns) == 0
+    is_zone &= abs(int(zone_ns[0])) <= 14 * 3600 * SECOND_NS
     return not is_zone and 2 * np.unique(clock_ns).size >= np.unique(main_ns).size

@@ -21,7 +21,6 @@ from stickslip_logs.errors import BagError
 from stickslip_logs.tables.cell_times import (
     DAY,
     MAX_SHOWN,
-    SECOND,
     Cells,
     ReadTimes,
     StampLayout,
@@ -34,6 +33,7 @@ from stickslip_logs.tables.cell_times import (
     read_time_of_day,
 )
 from stickslip_logs.time_order import MAX_TIME_NS
+from stickslip_logs.units import SECOND_NS
 
 TIME_WORDS = re.compile(
     r'\b(time|timestamp|ts|date|datetime|zeit|datum|uhrzeit|seconds|sec|t|epoch|clock|elapsed'
@@ -52,16 +52,16 @@ _EPOCHS = (
     (100, -116_444_736_000_000_000, '100 ns since 1601'),
     (10**3, 0, 'us since 1970'),
     (10**6, 0, 'ms since 1970'),
-    (SECOND, -2_082_844_800, 's since 1904'),
-    (SECOND, 0, 's since 1970'),
+    (SECOND_NS, -2_082_844_800, 's since 1904'),
+    (SECOND_NS, 0, 's since 1970'),
 )
 _SPELLED = {
     1: 'ns nanos nanoseconds',
     10**3: 'us µs μs usec micros microseconds',
     10**6: 'ms msec millis milliseconds',
-    SECOND: 's sec secs second seconds',
-    60 * SECOND: 'min mins minute minutes',
-    3600 * SECOND: 'h hr hrs hour hours',
+    SECOND_NS: 's sec secs second seconds',
+    60 * SECOND_NS: 'min mins minute minutes',
+    3600 * SECOND_NS: 'h hr hrs hour hours',
     DAY: 'd day days',
 }
 _UNITS = {name: unit for unit, names in _SPELLED.items() for name in names.split()}
@@ -84,7 +84,7 @@ _MOSTLY, _NEARLY_ALL = 0.5, 0.9
 _ZERO_DECIMALS = re.compile(r'[.,]0+$')
 _DIGITS_OF_DAY = re.compile(r'(\d{1,6})(?:[.,]\d+)?')
 # The number of the day of a first row without a date, and how late rows come over midnight [ns].
-_FIRST_DAY, _LATE_NS = 10_000, 60 * SECOND
+_FIRST_DAY, _LATE_NS = 10_000, 60 * SECOND_NS
 _EMPTY = '', 'nan', 'null', 'none', '-'
 WITHOUT_ZONE = 'times have no zone: taken as UTC'
 """Remark on a clock whose distance from UTC is not said."""
@@ -261,7 +261,7 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
     time_ns, is_timed = clock.read([[row[k] for row in rows] for k in clock.columns])
     rows, time_ns = list(itertools.compress(rows, is_timed.tolist())), time_ns[is_timed]
     whole_steps = np.diff(time_ns)
-    whole_ns = next((unit for unit in (60 * SECOND, SECOND) if not (time_ns % unit).any()), 0)
+    whole_ns = next((unit for unit in (60 * SECOND_NS, SECOND_NS) if not (time_ns % unit).any()), 0)
     for k in range(len(table.names)) if 0 in whole_steps else ():
         unit = _unit_of_times(*table.headings[k])
         if k in clock.columns or _UNITS.get(unit, DAY) >= whole_ns:
@@ -397,7 +397,7 @@ def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
         if is_timed.mean() <= _NEARLY_ALL or not (len(rows) == 1 or _are_in_order(steps)):
             continue
         shorter = _join_parts([[row[k] for row in rows] for k in columns[:-1]], day_count)
-        is_finest = table.headings[columns[-1]][0] in _SPELLED[SECOND].split()
+        is_finest = table.headings[columns[-1]][0] in _SPELLED[SECOND_NS].split()
         if not is_finest and all(map(is_stamp, shorter)) and (np.diff(layout.read([shorter])[0]) > 0).all():
             continue
 
@@ -627,11 +627,11 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
         in words; and a question on it, empty where it is certain.
     """
     unit, largest = _unit_of_times(words, written), float(np.abs(values).max())
-    unit_ns = _UNITS.get(unit, SECOND)
+    unit_ns = _UNITS.get(unit, SECOND_NS)
     # With a unit in which they are no dates they count from a start.
-    is_elapsed = unit != '' and largest * unit_ns < _DATES_FROM * SECOND
+    is_elapsed = unit != '' and largest * unit_ns < _DATES_FROM * SECOND_NS
     for factor, begin, name in () if is_elapsed else _EPOCHS:
-        if _DATES_FROM <= (largest + begin) * factor / SECOND < _DATES_TO:
+        if _DATES_FROM <= (largest + begin) * factor / SECOND_NS < _DATES_TO:
             return factor, begin, name, ''
     elapsed, steps = f'{unit or "s"} since the start', np.abs(np.diff(values))
     step = float(np.median(steps[steps > 0])) if steps.any() else 0.0
@@ -663,7 +663,7 @@ def _meaning_as_days(
         # A question names first what the numbers are taken for.
         if not is_stated and (step == 0.0 or step >= _SECONDS_FROM):
             question = f"has times that may be {elapsed} or {name}: head them 'time [s]' or 'date'"
-            return SECOND, 0, f"{elapsed}, or are they {name}? Head them 'time [s]' or 'date'", question
+            return SECOND_NS, 0, f"{elapsed}, or are they {name}? Head them 'time [s]' or 'date'", question
         is_beyond = step * _MAX_RATE < 1.0
         # Beyond the rate of any log days are certain, unless each step is a round fraction of a second.
         rates = [1.0 / step] if is_beyond else _rates_of(values, step)

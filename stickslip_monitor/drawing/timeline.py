@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.drawing import canvas
 from stickslip_monitor.monitor.assessment import Regime
@@ -23,7 +24,7 @@ from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coar
 
 # Events beyond which only alarms are marked.
 _MAX_LINES = 80
-DATED_FROM = 10 * 365 * 86_400 * 10**9
+DATED_FROM = 10 * 365 * 86_400 * SECOND_NS
 """A clock before this counts from a start, a simulation's say: it has no date [ns]."""
 # The panels from above, with their heights [inch].
 _ROWS = (('speed', 1.9), ('load', 0.9), ('margin', 1.5), ('amplitude', 1.2), ('alarm', 0.26))

@@ -16,8 +16,9 @@ from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
 from stickslip_logs.senders import SourceAdmission
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
-from stickslip_monitor.host import HostClock
+from stickslip_monitor.host import BEHIND_NS, SHOW_NS, HostClock
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.parameter_file import LINKS
@@ -383,12 +384,8 @@ class BusInputs:
 
 TICK = 0.1
 """Time between two ticks of a live monitor [s]."""
-BEHIND_NS = 500_000_000
-"""Delay of the time that is passed on [ns]: a sample delivered later than that is overtaken."""
-STALL_NS = 3 * 10**8
+STALL_NS = 3 * SECOND_NS // 10
 """Time between two ticks from which this process was stalled, and no input is to blame [ns]."""
-# Time between two publications of the state of all bearings [ns].
-_SHOWN_EVERY_NS = 10**9
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,7 +429,7 @@ class LiveMonitor:
         self._now = (clock or HostClock()).now
         self._session = Session(config, sink, log, lambda: self._now().time_ns, store, Graph())
         self._begun_ns = self._ticked_ns = self._now().steady_ns
-        self._shown_ns = self._begun_ns - _SHOWN_EVERY_NS
+        self._shown_ns = self._begun_ns - SHOW_NS
 
     @property
     def damage(self) -> str:
@@ -469,7 +466,7 @@ class LiveMonitor:
         self._ticked_ns = now.steady_ns
         self._advance_bearings(now, BEHIND_NS)
         self._session.tick(now, now.steady_ns - self._begun_ns)
-        if now.steady_ns - self._shown_ns >= _SHOWN_EVERY_NS:
+        if now.steady_ns - self._shown_ns >= SHOW_NS:
             self._shown_ns = now.steady_ns
             self._session.show(now)
         # At the tick: the alarm itself must not wait for the figures beside it.

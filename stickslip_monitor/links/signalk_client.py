@@ -17,6 +17,7 @@ from urllib.parse import urlsplit
 
 import aiohttp
 
+from stickslip_logs.units import MIB
 from stickslip_monitor.errors import LinkError, cause
 from stickslip_monitor.links.buses import UNHEARD, BusInput, MonitorSide, SignalKLink, is_loopback
 from stickslip_monitor.links.signalk import (
@@ -43,7 +44,7 @@ _WAIT_FOR = (408, 425, 429)
 """Answers of a server that is busy: these are waited for, as those from 500 on."""
 _VALUES_EVERY = 1.0  # period of the values [s]
 _OUTBOX = 1000  # updates that wait for the server; the oldest are dropped
-_MAX_FRAME_BYTES = 4 << 20  # of a frame [bytes]: a server's whole state has some 100 kB
+_MAX_FRAME_BYTES = 4 * MIB  # of a frame [bytes]: a server's whole state has some 100 kB
 _NEEDS_TOKEN = (
     'gives nothing without a token: name a file as signalk.token_file and run'
     ' `stickslip watch --request-token`'

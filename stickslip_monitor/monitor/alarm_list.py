@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.monitor.alarm_states import (
     LATCHING,
     RUNG_OF,
@@ -33,7 +34,7 @@ UNSILENCE = 'unsilence'
 ON_SHOW = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED)
 WAITING = (AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED)
 STANDING = (*ON_SHOW, AlarmState.RETURNED)
-WINDOW_NS = 600 * 10**9
+WINDOW_NS = 600 * SECOND_NS
 """The time of a matter [ns]. A cause that comes again within it has come back; what is no worse
 than what people were given within it makes no sound; floods are counted over it."""
 FLOOD_ABOVE, FLOOD_ENDS_BELOW = 10, 5

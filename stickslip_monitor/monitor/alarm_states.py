@@ -15,16 +15,17 @@ from collections.abc import Iterator, Set
 from enum import IntEnum
 from typing import NamedTuple
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import LADDER, Condition, WordEnum
 from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.monitor.statements import Event
 
-LASTING_NS = 15 * 10**9
+LASTING_NS = 15 * SECOND_NS
 """Stick-slip that comes again within ten minutes of its sound sounds once it has lasted so long, of a
 manoeuvre that somebody has acknowledged so much longer than what was acknowledged [ns]: a kick ahead or
 a reversal is over by then (docs/rule.md)."""
-MANOEUVRE_NS = 120 * 10**9
+MANOEUVRE_NS = 120 * SECOND_NS
 """Stick-slip that begins within this time of the one before is of one manoeuvre [ns] (docs/rule.md)."""
 AT_REST, START_UP = 'at_rest', 'start_up'
 """Why alarms are suppressed by design."""

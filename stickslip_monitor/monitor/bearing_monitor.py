@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
@@ -34,7 +35,7 @@ class Update:
 
 
 _STATUS = tuple(Status)
-_FIRST_REPEAT_NS, _REPEAT_SHARE = 10**9, 8
+_FIRST_REPEAT_NS, _REPEAT_SHARE = SECOND_NS, 8
 """A value that stands is repeated each second, and from 8 s on at each eighth of its age [ns]: a delay
 runs on by an eighth of it at most, and an hour takes 57 points."""
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import plural
 from stickslip_monitor.monitor import record_fields
@@ -307,7 +308,7 @@ def hardware_id(node: str, bearing: str) -> str:
 
 DOUBLE = 'Another node has the same full name: services and parameters reach either of them.'
 CLOCKS = 'Several nodes publish /clock, so time jumps to and fro:'
-LATELY_NS = 60 * 10**9
+LATELY_NS = 60 * SECOND_NS
 """For so long [ns] a failure, or the loss of a message, is what the node has to say."""
 NODE_STATUS = 'the node'
 """Stands for the bearing in the name of the node's own status."""

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_logs.units import MIB
 from stickslip_monitor.errors import ConfigurationError, cause
 from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import parameters
@@ -24,7 +25,7 @@ from stickslip_monitor.physics.probability import Belief, Tolerance
 
 CALIBRATION_SCHEMA = 'stickslip_monitor/calibration/2'
 _PREVIOUS_SCHEMA = 'stickslip_monitor/calibration/1'
-_MAX_BYTES = 64 << 20
+_MAX_BYTES = 64 * MIB
 """The largest file of a result that is read [bytes]; a year of dips is a tenth of it."""
 _MAX_VARIANCE = 100.0
 # Of the file of a calibration, beside parameters of the bearing.

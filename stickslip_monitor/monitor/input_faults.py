@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from stickslip_logs.fields import ByName
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.input_fitness import FitnessWatch
@@ -27,9 +28,9 @@ from stickslip_monitor.monitor.statements import age_text
 
 ENOUGH = 12
 """Returns that raise the fault."""
-LEAST_NS = 3 * 10**9
+LEAST_NS = 3 * SECOND_NS
 """Least time between the first of them and the fault [ns]."""
-HOLD_NS = 60 * 10**9
+HOLD_NS = 60 * SECOND_NS
 """Time without one after which the fault is cleared [ns]."""
 _GAP = 0.2
 _TOLERANCE = 0.125
@@ -254,7 +255,7 @@ MOSTLY = 1.0 / 3.0
 """From this share of refused samples on they are a fault."""
 PATIENCE = 3
 """A fault is reported when so many checks in a row have found the same cause: discovery takes its time."""
-SHARE_SAMPLES, SHARE_NS = 20, 10 * 10**9
+SHARE_SAMPLES, SHARE_NS = 20, 10 * SECOND_NS
 """The share of refused samples is that of at least so many, over at least such a time [ns]."""
 _NAMES_SHOWN = 8
 """Of the names that a message has in place of ours: more help nobody to find the slip."""

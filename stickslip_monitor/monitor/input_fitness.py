@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor.signals import QUANTITIES, Input
 
@@ -34,7 +35,7 @@ _MIN_STEP = 0.02
 """Slow values whose median step is less than this share of them are steady, as far as they show."""
 _PAIRS, _GROUP, _MIN_GROUPS = 512, 32, 4
 """Pairs of speed and load that are judged together, in groups of like speeds, and least number of groups."""
-_PAIR_NS = 2 * 10**9
+_PAIR_NS = 2 * SECOND_NS
 """Time between two pairs [ns]."""
 _VISIT_SECONDS = 30.0
 """A group is of two visits to its speeds where so much time lies between [s]."""

@@ -12,13 +12,14 @@ from typing import Any
 
 import yaml
 
+from stickslip_logs.units import MIB
 from stickslip_monitor.errors import ConfigurationError, cause
 from stickslip_monitor.files import near_name, read_file
 from stickslip_monitor.monitor.configuration import build_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
 
 # A fleet's bearings have some hundred kilobytes [bytes].
-_LARGEST = 1 << 20
+_LARGEST = MIB
 NODE_NAME = 'stickslip_monitor'
 LINKS = '/stickslip_links'
 """The section of a ship's buses."""

@@ -18,6 +18,7 @@ import math
 from collections.abc import MutableSequence, Sequence
 from typing import TypeAlias, TypeVar
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS
 from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, LOAD, NEVER, SPEED, WATER, RuleNumbers, State
@@ -55,7 +56,7 @@ LATE = 2.5
 """Gaps after which an input that is slower than its time-out is lost."""
 PAIRED = 10
 """A gap that is shorter than the one before by more than this factor is within a pair of values."""
-NEAR = 10**9
+NEAR = SECOND_NS
 """A stamp is the time of its sample if it is older than the arrival by no more than this; an
 arrival that is before the input's last one by more shows that the clock was set back [ns]."""
 FAST_LAG, SLOW_LAG = 1.0, 4.0
@@ -66,9 +67,9 @@ HOLD = 6
 """What returns within so many off-delays of being cleared is held for as long."""
 BORNE = 1.0
 """Share of ``alarm.onset_growth`` at which stick-slip is predicted; trials of the alarm raise it."""
-MEMORY = 300 * 10**9
+MEMORY = 300 * SECOND_NS
 """No value stands for longer [ns]."""
-SIZED = 10**9
+SIZED = SECOND_NS
 """Time after which the amplitude of the cycle is computed again [ns]."""
 
 

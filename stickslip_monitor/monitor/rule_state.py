@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS, BearingConfig
 from stickslip_monitor.monitor.signals import INPUTS, Input
@@ -32,7 +33,7 @@ NEVER = -(2**62)
 # See docs/rule.md, "Why these numbers".
 DECAY = 4.8
 """How long a cycle outlives the fold [2 m/c]."""
-DOUBT = 600 * 10**9
+DOUBT = 600 * SECOND_NS
 """For so long after a short vibration, half as long after a start, no short one is used; a level
 that has not moved for so long is stuck [ns]."""
 _LARGEST = 1e15

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.errors import AlarmStateError, cause
 from stickslip_monitor.monitor import alarm_records
 from stickslip_monitor.monitor.alarm_list import MONITOR, Action, AlarmChange, Annunciator
@@ -26,9 +27,9 @@ from stickslip_monitor.monitor.severity import Condition, Severity
 from stickslip_monitor.monitor.signals import VALUE_FAULTS
 from stickslip_monitor.monitor.statements import Event, Verdict, duration_text
 
-LOOK_NS = 10**9
+LOOK_NS = SECOND_NS
 """Time between two checks of the inputs [ns]."""
-HEARTBEAT_NS = 60 * 10**9
+HEARTBEAT_NS = 60 * SECOND_NS
 """The list of alarms is published at least this often [ns], as IEC 62923 asks of any source of them."""
 MAX_NOTES = 50
 """Notes that wait for the next list of alarms; of more the latest stay."""

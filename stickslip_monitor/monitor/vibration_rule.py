@@ -11,15 +11,16 @@ from __future__ import annotations
 
 import math
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.monitor.rule_state import DOUBT, SPEED, RuleNumbers, State
 
 UNKNOWN, QUIET, VIBRATING = 0, 1, 2
 # Each with the measurement that chose it: docs/rule.md, "Why these numbers".
-DUE = 3 * 10**9
+DUE = 3 * SECOND_NS
 """Net time of a level above its threshold, or below the deadband, that decides its state [ns]."""
 RISE, BACKGROUND = 10.0, 60.0
 """A vibration is so far above its background [dB], a mean behind such a lag [s]."""
-SHORT = 15 * 10**9
+SHORT = 15 * SECOND_NS
 """A vibration that ends sooner than this was something else [ns]."""
 
 

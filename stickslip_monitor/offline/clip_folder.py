@@ -10,13 +10,14 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta, timezone
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 
 from stickslip_logs.recordings.recording import Recording, TimeSpans
 from stickslip_logs.recordings.writer import BagWriter, is_labelled
+from stickslip_logs.time_order import EPOCH
 from stickslip_monitor.errors import BagError, cause
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage, ClipRecorder, begins_clip
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig
@@ -33,7 +34,6 @@ from stickslip_monitor.offline.verdict_messages import (
 
 # Written in the file: a recording of somebody else is not taken for a clip by its name.
 _LABEL = 'stickslip_monitor/clip'
-_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _NAME = r'\d{8}T\d{6}Z_[a-z0-9_]+(-\d+)?\.mcap'
 _OURS, _DRAFT = re.compile(_NAME), re.compile(rf'\.{_NAME}\.\d+\.draft')
 
@@ -128,7 +128,7 @@ class ClipFolder:
 
     def _free_name(self, clip: Clip) -> Path:
         """Return a free path for a clip, named by time (UTC), bearing and condition, numbered if taken."""
-        when = _EPOCH + timedelta(seconds=clip.time_ns // 10**9)
+        when = EPOCH + timedelta(seconds=clip.time_ns // 10**9)
         stem = f'{when:%Y%m%dT%H%M%SZ}_{clip.bearing}_{clip.condition.value}'
         names = (f'{stem}{f"-{number}" if number > 1 else ""}.mcap' for number in itertools.count(1))
         return next(self.path / name for name in names if not (self.path / name).exists())

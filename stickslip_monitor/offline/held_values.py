@@ -5,15 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from stickslip_logs.time_order import MAX_LATE_NS
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor.bearing_monitor import repeat_step
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import judge_value, si_value
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.signals import QUANTITIES, Status, Stream
-
-# A stamp that is older than the newest by more is one of a clock that was set back [ns].
-_MAX_LATE_NS = 60 * 10**9
 
 
 class HeldValues:
@@ -80,7 +78,7 @@ class HeldValues:
         is_valid = np.array(statuses) == Status.ACCEPTED
         # One that is older than another before it changes nothing; where a clock was set back all are.
         newest_ns = np.maximum.accumulate(np.where(is_valid, stamp_ns, 0))
-        counts = ~is_valid | (stamp_ns == newest_ns) | (stamp_ns < newest_ns - _MAX_LATE_NS)
+        counts = ~is_valid | (stamp_ns == newest_ns) | (stamp_ns < newest_ns - MAX_LATE_NS)
         stamp_ns, arrival_ns, value, made, is_valid = (
             column[counts] for column in (stamp_ns, arrival_ns, value, made, is_valid)
         )

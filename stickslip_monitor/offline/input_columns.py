@@ -13,7 +13,7 @@ from stickslip_logs.errors import listed
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.dialect import FORCE_WORDS, parse_heading, unit_of
-from stickslip_logs.units import UNITS, affine_conversion, find_unit
+from stickslip_logs.units import SECOND_NS, UNITS, affine_conversion, find_unit
 from stickslip_monitor.errors import BagError, did_you_mean
 from stickslip_monitor.monitor.parameters import (
     LOAD_UNITS,
@@ -26,7 +26,7 @@ from stickslip_monitor.monitor.signals import NO_VALUES, QUANTITIES
 from stickslip_monitor.physics.bearing import TURNING_UNITS
 
 # Ten years, to which any time of a log can be added [ns].
-_MAX_TIMEOUT_NS = 10 * 31_557_600 * 10**9
+_MAX_TIMEOUT_NS = 10 * 31_557_600 * SECOND_NS
 # A column is taken by its unit only if its heading has one of these words, or is a unit, and no others than
 # these, those of its bearing and topic, and numbers: what else has the unit is named by its owner.
 _HEADINGS = {

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_logs.recordings.recording import Fault, Series
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor.config_questions import questions
 from stickslip_monitor.monitor.input_faults import (
@@ -50,7 +51,7 @@ FAR_BELOW = 0.2
 """Speeds never above this share of the fold speed look like another unit: ships serve above it."""
 APART = 100.0
 """Two levels of a load so far apart, and nothing between, are no bearing's: its unit was changed."""
-_MIN_STANDING, _MIN_STANDING_NS, _MIN_STANDING_RUNS = 60, 60 * 10**9, 10
+_MIN_STANDING, _MIN_STANDING_NS, _MIN_STANDING_RUNS = 60, 60 * SECOND_NS, 10
 """So many equal values at the end, for so long [ns], and so many times as many as ever before, are no
 sensor's with noise."""
 _NOISE_VALUES = 512

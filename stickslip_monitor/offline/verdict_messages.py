@@ -24,6 +24,7 @@ from stickslip_logs.recordings.writer import (
     encode_string,
     float64_rows,
 )
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor import rule
@@ -50,12 +51,12 @@ from stickslip_monitor.monitor.statements import Event, Verdict
 from stickslip_monitor.offline.check import BearingSamples, Stretch, StretchSink, pays_to_compile
 
 NODE = 'stickslip_monitor'
-TICK_NS = 10**9
+TICK_NS = SECOND_NS
 """Time between two diagnostics [ns]."""
-SILENCE_NS = 3600 * 10**9
+SILENCE_NS = 3600 * SECOND_NS
 """Diagnostics of a longer silence end [ns]: a clock that was wrong for one message would else
 make them for years."""
-ALWAYS = TimeSpans([(0, (1 << 63) - 1)])
+ALWAYS = TimeSpans([(0, int(np.iinfo(np.int64).max))])
 """All times that a recording can have."""
 
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 from typing import NamedTuple
 
 import numpy as np
 
+from stickslip_logs.time_order import EPOCH
 from stickslip_monitor.drawing.timeline import DATED_FROM
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import Condition
@@ -26,7 +27,6 @@ GRADES = tuple(_WORDS)
 """The grades of a finding, the worst last."""
 # Keeps a number and its unit on one line.
 _SPACE = '\N{NO-BREAK SPACE}'
-_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,7 +289,7 @@ def is_dated(time_ns: int) -> bool:
 
 def _round_time(time_ns: int, step_ns: int) -> datetime:
     """Return a time [ns since 1970] in UTC, rounded to a step of whole microseconds."""
-    return _EPOCH + timedelta(microseconds=round(time_ns / step_ns) * (step_ns // 1000))
+    return EPOCH + timedelta(microseconds=round(time_ns / step_ns) * (step_ns // 1000))
 
 
 def date(time_ns: int) -> str:

@@ -20,6 +20,7 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverriding
 from rclpy.serialization import deserialize_message
 
 from stickslip_logs.fields import ByName, FieldPath, NoSuchElementError, NumberField
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Moment
@@ -503,7 +504,7 @@ def stamp_reader(type_name: str) -> Callable[[Any], int]:
     def read(message: Any) -> int:
         """Return the stamp [ns], 0 for one before 1970."""
         stamp = message.header.stamp
-        return max(0, int(stamp.sec) * 10**9 + int(stamp.nanosec))
+        return max(0, int(stamp.sec) * SECOND_NS + int(stamp.nanosec))
 
     return read if stamped else lambda _: 0
 

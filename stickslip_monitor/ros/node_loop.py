@@ -15,8 +15,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.host import HostClock
+from stickslip_monitor.host import BEHIND_NS, SHOW_NS, HostClock
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange
 from stickslip_monitor.monitor.alarm_records import ROS_SERVICE, ActionRequest, parse_request
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
@@ -29,17 +30,13 @@ from stickslip_monitor.ros.outputs import Configured
 
 TURN_PERIOD = 0.05
 """Time between two turns of the node [s]: half the period of telemetry of 10 Hz."""
-WATCHDOG_NS = 10**8
+WATCHDOG_NS = SECOND_NS // 10
 """Time between two checks for lost inputs [ns]."""
-LAG_NS = 500_000_000
-"""Delay of the watchdog's time [ns]: a sample delivered within it keeps the time of its stamp."""
-SHOW_NS = 10**9
-"""Time between two publications of the state of all bearings [ns]."""
-LATE_NS = 2 * 10**8
+LATE_NS = SECOND_NS // 5
 """Time between two turns beyond which the node was stalled, and its inputs are not to blame [ns]."""
-LONG_STALL_NS = 10**9
+LONG_STALL_NS = SECOND_NS
 """Length of a stall from which it is reported [ns]."""
-STILL_NS = 10**9
+STILL_NS = SECOND_NS
 """Time without a step after which a simulated clock counts as stopped, not slow [ns]."""
 _DOUBLE_LOOKS = 5
 """Seconds between two checks of the ROS graph for another node of this name."""
@@ -384,8 +381,8 @@ class Watchdog:
         for name, bearing in self._session.monitor.bearings.items():
             before, has_sample = self._silent[name], now.time_ns and name in self._sampled
             silent = self._silent[name] = 0 if has_sample else before + passed_ns
-            elapsed = max(silent - LAG_NS, 0)
-            time_ns = self._time_without_sample(bearing, now, elapsed, elapsed - max(before - LAG_NS, 0))
+            elapsed = max(silent - BEHIND_NS, 0)
+            time_ns = self._time_without_sample(bearing, now, elapsed, elapsed - max(before - BEHIND_NS, 0))
             if silent and time_ns:
                 self._session.advance(name, time_ns, now)
         self._sampled.clear()
