@@ -165,7 +165,11 @@ class TimeCourse:
 
 
 class _Source:
-    """Segments of one source, stretches of rows without a jump: all that is kept of its times."""
+    """Segments of one source, stretches of rows without a jump: all that is kept of its times.
+
+    Args:
+        is_in_blocks: As for :class:`TimeOrder`.
+    """
 
     def __init__(self, *, is_in_blocks: bool) -> None:
         self._is_in_blocks = is_in_blocks
@@ -353,7 +357,8 @@ class TimeOrder:
         Args:
             wanted: The numbers of the sources; None for all.
             read_rows: Reads rows again, as written. With it rows behind a step that are a copy of earlier
-                ones make no clock that was set: all are to be sorted by the times as written.
+                ones make no clock that was set: all are to be sorted by the times as written. None to look
+                for no copies.
             files: The places at which further files of the recording begin, rising.
         """
         sources = {k: segments for k, segments in self._sources.items() if wanted is None or k in wanted}
@@ -570,7 +575,8 @@ def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_St
 def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     """Set start, end, longest gap, and how long rows wait for their turn, in the course.
 
-    Also set whether its rows are unordered: they would wait too long, and none of them was late.
+    Also set whether its rows are unordered: they would wait too long, and none of them was late. All times
+    are those that its shifts give, which must be complete; of late rows it must have the count.
     """
     parts, own_late_ns = [], 0
     for key, times_of_source in sources.items():

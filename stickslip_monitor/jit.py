@@ -69,7 +69,8 @@ def compiled(
         entry: Name of the function.
         modules: The module that defines it, and those whose functions it calls.
         law: The module of a friction law, whose functions it calls in place of those of the same names
-            (``_OF_A_LAW``). numba keeps no code of a function that is handed another, but it keeps this.
+            (``_OF_A_LAW``); ``None`` to replace none. numba keeps no code of a function that is handed
+            another, but it keeps this.
         inline: Whether to copy functions into their callers: right for short ones.
 
     Returns:
@@ -131,7 +132,7 @@ def _bind_functions(
     Args:
         spaces: Name space by module, which the copies look their names up in.
         compiled_functions: Compiled functions by the plain ones; others stay plain.
-        law: Its functions take the place of those of :data:`_OF_A_LAW` in every space.
+        law: Its functions take the place of those of :data:`_OF_A_LAW` in every space; ``None`` for none.
     """
     law_functions = {key: vars(law)[key] for key in _OF_A_LAW if hasattr(law, key)}
     for space in spaces.values():

@@ -494,6 +494,8 @@ class EvidenceSource:
     ) -> Calibration:
         """Return the calibration of a bearing by all recordings together; see :func:`.calibrate`.
 
+        ``forget`` is the deviation by which ``ln q`` may drift before each recording.
+
         Raises:
             CalibrationError: A report lies outside the recordings, the level has no two modes
                 (:class:`.NoTwoModes`), there is no evidence, or most of it is of another bearing.

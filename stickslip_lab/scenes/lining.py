@@ -284,7 +284,8 @@ class Samples:
         """Remove and return the complete samples before ``end`` [s].
 
         Returns:
-            Instants (m,) [s] and the motion at each, shape (4, m, samples in a window); m may be 0.
+            Instants (m,) [s] and the motion at each, rows as of :meth:`Lining.follow`, shape
+            (4, m, samples in a window); m may be 0.
         """
         size = self._before.size
         time = (self._next + np.arange(self._kept.shape[1] // size)) / self._rate

@@ -45,6 +45,12 @@ class McapFile:
     messages of each channel; with ``is_stated`` they are those of the summary: nothing was
     decompressed. ``start_ns`` and ``end_ns`` are the earliest and the latest log time [ns], None
     without any; a 0, which ``has_zero`` notes, is among them only where they are those of the summary.
+    It is empty until :meth:`read_summary` or :meth:`read_all` fills it.
+
+    Args:
+        path: The file.
+        size: Its length, as far as it is read [bytes].
+        findings: Takes the warnings.
     """
 
     def __init__(self, path: Path, size: int, findings: Findings) -> None:
@@ -178,7 +184,11 @@ class McapFile:
             self.findings.lose(f"file '{self.path.name}': its statistics count {counts}")
 
     def read_all(self, heads: RecordHeads) -> None:
-        """Fill in channels, counts, blocks, times and ``cut`` by reading all blocks; report oddities."""
+        """Fill in channels, counts, blocks, times and ``cut`` by reading all blocks; report oddities.
+
+        Raises:
+            BagError: The file cannot be read.
+        """
         name = self.path.name
         if heads.empty_count:
             records = plural(heads.empty_count, 'record')
@@ -214,6 +224,9 @@ class McapFile:
 
         Returns:
             How many messages the last block that was read has; 0 without blocks.
+
+        Raises:
+            BagError: The file cannot be read.
         """
         count, way = 0, FilePass(self)
         for block in blocks:

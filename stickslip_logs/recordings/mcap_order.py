@@ -51,6 +51,13 @@ class CourseOfBlocks:
         notes: What is odd about their times.
         start_ns: The first resulting time, where it is another than chunks say [ns]; else None.
         end_ns: The last one, likewise [ns].
+
+    Args:
+        course: What to add to their times.
+        numbers: The number of each topic, which is its source in the course.
+        spans: First and last resulting time of each block with some of the messages, by its number [ns].
+        least_ns: The least log time that is one [ns].
+        is_corrected: Whether a resulting time lies outside what its chunk says.
     """
 
     def __init__(
@@ -140,7 +147,13 @@ class BlockTimes:
         return CourseOfBlocks(course, numbers, spans, self._least_ns, is_corrected=is_corrected)
 
     def _iterate_blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, list[_TopicRows]]]:
-        """Yield the number of each block with timed messages of some topics, and these, topic by topic."""
+        """Yield the number of each block with timed messages of some topics, and these, topic by topic.
+
+        Starts the count of sparse bytes anew.
+
+        Raises:
+            BagError: A file cannot be read; also OSError, where it cannot be opened.
+        """
         self._sparse_bytes = 0
         for file, blocks in self._select_blocks(numbers):
             keys = {key: numbers[c.topic] for key, c in file.channels.items() if c.topic in numbers}
@@ -185,6 +198,9 @@ class BlockTimes:
             begin: The first place.
             end: The place behind the last one.
             span_ns: The first and last time [ns].
+
+        Raises:
+            BagError: A file cannot be read.
         """
         for file, blocks in self._select_blocks(numbers):
             for number, block in blocks:
@@ -217,6 +233,9 @@ class BlockTimes:
 
         The list is empty for a block of more than 16 MB. Adds to the sparse bytes of the pass, and stops
         where their limit is reached.
+
+        Raises:
+            BagError: The file cannot be read.
         """
         parts, begin = [(_NONE, _NONE, _NONE)], 0
         if block.size <= _MAX_WALKED_BYTES and self._sparse_bytes <= _MAX_SPARSE_BYTES:

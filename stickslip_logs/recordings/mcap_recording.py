@@ -161,6 +161,9 @@ class Pass:
             columns_of: Makes the columns of the chosen messages of a piece.
             yielded_ns: All messages before this time were yielded already [ns]: earlier ones in the block,
                 which declares a later beginning, are lost.
+
+        Raises:
+            BagError: The file cannot be read.
         """
         file, late = job.file_pass.file, 0
         for piece, groups in job.file_pass.read_groups(job.block):
@@ -227,10 +230,15 @@ def _split_columns(columns: Columns, max_count: int) -> Iterator[Columns]:
 
 
 class McapReading(MessageReading):
-    """A pass over MCAP files for numbers of some topics.
+    """A pass over MCAP files for numbers of some topics; making it reads their times.
+
+    Args:
+        recording: The recording.
+        wanted: The numbers of each topic; counts what was read and what failed.
+        progress: Given the bytes done and the bytes to do after each block; None for nobody.
 
     Raises:
-        BagError: A path does not lead to a number.
+        BagError: Of a topic no definition has a number at a path, or a file cannot be read.
     """
 
     def __init__(
@@ -319,6 +327,12 @@ class McapRecording(Recording):
         contents: What the files hold.
         least_ns: The least log time that is one: among dates, 0 is that of a clock that was not
             set [ns].
+
+    Args:
+        path: The file or folder by which it is named.
+        files: What each file holds, in order.
+        findings: Takes the warnings; a doubt about the unit of its times is noted at once.
+        scratch: The temporary folder of unpacked files, kept for as long as the recording.
     """
 
     def __init__(self, path: Path, files: Sequence[McapFile], findings: Findings, scratch: Scratch) -> None:
@@ -344,6 +358,9 @@ class McapRecording(Recording):
         """Read the times of some topics, and return their course.
 
         Adds its notes to the warnings, and sets start and end of the recording where it corrects them.
+
+        Raises:
+            BagError: A file cannot be read; also OSError, where it cannot be opened.
         """
         course = self._times.judge_order(topics)
         for text in course.notes:

@@ -295,6 +295,10 @@ class TopicNumbers:
 class FieldReader:
     """Reads the numbers wanted of a topic from messages of one definition, many at once.
 
+    Args:
+        wanted: The numbers; counts the messages and their faults.
+        schema: The definition.
+
     Raises:
         BagError: A path does not lead to a number, or the definition cannot be used.
     """
@@ -419,7 +423,8 @@ class FieldReader:
         Args:
             data: The message.
             place: Its column in the arrays.
-            values: Takes the numbers, NaN for one that is not there, shape (width, n).
+            values: Takes the numbers, NaN for one that is not there, shape (width, n); and, where elements
+                are chosen by name, 1 in the further row of each path that the message is not for.
             stamp_ns: Takes a stamp that is not zero, shape (n,) [ns].
         """
         values[:, place] = math.nan
@@ -453,7 +458,11 @@ def _begins_with_header(definitions: Definitions, root: str) -> bool:
 
 
 class MessageReading(ABC):
-    """A pass over messages for numbers of some topics."""
+    """A pass over messages for numbers of some topics.
+
+    Args:
+        wanted: The numbers of each topic; counts what was read and what failed.
+    """
 
     def __init__(self, wanted: Sequence[TopicNumbers]) -> None:
         self._wanted, self._sequence = wanted, 0
@@ -485,7 +494,7 @@ class MessageReading(ABC):
     ) -> dict[Request, Series]:
         """Return the series of a stretch by request, and move the sequence numbers on.
 
-        The arrays are those of :meth:`_read_stretches`.
+        The arrays are those of :meth:`_read_stretches`, shape (n,), the values (k, n).
         """
         result: dict[Request, Series] = {}
         is_unstamped = np.array_equal(log_time_ns, stamp_ns)

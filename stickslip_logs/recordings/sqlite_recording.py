@@ -62,6 +62,9 @@ class SqliteRecording(Recording):
         is_packed: Whether each message is compressed.
         findings: Takes what is wrong.
         scratch: Where copies are made.
+
+    Raises:
+        BagError: A file cannot be read.
     """
 
     def __init__(
@@ -306,7 +309,11 @@ class SqliteRecording(Recording):
     def _read_rows(
         self, topics: Sequence[str], begin: int, end: int, span_ns: tuple[int, int]
     ) -> Iterator[Row]:
-        """Yield the messages of some topics from one place up to another in a span of time [ns]."""
+        """Yield the messages of some topics from one place up to another in a span of time [ns].
+
+        Raises:
+            BagError: A file cannot be read.
+        """
         for time_ns, topic, data, _ in self._iterate_written(topics, (begin, end), span_ns):
             yield from zip(topic.tolist(), time_ns.tolist(), data, strict=True)
 
@@ -417,6 +424,11 @@ def _join_places(file: int, rowid: IntArray) -> IntArray:
 class SqliteReading(MessageReading):
     """A pass over the files for numbers of some topics.
 
+    Args:
+        recording: The recording.
+        wanted: The numbers of each topic; counts what was read and what failed.
+        progress: Given the messages done and the messages to do; None for nobody.
+
     Raises:
         BagError: A path does not lead to a number.
     """
@@ -438,6 +450,9 @@ class SqliteReading(MessageReading):
         """Yield log times [ns], topics, stamps [ns], shape (n,), and values, shape (k, n).
 
         A topic is its index among the wanted ones; rows that it has no number for are NaN. Reports progress.
+
+        Raises:
+            BagError: A file cannot be read.
         """
         topics = [item.topic for item in self._wanted]
         total, done = sum(self._recording.topics[topic].count for topic in topics), 0

@@ -42,7 +42,13 @@ class ColumnRecording(Recording):
     """A table as the recording that it stands for, without the way to its numbers.
 
     Its topics are its columns, or the names in a table of one value a line, until :meth:`deliver` chooses
-    which of them stand for which topics.
+    which of them stand for which topics. Making it reads the head and the tail of the file.
+
+    Args:
+        path: The file.
+
+    Raises:
+        BagError: It is no table, may be read in two ways, or has no times.
     """
 
     def __init__(self, path: Path) -> None:

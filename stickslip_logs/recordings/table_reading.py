@@ -99,7 +99,20 @@ def _filled_columns(is_there: BoolArray, bits: Sequence[int]) -> IntArray:
 
 
 class TableReading:
-    """A pass over a table for numbers of some columns."""
+    """A pass over a table for numbers of some columns.
+
+    Making it reads the file, buffers its numbers and judges their order: it adds to the warnings and losses
+    of the recording and may correct its start and end.
+
+    Args:
+        recording: The table.
+        requests: What is wanted; the fields do not count.
+        columns: The column of each topic of them, from left to right.
+        progress: Given the rows done and the rows to do; None for nobody.
+
+    Raises:
+        BagError: A column tells rows of the same times apart, which have to be chosen by it.
+    """
 
     def __init__(
         self,
@@ -222,7 +235,10 @@ class TableReading:
         return course, has_whole_lines
 
     def _read_lines(self, begin: int, end: int, span_ns: tuple[int, int]) -> Iterator[Row]:
-        """Yield the buffered lines from one row up to another in a span of time, all of one source."""
+        """Yield the buffered lines from one row up to another whose times are in a span [ns].
+
+        All are of one source, as the order of whole lines is judged.
+        """
         row = 0
         for time_ns, _, values in self._buffer:
             places = np.arange(row, row + time_ns.size)
@@ -455,7 +471,8 @@ class TableReading:
     ) -> dict[Request, Series]:
         """Return the series of a sorted part by request; add to the counts of numbers and of distinct times.
 
-        Sequence numbers continue from the part before. The arrays are those of a :data:`Part`.
+        Sequence numbers continue from the part before. The arrays are those of a :data:`Part`: shape (n,),
+        the others (k, n).
         """
         series: dict[str, Series] = {}
         for k, topic in enumerate(self._columns):

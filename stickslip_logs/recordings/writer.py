@@ -52,7 +52,7 @@ class BagWriter:
         path: A name ending in ``.mcap`` for a single file, any other for a rosbag2 folder.
         compression: ``'zstd'``, ``'lz4'`` or ``'none'``.
         chunk_size: Bytes after which a chunk is closed, before compression.
-        label: What the recording is, by which :func:`is_labelled` knows it again.
+        label: What the recording is, by which :func:`is_labelled` knows it again; None for nothing.
 
     Raises:
         BagError: The path exists already, or the compression is unknown; at the end of the block, the disk
@@ -121,8 +121,8 @@ class BagWriter:
         Args:
             name: Its name.
             type: Its message type, e.g. ``std_msgs/msg/Float64``.
-            definition: The concatenated ``ros2msg`` definition of a type that is not built in; of a type that
-                another topic has the first one counts.
+            definition: The concatenated ``ros2msg`` definition of a type that is not built in, None for one
+                that is; of a type that another topic has the first one counts.
 
         Raises:
             BagError: The topic was added already, the type needs a definition, or the disk does not take it.

@@ -134,7 +134,12 @@ def _time_before(head: str) -> str:
 
 
 def _own_time(kind: str, fields: Sequence[str]) -> str:
-    """Return the time in the fields of a sentence ZDA, or RMC with a fix, as ISO 8601 in UTC; else empty."""
+    """Return the time of a sentence ZDA, or RMC with a fix, as ISO 8601 in UTC; else empty.
+
+    Args:
+        kind: Its formatter, as ``'ZDA'``.
+        fields: What stands behind that, one field at least.
+    """
     clock = fields[0]
     if kind == 'ZDA' and len(fields) > 3:
         date = [field.zfill(2) for field in fields[1:4]]

@@ -645,7 +645,7 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
 def _meaning_as_days(
     values: FloatArray, step: float, elapsed: str, *, is_stated: bool
 ) -> tuple[int, float, str, str] | None:
-    """Return what :func:`_meaning_of_numbers` does for numbers that may be days; None if they are none.
+    """Return the meaning of numbers that may be days; None if they are none.
 
     They are days if the heading says so, or if as seconds they would have more lines a second than a log
     has; they are seconds with a whole number of lines a second that is no multiple of three. Else it is a
@@ -656,6 +656,10 @@ def _meaning_as_days(
         step: The median step from one to the next that differs; 0 where none do.
         elapsed: Their meaning in words if they count from a start.
         is_stated: Whether the heading says that they are days.
+
+    Returns:
+        As :func:`_meaning_of_numbers`: unit [ns], zero in that unit, meaning in words, and the question or an
+        empty text.
     """
     for minimum, maximum, zero, name in _DAYS_SINCE:
         if values.min() <= minimum or np.abs(values).max() >= maximum:

@@ -143,7 +143,8 @@ def run(args: argparse.Namespace) -> int:
         ConfigurationError: Options do not go together, or the configuration is refused.
         BagError: There is no recording, or ``--mcap`` is refused.
         FleetError: The cluster of ``--scheduler`` cannot be used.
-        ReportError, OutputError: The report cannot be made (Jinja2 is missing) or written.
+        ReportError, DrawingError, OutputError: The report cannot be made (Jinja2 or matplotlib is missing)
+            or written.
     """
     if STDIN in args.bags and (len(args.bags) > 1 or args.scheduler):
         raise ConfigurationError(
@@ -178,7 +179,7 @@ def _check_bags(
         args: The arguments.
         bags: The recordings.
         meter: Shows the progress.
-        shown: Name to print in place of the path, for a recording from standard input.
+        shown: Name to print in place of the path, for a recording from standard input; ``None`` for others.
 
     Returns:
         The exit code, the highest of all recordings.
@@ -187,7 +188,8 @@ def _check_bags(
         ConfigurationError: The configuration cannot be read or is refused.
         BagError: ``--mcap`` is given for several recordings, or its file exists or has a wrong ending.
         FleetError: The cluster of ``--scheduler`` cannot be used.
-        ReportError, OutputError: The report cannot be made (Jinja2 is missing) or written.
+        ReportError, DrawingError, OutputError: The report cannot be made (Jinja2 or matplotlib is missing)
+            or written.
     """
     task = _make_task(args, bags)
     # A folder's bags are a list, even where it holds one only.
@@ -350,7 +352,13 @@ def _failed_result(task: Task, bag: Path, text: str, *, faulty: bool = False) ->
 def _report_part(
     task: Task, document: dict[str, Any], checked: CheckReport | None = None
 ) -> RecordingPart | None:
-    """Return the recording's part of the report; ``None`` where no report is wanted."""
+    """Return the recording's part of the report; ``None`` where no report is wanted.
+
+    Args:
+        task: The task, which says whether one is.
+        document: The record of the recording, as ``check --json`` prints it.
+        checked: Its check with the outlines; ``None`` where it could not be checked.
+    """
     if not task.is_reported:
         return None
     # Drawing is not needed for a check as such, and costs time to import.
@@ -384,6 +392,7 @@ def _report_page(args: argparse.Namespace, task: Task, archive: Archive | None) 
 
     Raises:
         ReportError: Jinja2 is not installed.
+        DrawingError: matplotlib is not installed.
         ConfigurationError: The file of the configuration cannot be read any more; so also OSError.
     """
     from stickslip_monitor.report.page import html_page
@@ -473,7 +482,10 @@ def _wrap_line(line: str, width: int | None, indent: int = 2) -> str:
 
 
 def _text_lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]:
-    """Yield the lines on a recording; those of events are indented and wrapped to a width."""
+    """Yield the lines on a recording; those of events are indented and wrapped to a width.
+
+    A width of ``None`` has no limit.
+    """
     seconds = document['duration'] or 0.0
     yield f'{printable(document["path"])}: {plural(document["messages"], "message")} in {seconds:.1f} s'
     topics = [(name, topic['problem']) for name, topic in document['topics'].items()]
@@ -485,7 +497,14 @@ def _text_lines(document: Mapping[str, Any], width: int | None) -> Iterator[str]
 
 
 def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | None) -> Iterator[str]:
-    """Yield the lines on a bearing; ``start`` is that of the recording [ns]."""
+    """Yield the lines on a bearing; those of events are wrapped to a width, if it is not ``None``.
+
+    Args:
+        name: Name of the bearing.
+        item: Its part of the record, as ``check --json`` prints it.
+        start: The start of the recording, from which times are counted [ns].
+        width: Letters on a line; a narrow one has no headings above the events.
+    """
     for text in item['data']:
         yield f'data: {printable(text)}'
     for quantity, facts in item['inputs'].items():
@@ -514,7 +533,8 @@ def _bearing_lines(name: str, item: Mapping[str, Any], start: int, width: int | 
 def _event_lines(event: Mapping[str, Any], text: str, start: int, width: int | None) -> Iterator[str]:
     """Yield the lines of an event: a table row, or two lines if the width is narrow; each may be wrapped.
 
-    ``text`` says what happened; ``start`` is that of the recording [ns], which times are counted from.
+    ``text`` says what happened; ``start`` is that of the recording [ns], which times are counted from. A
+    width of ``None`` has no limit.
     """
     seconds = (event['time'] - start) * 1e-9
     if width is not None and width < _NARROW:

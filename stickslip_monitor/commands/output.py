@@ -153,6 +153,12 @@ def write_outputs(args: argparse.Namespace, **makers: Callable[[], Any]) -> None
 def _write_file(path: str, contents: Any, marks: Marks, *, force: bool) -> None:
     """Write a text, bytes, columns (CSV) or a figure to a file.
 
+    Args:
+        path: The file.
+        contents: The text, bytes, columns by heading, or figure.
+        marks: What a file of ours contains, by its ending; see :data:`.options.Marks`.
+        force: Whether to replace a file that is not ours.
+
     Raises:
         OutputError: The file cannot be written.
         DrawingError: A figure cannot be written.
@@ -276,7 +282,7 @@ def make_table(title: str, headings: str, left: Collection[int] = (0,), caption:
         title: Its title; '' for none.
         headings: Of its columns, parted by ``'; '``.
         left: Which columns, from 0, are aligned left; the others are aligned right.
-        caption: A text below it.
+        caption: A text below it; ``None`` for none.
     """
     from rich.table import Table
 

@@ -92,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ConfigurationError: The configuration is refused.
         LinkError: A needed package is missing, or a link cannot be used.
+        OSError: The file of the requested token cannot be written.
         DashboardError: The page cannot be served.
         RosError: ``--node`` is given, and ROS 2 is not there; or a state file cannot be used.
     """

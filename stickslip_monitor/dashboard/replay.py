@@ -42,7 +42,8 @@ class Replay:
 
     Args:
         path: The recording.
-        rate: How much faster than recorded.
+        config: The configuration; its topics must be in the recording.
+        rate: How much faster than recorded, > 0.
         board: What is fed; its one monitor is that of the recording.
 
     Raises:

@@ -160,7 +160,9 @@ class WatchedMonitor(Sink):
 
     Args:
         source: Where it comes from, for a person: the node's full name, or the recording's.
+        views: Its bearings as the page shows them.
         space: Namespace of its node, without slashes around it; empty for none.
+        replay: Whether its data come from a recording: then a list of alarms is never too old.
         shelve_time: For how long an alarm is shelved [s].
         clock: Time that never steps [s].
 
@@ -394,7 +396,8 @@ class DashboardState:
     """Latest records of all monitors that are shown.
 
     Args:
-        monitors: The monitors; no two of them in one namespace.
+        monitors: The monitors; no two of them in one namespace. Their ``send`` and ``log`` become ours.
+        replay: Whether a recording is shown.
         log: What happened; one of its own that keeps nothing if ``None``.
 
     Attributes:

@@ -344,6 +344,9 @@ def inline_svg(figure: Figure, name: str, text: str) -> str:
         figure: The figure.
         name: Put before every id, so that several pictures can share a page.
         text: What the picture shows, for those who do not see it.
+
+    Raises:
+        DrawingError: matplotlib is not installed.
     """
     file = io.StringIO()
     with style():

@@ -137,7 +137,11 @@ class _Lines:
 
     Attributes:
         columns: By name: speeds [rpm], that of the shaft without sign, load [kN], margins [%].
-        is_dated: Whether times on the axis are dates.
+        is_dated: Whether times on the axis are dates: days since 1970, else seconds from the start.
+
+    Args:
+        timeline: What is drawn.
+        max_points: Points that a line keeps, nearly.
     """
 
     def __init__(self, timeline: Timeline, max_points: int) -> None:
@@ -376,7 +380,7 @@ def _format_time_axis(panels: dict[str, canvas.Axes], lines: _Lines, width: floa
 
 
 def _set_clock_ticks(axes: canvas.Axes, max_ticks: int) -> None:
-    """Put up to ``max_ticks`` ticks at round times of day in UTC."""
+    """Put up to ``max_ticks`` ticks at round times of day in UTC, on an axis of days since 1970."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     make_locator: Any = AutoDateLocator  # matplotlib has no types

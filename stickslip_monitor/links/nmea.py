@@ -120,10 +120,10 @@ class SentenceStream:
 
 
 def read_numbers(item: BusInput, fields: Sequence[str]) -> list[float]:
-    """Return the numbers for an input in the fields of a sentence of its formatter.
+    """Return the numbers for an input in the fields of a sentence of its formatter, as these have them.
 
-    Empty where it is of another shaft, engine or transducer, or too short. A number that
-    is marked as invalid, or cannot be read, is NaN.
+    They are in rpm of a sentence RPM, in N of a transducer. Empty where it is of another shaft, engine or
+    transducer, or too short. A number that is marked as invalid, or cannot be read, is NaN.
     """
     if item.sentence == 'XDR':
         unit = [item.kind, 'N', item.name]
@@ -225,7 +225,9 @@ class Alerts:
 
     Args:
         bearings: Names of the bearings in the order of the file, which numbers them.
-        first_alert: Identifier of the first kind of alarm.
+        talker: Our talker identifier, two letters.
+        manufacturer: Our manufacturer code, three letters; empty for none.
+        first_alert: Identifier of the first kind of alarm; the others have the numbers behind it.
         accept_actions: Whether a display may acknowledge and silence.
     """
 

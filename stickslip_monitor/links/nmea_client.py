@@ -264,6 +264,8 @@ class NmeaClient(Sink):
     """Sentences in, alerts out.
 
     Args:
+        link: The addresses, and how alerts are sent.
+        inputs: The inputs that come from sentences, perhaps none.
         side: The monitor; it is given the links ``nmea_in`` and ``nmea_out``.
     """
 

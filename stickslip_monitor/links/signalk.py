@@ -216,6 +216,7 @@ class SignalKValues:
     def make_update(self, bearing: str, record: Mapping[str, Any] | None) -> Update:
         """Return the update with a bearing's values; null without a record and while inputs are lost.
 
+        ``record`` is the latest of the bearing, ``None`` before the first.
         Where no cycle exists, a missing number that :data:`.WITHOUT_CYCLE` has is sent with that value.
         """
         valid = record if record is not None and record['reason'] != 'input_stale' else {}

@@ -74,8 +74,15 @@ class SignalKClient(Sink):
     """Samples in, values and notifications out, people's acts back.
 
     Args:
+        link: The server, and what is sent to it.
+        token: Opens the server; empty for none.
+        inputs: The inputs that come from it.
         own_load: Bearings whose load comes from elsewhere.
         side: The monitor; it is given the links ``signalk_in`` and ``signalk_out``.
+
+    Raises:
+        LinkError: The file of certificates has none.
+        ConfigurationError: Two bearings have one path.
     """
 
     def __init__(
@@ -324,7 +331,10 @@ class SignalKClient(Sink):
             task.add_done_callback(self._silence_tasks.discard)
 
     async def _log_silence(self, item: BusInput) -> None:
-        """Ask the server for its present value of an input; log why its path is silent, as a warning."""
+        """Ask the server for its present value of an input; log why its path is silent, as a warning.
+
+        A server that does not answer is a reason, too, and raises nothing.
+        """
         assert self._session is not None
         url = f'{self._link.url}/signalk/v1/api/vessels/self/{item.path.replace(".", "/")}'
         try:

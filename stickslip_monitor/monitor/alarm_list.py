@@ -442,6 +442,12 @@ class Annunciator:
     def _fire_trigger(self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str) -> list[AlarmChange]:
         """Change the state of an alarm by a trigger, with its silence, shelf, count, sound and the flood.
 
+        Args:
+            alarm: The alarm, which changes.
+            trigger: What happened.
+            time_ns: Stamp of the change [ns].
+            by: Name of the person, :data:`.MONITOR` or :data:`.TIMER`.
+
         Returns:
             The change as a list of one; an empty list where the state stays.
         """

@@ -162,7 +162,13 @@ def row_records(
 def state_record(
     annunciator: Annunciator, time_ns: int, memories: Mapping[str, dict[str, Any]] | None = None
 ) -> dict[str, Any]:
-    """Return the document that is saved for a restart: the alarms, and the memory of each bearing by name."""
+    """Return the document that is saved for a restart: the alarms, and the memory of each bearing by name.
+
+    Args:
+        annunciator: The alarms.
+        time_ns: When it is saved [ns since 1970].
+        memories: The memory of each bearing by name, as :meth:`.State.record`; ``None`` for none.
+    """
     return {
         'schema': STATE_SCHEMA,
         'time': time_ns,

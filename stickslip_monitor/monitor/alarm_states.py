@@ -198,6 +198,8 @@ class Causes:
         """Add the time since the last point to that of stick-slip with the shaft turning; 0 once it ended.
 
         A pause that is long enough begins another manoeuvre, of which nothing is acknowledged.
+
+        Arguments are those of :meth:`take_point`.
         """
         if self._turning_since is not None:
             self.sticking_ns += now_ns - self._turning_since

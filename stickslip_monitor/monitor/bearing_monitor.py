@@ -50,6 +50,10 @@ class BearingMonitor(Standing):
 
     Attributes:
         counts: Samples by :class:`Input` and :class:`Status`, shape (4, 7).
+
+    Args:
+        config: The bearing.
+        state: Its memory from before, which goes on changing; ``None`` for a new one.
     """
 
     def __init__(self, config: BearingConfig, state: State | None = None) -> None:

@@ -146,7 +146,7 @@ class BearingState:
 
     @property
     def point(self) -> Assessment | None:
-        """The last operating point while the bearing is watched."""
+        """The last operating point; ``None`` before the first, and while the bearing is not watched."""
         return self.bearing.assessment if self.monitoring else None
 
     @property

@@ -70,7 +70,8 @@ class ClipRecorder:
 
     Args:
         config: Length and size of clips.
-        definitions: The ``ros2msg`` text of each type that is not built in; it may grow later.
+        definitions: The ``ros2msg`` text of each type that is not built in; it may grow later. ``None`` for
+            none.
 
     Attributes:
         now_ns: The latest time of the samples [ns]; 0 before the first.

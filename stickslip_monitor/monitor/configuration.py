@@ -225,7 +225,15 @@ class _Section:
     """The parameters of one bearing, each checked by itself.
 
     Attributes:
-        fault: Why its calibration is not used, where it could not be read while live.
+        fault: Why its calibration is not used, where it could not be read while live; empty otherwise.
+
+    Args:
+        name: Name of the bearing.
+        values: Parameter values by full name, with the name before each.
+        is_live: Whether a ship is to be monitored now.
+
+    Raises:
+        ConfigurationError: A value breaks its rule.
     """
 
     def __init__(self, name: str, values: Mapping[str, Any], *, is_live: bool) -> None:

@@ -459,7 +459,10 @@ class _Track:
         return ('' if cause == _NUMBERS.sub('', before) else fault), False
 
     def record_counts(self, now_ns: int, counts: IntArray) -> None:
-        """Record the counts by status at a time [ns]: for the rate, and for the share of refused samples."""
+        """Record the counts by status at a time [ns]: for the rate, and for the share of refused samples.
+
+        ``counts`` are samples by :class:`Status`, shape (7,); the array is kept.
+        """
         self.rates.append((now_ns, int(counts[Status.ACCEPTED])))
         if not self.marks:
             self.marks.append((now_ns, counts))
@@ -480,7 +483,12 @@ class _Track:
 
 
 class InputWatch:
-    """The faults of the inputs of some bearings, their rates and ages."""
+    """The faults of the inputs of some bearings, their rates and ages.
+
+    Args:
+        bearings: The bearings by name, whose memory is read.
+        graph: Knows who publishes on the topics of their inputs.
+    """
 
     def __init__(self, bearings: Mapping[str, BearingMonitor], graph: Graph) -> None:
         self._bearings, self._graph = bearings, graph

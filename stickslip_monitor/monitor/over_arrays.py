@@ -258,10 +258,15 @@ class _Snapshots(list[State]):
 
 
 class BearingScan:
-    """One bearing over a recording in blocks, whose inputs are waited for from a time on [ns].
+    """One bearing over a recording in blocks, whose inputs are waited for from a time on.
 
-    ``long`` is whether to run compiled; ``None``: where a block is long and numba is there. How long a point
-    counts is known with the next one only, so each part ends a point before the samples that went in.
+    How long a point counts is known with the next one only, so each part ends a point before the samples that
+    went in.
+
+    Args:
+        config: The bearing.
+        start_ns: Time from which inputs are waited for [ns]; ``None`` for that of the first sample.
+        long: Whether to run compiled; ``None``: where a block is long and numba is there.
     """
 
     def __init__(self, config: BearingConfig, start_ns: int | None, *, long: bool | None = None) -> None:
@@ -347,10 +352,13 @@ class BearingScan:
         return np.array([*point, *chances])
 
     def _make_columns(self, size: int) -> tuple[tuple[Any, ...], Any]:
-        """Replace the stored columns by new ones for ``size`` points after row 0, the point held back.
+        """Replace the stored columns by new ones for ``size`` points, and for one held back before, in row 0.
+
+        Without one held back points begin in row 0. Other rows hold anything until the rule fills them.
 
         Returns:
-            The columns of :data:`_POINT`, and that of the probabilities.
+            The columns of :data:`_POINT`, shape (size + 1,), and that of the probabilities: shape
+            (size + 1, 3), or (size + 1, 0) without a belief.
         """
         before = self._points
         self._points = {name: np.empty(size + 1, kind) for name, kind in _POINT.items()}
@@ -368,9 +376,15 @@ class BearingScan:
 
         The memory goes on to its end, and the columns of the points are filled.
 
+        Args:
+            stream: The samples of the block, n of them.
+            noted: Columns to fill: the :class:`.Status` and the monitor's time [ns] of each, shape (n,).
+            ends: Rising counts of samples after which the memory is wanted.
+
         Returns:
-            How many points there are, the changes of the alarm with the memory at each, and the memory and
-            the number of points after each count of samples in ``ends``.
+            How many points there are, with one held back; the changes of the alarm, each as the six numbers
+            of :func:`store_change` with the memory at it; and the memory and the number of points after each
+            count of samples in ``ends``.
         """
         settings = self.settings
         size, points, made = stream.time_ns.size, self._make_columns(stream.time_ns.size), self._held

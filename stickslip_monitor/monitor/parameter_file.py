@@ -290,7 +290,7 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
 
     Args:
         path: The file.
-        node: Full name of the node whose parameters are read, where the file has several.
+        node: Full name of the node whose parameters are read, where the file has several; else ``None``.
         is_live: Whether a ship is to be monitored now, see :func:`.configuration.build_config`.
 
     Raises:

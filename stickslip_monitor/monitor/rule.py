@@ -104,7 +104,7 @@ def receive_sample(
     """Judge a sample, and where it is accepted let time pass up to it.
 
     A valid level or temperature is stored at once; a valid speed or load is left to
-    :func:`take_value`.
+    :func:`take_value`. Time also passes up to a repeat that counts (:func:`has_repeats`).
 
     Args:
         s: The memory, which changes.
@@ -116,7 +116,7 @@ def receive_sample(
 
     Returns:
         The :class:`Status` as a number; the time of the sample on the monitor's own clock [ns], 0 where it
-        is refused; and its value in SI units.
+        is not accepted; and its value in SI units.
     """
     # A load from a table is that at the speed of the message, and as valid as that.
     judged = SPEED if place == LOAD and c.has_load_table else place
@@ -217,6 +217,8 @@ def sample_time(s: State, place: int, stamp: int, arrival: int) -> int:
 
 def take_value(s: State, c: RuleNumbers, model: Model, place: int, time: int, si: float) -> int:
     """Store a valid speed or load, after :func:`receive_sample`, and decide where both inputs stand.
+
+    ``time`` [ns] and ``si`` are what that returned.
 
     Returns:
         The time until which the values of the operating point that it made stand [ns]; ``NEVER`` where it

@@ -63,7 +63,14 @@ class Verdict:
 
 
 class Standing:
-    """A bearing at an instant: what its memory means, for a person and for a record."""
+    """A bearing at an instant: what its memory means, for a person and for a record.
+
+    Args:
+        config: The bearing.
+        settings: What the rule needs of the configuration.
+        state: The memory, which is read when something is asked.
+        verdict: The latest verdict; ``None`` before the first operating point.
+    """
 
     def __init__(
         self, config: BearingConfig, settings: RuleSettings, state: State, verdict: Verdict | None = None

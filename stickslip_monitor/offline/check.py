@@ -236,7 +236,14 @@ def _is_summer_hour(gap: Gap, usual: float) -> bool:
 
 
 class _BearingCheck:
-    """Runs the monitor over one bearing's samples and adds up its verdicts."""
+    """Runs the monitor over one bearing's samples and adds up its verdicts.
+
+    Args:
+        config: The bearing, as it holds for the recording.
+        bound: Why inputs are absent, and the questions on them.
+        outlined: Whether the outline of the verdicts is kept, to be drawn.
+        long: Whether the rule runs compiled.
+    """
 
     def __init__(self, config: BearingConfig, bound: Bound, outlined: bool, long: bool) -> None:
         self.config, self._long = config, long

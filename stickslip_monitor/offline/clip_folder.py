@@ -185,7 +185,11 @@ class ClipWriter(StretchSink):
         self._begun_ns = 0
 
     def take(self, stretch: Stretch) -> None:
-        """Keep the next part; write and count the clips of parts that no later alarm can need."""
+        """Keep the next part; write and count the clips of parts that no later alarm can need.
+
+        Raises:
+            BagError: The messages of an input cannot be read.
+        """
         self._alarms += [e.time_ns for e in events_of(stretch) if begins_clip(e)]
         self._waiting.append((self._begun_ns, stretch))
         self._begun_ns = stretch.end_ns + 1
@@ -193,7 +197,11 @@ class ClipWriter(StretchSink):
             self._pass_messages(*self._waiting.popleft())
 
     def finish(self) -> None:
-        """Write and count the clips of the parts that still waited, and of alarms near the end."""
+        """Write and count the clips of the parts that still waited, and of alarms near the end.
+
+        Raises:
+            BagError: The messages of an input cannot be read.
+        """
         while self._waiting:
             self._pass_messages(*self._waiting.popleft())
         self._recorder.finish()
@@ -207,6 +215,9 @@ class ClipWriter(StretchSink):
         Args:
             begun_ns: The first log time of the part [ns].
             stretch: The part.
+
+        Raises:
+            BagError: The messages of an input cannot be read.
         """
         around = self._around_ns
         spans = TimeSpans((t - around, t + around) for t in self._alarms)

@@ -63,7 +63,13 @@ class HeldValues:
     def _make_repeats(
         self, place: int, stream: Stream, until_ns: int
     ) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return stamps, arrivals [ns] and values of one input's due repeats; store its last value."""
+        """Return stamps, arrivals [ns] and values of one input's due repeats; store its last value.
+
+        Args:
+            place: The number of the input, which may be held.
+            stream: The next samples of all inputs.
+            until_ns: Log time up to which repeats are due [ns].
+        """
         rows, schedule = stream.inputs == place, self._schedules[place]
         stamp_ns, arrival_ns, value = stream.time_ns[rows], stream.arrival_ns[rows], stream.value[rows]
         made = np.zeros(value.size, np.int64)

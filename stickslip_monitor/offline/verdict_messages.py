@@ -121,7 +121,11 @@ class VerdictWriter(StretchSink):
         self._messages = VerdictMessages(config, start_ns, pays_to_compile(bag, config))
 
     def take(self, stretch: Stretch) -> None:
-        """Write the messages of a stretch, inputs before verdicts."""
+        """Write the messages of a stretch, inputs before verdicts.
+
+        Raises:
+            BagError: An input cannot be read, or the disk does not take the messages.
+        """
         columns = [*columns_of(self._messages_until(stretch.end_ns)), *self._messages.of(stretch)]
         self._writer.write_columns((column.topic, column.time_ns, column.payload) for column in columns)
 
@@ -170,6 +174,12 @@ class VerdictMessages:
     """Makes the messages of one stretch of a recording after the other.
 
     A verdict has its own time, that of the later of its two measurements.
+
+    Args:
+        config: The configuration, as it holds for the recording.
+        start_ns: Start of the recording on the clock of the samples, from which inputs are waited for [ns];
+            None if it is empty.
+        long: Whether the rule runs compiled.
     """
 
     def __init__(self, config: MonitorConfig, start_ns: int | None, long: bool) -> None:
@@ -262,7 +272,14 @@ def events_of(stretch: Stretch) -> list[Event]:
 
 
 class _Follower:
-    """Makes the messages of one bearing: its verdicts, and its state at some times."""
+    """Makes the messages of one bearing: its verdicts, and its state at some times.
+
+    Args:
+        config: The bearing.
+        start_ns: As of :class:`VerdictMessages` [ns].
+        period_ns: Time between two verdicts to publish [ns]; 0 for all.
+        long: Whether the rule runs compiled.
+    """
 
     def __init__(self, config: BearingConfig, start_ns: int | None, period_ns: int, long: bool) -> None:
         self._config, self._period_ns = config, period_ns
@@ -296,7 +313,11 @@ class _Follower:
     ) -> Iterator[tuple[str, Messages]]:
         """Yield the last word of each topic of the bearing and its encoded messages on some points.
 
-        ``measured`` has what a level measured at all points of the scan, ``rows`` those that are encoded.
+        Args:
+            points: The points that are encoded.
+            measured: What a level measured at each point of the scan, as an index of :data:`.MEASURED`; None
+                without a level.
+            rows: The indices of the points in the scan, shape (n,).
         """
         for name in topic_numbers(self._config):
             yield name, float64_rows(topic_number(name, points))

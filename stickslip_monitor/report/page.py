@@ -144,7 +144,11 @@ class Archive:
             self.parts[n] = replace(self.parts[n], courses=())
 
     def shown(self) -> Iterator[RecordingPart]:
-        """Yield the parts with texts on each kept bearing, and pictures (drawn here) for the most urgent."""
+        """Yield the parts with texts on each kept bearing, and pictures (drawn here) for the most urgent.
+
+        Raises:
+            DrawingError: matplotlib is not installed.
+        """
         urgent = {(n, k) for _, n, k in self._urgent}
         for n, part in enumerate(self.parts):
             bearings: dict[str, BearingPart] = {}
@@ -172,7 +176,11 @@ def _course_of(checked: CheckReport, item: BearingReport) -> Course:
 def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool) -> BearingPart:
     """Make the part of one bearing: its finding and inputs, then facts, and pictures if ``is_drawn``.
 
-    Without a verdict it has neither facts nor pictures; where none are drawn, a note says why.
+    Without a verdict it has neither facts nor pictures; where none are drawn, a note says why. ``anchor`` is
+    its ID in the page.
+
+    Raises:
+        DrawingError: matplotlib is not installed, and pictures are drawn.
     """
     inputs = zip(course.item.inputs, course.config.inputs.values(), strict=True)
     input_facts = {report.quantity: _input_facts(report, source) for report, source in inputs}
@@ -189,6 +197,9 @@ def _map_picture(part: BearingPart, course: Course) -> Picture:
     """Return the picture of the stability map of a bearing, drawn wide and narrow.
 
     It has the track of the recording, and marks of its first 60 events.
+
+    Raises:
+        DrawingError: matplotlib is not installed.
     """
     track = track_of_scan(course.scan)
     track = replace(track, events=track.events[:60])
@@ -204,7 +215,11 @@ def _map_picture(part: BearingPart, course: Course) -> Picture:
 
 
 def _timeline_picture(part: BearingPart, course: Course) -> Picture:
-    """Return the picture of the course of a bearing over time, drawn wide and narrow."""
+    """Return the picture of the course of a bearing over time, drawn wide and narrow.
+
+    Raises:
+        DrawingError: matplotlib is not installed.
+    """
     timeline, events = Timeline(course.config, course.scan, course.spells), course.item.events
     text = (
         f'Shaft speed between its stability boundaries, bearing load, margins, predicted'

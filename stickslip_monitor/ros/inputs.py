@@ -269,6 +269,10 @@ class Lane:
         names: Elements that messages named which were not for an input.
         subscription: The subscription; ``None`` while there is none.
 
+    Args:
+        topic: The topic as configured.
+        kind: The message type, as ``std_msgs/msg/Float64``.
+
     Raises:
         RosError: The message type is not installed.
     """

@@ -200,7 +200,10 @@ class Outputs(Sink):
     What has no subscribers is not made, unless clips are wanted; warnings and alarms are published always.
 
     Args:
-        clips: Takes what is published, and notice of alarms, where clips are wanted.
+        clips: Takes what is published, and notice of alarms; ``None`` where no clips are wanted.
+
+    Raises:
+        Exception: One of :data:`.inputs.ROS_FAULTS`, or a RosError: a publisher cannot be made.
     """
 
     def __init__(
@@ -325,7 +328,11 @@ class Clips(ClipRecorder):
         return self._writer.fault and f'an event clip is lost: {self._writer.fault}'
 
     def take(self, topic: str, message: Any, time_ns: int | None = None) -> None:
-        """Record a message that is published, at a time [ns]; by default at the latest of the samples."""
+        """Record a message that is published, at a time [ns]; by default at the latest of the samples.
+
+        Raises:
+            RosError: Its type is not installed.
+        """
         message_class = type(message)
         kind = f'{message_class.__module__.partition(".")[0]}/msg/{message_class.__name__}'
         self.tap(topic, kind, serialize_message(message), self.now_ns if time_ns is None else time_ns)

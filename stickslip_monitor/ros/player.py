@@ -85,7 +85,7 @@ class Player:
         Args:
             messages: In order of time.
             rate: How much faster than recorded, > 0.
-            progress: Called with the recorded time reached [ns].
+            progress: Called with the recorded time reached [ns]; ``None`` for nobody.
 
         Returns:
             The number of messages published; those on skipped topics do not count.

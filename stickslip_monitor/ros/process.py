@@ -104,6 +104,8 @@ def _require_security() -> None:
 def _make_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | None) -> MonitorNode:
     """Start ROS, and make the node; ROS is left running where that fails.
 
+    ``store`` makes what takes event clips; ``None`` for none.
+
     Raises:
         StickslipError: The arguments, a parameter or a name cannot be used.
     """
