@@ -56,40 +56,18 @@ _SHOWN = (
     'newly_given',
     'lead_median',
     'missed',
-    'detected',
     'told',
     'detected_plain',
     'false_per_100h',
     'baseless_per_100h',
     'wrong_hours',
     'far_warned',
-    'changes_per_hour',
-    'largest_burst',
     'sounds',
-    'loudest',
 )
 # Of voyages with spoilt sensors.
-_OF_SPOILT = (
-    'newly_given',
-    'detected',
-    'told',
-    'false_per_100h',
-    'baseless_per_100h',
-    'wrong_hours',
-    'far_warned',
-)
+_OF_SPOILT = ('newly_given', 'told', 'false_per_100h', 'wrong_hours')
 # Of manoeuvres.
-_OF_MANOEUVRES = (
-    'episodes',
-    'warned',
-    'missed',
-    'false_per_100h',
-    'baseless_per_100h',
-    'changes_per_hour',
-    'sounds',
-    'loudest',
-    'unheard',
-)
+_OF_MANOEUVRES = ('episodes', 'warned', 'missed', 'false_per_100h', 'sounds', 'unheard')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
