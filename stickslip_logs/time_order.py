@@ -26,6 +26,8 @@ MAX_TIME_NS = 1 << 62
 """Of the year 2116: two later times would have no sum of 64 bits [ns]."""
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 """Time from which nanoseconds count."""
+DATES_FROM_NS = 10**17
+"""Of 1973: times from here on are dates, not time since a trigger or since something was switched on [ns]."""
 # Smaller steps back are disorder, whatever the rate: they are sorted and not reported [ns]. Segments begin
 # with this resolution, too.
 _MIN_STEP_NS = SECOND_NS

@@ -266,7 +266,7 @@ def read_rows(path: str | Path) -> list[Row]:
 
 AT_ONCE = 1000
 """Operating points that a method in bulk solves in one call."""
-HARMONICS = (1, 3, 7, 15, 31, 63)
+HARMONICS = tuple(2**k - 1 for k in range(1, 7))
 """Numbers of harmonics to compare: each is the next step of the one before."""
 WIDTHS = (1e-3, 1e-4, 1e-5)
 """Widths of regularised friction to compare [m/s]."""

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip_logs.recordings.recording import DATES_FROM_NS, Request, Series
-from stickslip_logs.time_order import MAX_TIME_NS
+from stickslip_logs.recordings.recording import Request, Series
+from stickslip_logs.time_order import DATES_FROM_NS, MAX_TIME_NS
 from stickslip_logs.units import SECOND_NS
 
 

@@ -35,7 +35,8 @@ from stickslip_logs.recordings.mcap_chunks import (
 )
 from stickslip_logs.recordings.mcap_heads import MAX_RECORD, RecordHeads
 from stickslip_logs.recordings.message_types import MAX_DEFINITION_BYTES
-from stickslip_logs.recordings.recording import DATES_FROM_NS, Cut, Findings, encoding_problem
+from stickslip_logs.recordings.recording import Cut, Findings, encoding_problem
+from stickslip_logs.time_order import DATES_FROM_NS
 
 
 class McapFile:

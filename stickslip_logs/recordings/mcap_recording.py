@@ -25,7 +25,6 @@ from stickslip_logs.recordings.mcap_file import FilePass, McapFile
 from stickslip_logs.recordings.mcap_order import BlockTimes, CourseOfBlocks
 from stickslip_logs.recordings.message_fields import FieldReader, MessageReading, TopicNumbers
 from stickslip_logs.recordings.recording import (
-    DATES_FROM_NS,
     Findings,
     Message,
     Progress,
@@ -35,7 +34,7 @@ from stickslip_logs.recordings.recording import (
     TimeSpans,
     TopicInfo,
 )
-from stickslip_logs.time_order import Columns, select_rows
+from stickslip_logs.time_order import DATES_FROM_NS, Columns, select_rows
 
 # Messages of each topic, and of all, that are yielded at a time: a check takes 3 % less than with 2^13, as
 # calls take as long as their work; with 2^15 check --mcap takes more memory than it may.

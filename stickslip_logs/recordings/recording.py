@@ -170,8 +170,6 @@ class TimeSpans:
 
 Progress = Callable[[int, int], None]
 """Given how much is done, and how much there is to do: bytes of MCAP, messages of SQLite, or lines."""
-DATES_FROM_NS = 10**17
-"""Of 1973: times from here on are dates, not time since a trigger or since something was switched on [ns]."""
 
 
 class Reading(Protocol):

@@ -18,7 +18,7 @@ import numpy as np
 from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, did_you_mean, listed
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
-from stickslip_logs.recordings.recording import DATES_FROM_NS, Findings, Recording, TopicInfo
+from stickslip_logs.recordings.recording import Findings, Recording, TopicInfo
 from stickslip_logs.tables.bus_log import first_name
 from stickslip_logs.tables.cell_times import DAY, Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
@@ -26,7 +26,7 @@ from stickslip_logs.tables.quality import find_quality, find_quality_columns, is
 from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_column, is_same_key
 from stickslip_logs.tables.table_file import open_table, texts_of
 from stickslip_logs.tables.time_columns import Clock, DayCounter, counted_from
-from stickslip_logs.time_order import TimeOrder
+from stickslip_logs.time_order import DATES_FROM_NS, TimeOrder
 
 _NAME = re.compile(
     r'(?:tag|var)? ?name|tag|field|pid|variable|signal|point|channel|parameter|series|metric|topic'

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from stickslip_logs.units import SECOND_NS
+from stickslip_logs.time_order import DATES_FROM_NS
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.drawing import canvas
 from stickslip_monitor.monitor.assessment import Regime
@@ -24,8 +24,6 @@ from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coar
 
 # Events beyond which only alarms are marked.
 _MAX_LINES = 80
-DATED_FROM = 10 * 365 * 86_400 * SECOND_NS
-"""A clock before this counts from a start, a simulation's say: it has no date [ns]."""
 # The panels from above, with their heights [inch].
 _ROWS = (('speed', 1.9), ('load', 0.9), ('margin', 1.5), ('amplitude', 1.2), ('alarm', 0.26))
 # Room around and between the panels [inch].
@@ -150,7 +148,7 @@ class _Lines:
         scan, point = timeline.scan, timeline.scan.assessment
         self.start_ns = timeline.spells[0].start_ns
         self.end_ns = max(spell.end_ns for spell in timeline.spells)
-        self.is_dated = self.start_ns >= DATED_FROM
+        self.is_dated = self.start_ns >= DATES_FROM_NS
         # Interrupted where an input was lost or the clock jumped back.
         lost = scan.until_ns[:-1] < scan.time_ns[1:]
         back = np.diff(scan.time_ns) < 0

@@ -121,16 +121,19 @@ VALUE_FAULTS = {
     for status in (Status.NOT_FINITE, Status.NO_VALUE, Status.IMPLAUSIBLE, Status.BELOW_MINIMUM)
 }
 """What is wrong with a number, whenever it comes."""
-_TENTHS = (3276.7, -3276.7, -3276.8)
+_INT16, _INT32 = np.iinfo(np.int16), np.iinfo(np.int32)
+_UINT16, _UINT32 = np.iinfo(np.uint16), np.iinfo(np.uint32)
+_SIGNED = np.array([_INT16.max, -_INT16.max, _INT16.min])
+_TENTHS = _SIGNED / 10.0
 NO_VALUES = (
     1e20,  # and any of greater magnitude: fill values of netCDF and others
     *(-999.25, -9999.25, -999.0, -9999.0, -99999.0),  # the first is that of LAS
     # 16 bits with a sign, whole or in tenths, these in single precision, too.
-    *(32767.0, -32767.0, -32768.0, *_TENTHS, *np.array(_TENTHS, np.float32).tolist()),
+    *(*_SIGNED.astype(float).tolist(), *_TENTHS.tolist(), *_TENTHS.astype(np.float32).tolist()),
     # 16 bits without one, whole, in tenths or in quarters, and the error of NMEA 2000.
-    *(65535.0, 65534.0, 6553.5, 16383.75, 16383.5),
+    *map(float, (_UINT16.max, _UINT16.max - 1, _UINT16.max / 10, _UINT16.max / 4, (_UINT16.max - 1) / 4)),
     # 32 bits with and without a sign, and what single precision makes of their limits.
-    *(2147483647.0, 2147483648.0, -2147483648.0, 4294967295.0, 4294967296.0),
+    *map(float, (_INT32.max, -_INT32.min, _INT32.min, _UINT32.max, _UINT32.max + 1)),
 )
 """Numbers by which senders say that there is no value, as they stand in messages."""
 LEAST_NO_VALUE = min(map(abs, NO_VALUES))

@@ -13,7 +13,8 @@ from stickslip_logs.errors import listed
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.dialect import FORCE_WORDS, parse_heading, unit_of
-from stickslip_logs.units import SECOND_NS, UNITS, affine_conversion, find_unit
+from stickslip_logs.time_order import MAX_TIME_NS
+from stickslip_logs.units import UNITS, affine_conversion, find_unit
 from stickslip_monitor.errors import BagError, did_you_mean
 from stickslip_monitor.monitor.parameters import (
     LOAD_UNITS,
@@ -25,8 +26,6 @@ from stickslip_monitor.monitor.parameters import (
 from stickslip_monitor.monitor.signals import NO_VALUES, QUANTITIES
 from stickslip_monitor.physics.bearing import TURNING_UNITS
 
-# Ten years, to which any time of a log can be added [ns].
-_MAX_TIMEOUT_NS = 10 * 31_557_600 * SECOND_NS
 # A column is taken by its unit only if its heading has one of these words, or is a unit, and no others than
 # these, those of its bearing and topic, and numbers: what else has the unit is named by its owner.
 _HEADINGS = {
@@ -262,7 +261,7 @@ class ColumnBinding:
         # What came over a bus is as old as live, but where a clock that comes seldom gives the times. A value
         # counts for three intervals, because a lost line is no lost input.
         if not self._log.is_sent or self._log.shares_times(column):
-            timeout_ns = max(min(round(3.0 * interval * 1e9), _MAX_TIMEOUT_NS), timeout_ns)
+            timeout_ns = max(min(round(3.0 * interval * 1e9), MAX_TIME_NS), timeout_ns)
         stands = max(timeout_ns, source.hold_ns) * 1e-9
         sent = replace(use.conversion(), timeout=stands if self._log.is_sent else None)
         topic = source.topic

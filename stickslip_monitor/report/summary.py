@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip_logs.time_order import EPOCH
-from stickslip_monitor.drawing.timeline import DATED_FROM
+from stickslip_logs.time_order import DATES_FROM_NS, EPOCH
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.check import BearingReport
@@ -284,7 +283,7 @@ def _counted_noun(parts: Sequence[tuple[str, Finding]]) -> str:
 
 def is_dated(time_ns: int) -> bool:
     """Return whether a time is a date and not a count from some start."""
-    return time_ns >= DATED_FROM
+    return time_ns >= DATES_FROM_NS
 
 
 def _round_time(time_ns: int, step_ns: int) -> datetime:
