@@ -196,7 +196,10 @@ def switching(tight: bool, longest: float, bearing: Bearing, speed: float, load:
 
 
 def _slip_flow(side: float, bearing: Bearing, speed: float, load: float) -> Flow:
-    """Return the flow, as :func:`_build_flow`, of a slip behind (``side`` 1) or ahead (-1) of the belt."""
+    """Return the flow, as :func:`_build_flow`, of a slip behind (``side`` 1) or ahead (-1) of the belt.
+
+    ``speed`` is that of the surface [m/s], ``load`` the load [N].
+    """
     top, drop = law_bounds(bearing.friction).top, scalar_law(bearing.friction).plain.drop
 
     def friction(relative: float) -> float:
@@ -255,7 +258,7 @@ def event_driven(bearing: Bearing, speed: float, load: float) -> MethodResult:
     Stick and slip are phases, with transitions located to rounding. It ends where two successive parts of one
     and a half cycles have the same amplitude to 1e-13, or one but the first has stuck. There is no cycle
     where the amplitude falls below half of ``V/omega``; after 400 parts, or where the integrator gives up, it
-    has not converged. Evaluations are the steps while slipping.
+    has not converged. Evaluations are the steps while slipping. Speed [m/s] and load [N] are above 0.
     """
     omega = bearing.natural_frequency
     duration = 1.5 * typical_period(bearing, speed, load)
@@ -319,6 +322,11 @@ class _Law:
         static: The largest force of sticking.
         penalty: The number ``e`` of the module's equations, above the steepest fall of the force.
         evaluations: Evaluations of the law so far, an array of speeds counting once.
+
+    Args:
+        bearing: The bearing.
+        speed: Surface speed ``V`` > 0 [m/s].
+        load: Load > 0 [N].
     """
 
     def __init__(self, bearing: Bearing, speed: float, load: float) -> None:
@@ -391,7 +399,7 @@ class _Problem:
 
     series: _Series
     law: _Law
-    damping: float
+    damping: float  # the damping ratio
 
     def residual(self, q: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
         """Return the residual, shape (2 H + 1,), and its Jacobian, shape (2 H + 1, 2 H + 2).
@@ -487,7 +495,7 @@ def harmonic_balance(harmonics: int, bearing: Bearing, speed: float, load: float
 
     Solves with 1, 3, 7, ... harmonics in turn, at last with ``harmonics`` of them. There is no cycle where
     averaging has no stable one, or where the solver falls to steady sliding; where the last solution fails,
-    it has not converged.
+    it has not converged. Surface speed [m/s] and load [N] are above 0.
     """
     omega, law = bearing.natural_frequency, _Law(bearing, speed, load)
     cycles = stationary_amplitudes(bearing, speed, load)
@@ -513,7 +521,7 @@ def averaging(points: int, bearing: Bearing, speed: float, load: float) -> Metho
 
     There is no cycle where it has no stable one. ``points`` copies of the operating point are solved in one
     call, and the first is returned. Of the Stribeck law, which has closed forms, 0 evaluations are stated,
-    of any other ``None``.
+    of any other ``None``. Speed [m/s] and load [N] are above 0.
     """
     speeds = speed if points == 1 else np.full(points, speed)
     cycles = stationary_amplitudes(bearing, speeds, load)

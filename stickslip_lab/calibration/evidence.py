@@ -384,7 +384,8 @@ def _time_vibration(t: FloatArray, x: FloatArray, a: int, b: int) -> tuple[float
 def _find_spells(t: FloatArray, high: np.ndarray) -> list[list[int]]:
     """Return the first bin, and the bin after the last, of each part that is high, in order.
 
-    Parts with less than 3 s between them are one.
+    Parts with less than 3 s between them are one. ``t`` has the times of the bins [s], ``high`` whether each
+    is high, shape (n,).
     """
     edges = np.flatnonzero(np.diff(high.astype(int), prepend=0, append=0))
     spells: list[list[int]] = []

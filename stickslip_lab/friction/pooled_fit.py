@@ -115,6 +115,10 @@ class PooledFit(StribeckFit):
 def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
     """Fit the law to a curve, or to curves at several loads or water temperatures.
 
+    Args:
+        curve: The curve, or the points of all curves.
+        viscous: As for :func:`.fit_stribeck`.
+
     Returns:
         A :class:`PooledFit` at the geometric mean load and the mean temperature, if the curve has a load or a
         temperature; else a plain fit.

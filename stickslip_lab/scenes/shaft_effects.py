@@ -546,7 +546,7 @@ class Sea:
 
 
 def _energy_below(gamma: float) -> FloatArray:
-    """Return the share of the variance below each frequency of ``_RANGE``, from 0 to 1, of its shape.
+    """Return the share of the variance below each frequency of ``_RANGE``, from 0 to 1, shape (n,).
 
     ``gamma`` is the peakedness, from 1 [-].
     """

@@ -301,6 +301,9 @@ class Shaft:
 
     Speeds, of a channel's first bearing, and loads are the sum of the terms that effects have added. The
     temperature of the water is as configured until :meth:`set_water`.
+
+    Args:
+        channels: The channels of the scene, one for each topic.
     """
 
     def __init__(self, channels: Sequence[Channel]) -> None:

@@ -119,6 +119,9 @@ class Pass:
                 then numbers of blocks.
             min_count: How many messages are collected before some are yielded.
             max_count: How many messages are yielded at a time at most.
+
+        Raises:
+            BagError: A file cannot be read.
         """
         waiting: list[Columns] = []
         size, limit, yielded_ns = 0, min_count, -1

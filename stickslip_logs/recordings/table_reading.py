@@ -111,7 +111,8 @@ class TableReading:
         progress: Given the rows done and the rows to do; None for nobody.
 
     Raises:
-        BagError: A column tells rows of the same times apart, which have to be chosen by it.
+        BagError: A column tells rows of the same times apart, which have to be chosen by it; or the disk does
+            not take the numbers.
     """
 
     def __init__(
@@ -177,7 +178,8 @@ class TableReading:
             that fill the same columns are.
 
         Raises:
-            BagError: A column tells rows of the same times apart, which have to be chosen by it.
+            BagError: A column tells rows of the same times apart, which have to be chosen by it; or the disk
+                does not take the numbers.
         """
         recording, row, done = self._recording, 0, 0
         order, whole, has_whole_lines, has_numbers = TimeOrder(), TimeOrder(), False, False

@@ -521,6 +521,12 @@ def cycles(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the velocity amplitudes of all cycles and their stability.
 
+    Args:
+        law: The law.
+        speed: Surface speed > 0, shape (n,) [m/s].
+        damping: Damping >= 0 [N s/m].
+        load: Load, shape (n,) [N]; without one above 0 there is no cycle.
+
     Returns:
         Amplitudes, ascending and padded with ``nan`` [m/s], and 1.0 for a stable, 0.0 for an unstable cycle
         or padding; both of shape (n, w) with the ``w`` of the point that has most.

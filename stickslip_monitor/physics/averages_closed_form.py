@@ -290,6 +290,12 @@ def cycles(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the velocity amplitudes of all cycles and their stability.
 
+    Args:
+        law: The law.
+        speed: Surface speed > 0, shape (n,) [m/s].
+        damping: Damping >= 0 [N s/m].
+        load: Load, shape (n,) [N]; without one above 0 there is no cycle.
+
     Returns:
         Amplitudes, ascending and padded with ``nan`` [m/s], and 1.0 for a stable, 0.0 for an unstable cycle;
         both of shape (n, 2). Of padding the second may be either.
