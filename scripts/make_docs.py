@@ -46,31 +46,30 @@ COMMAND = 'python scripts/make_docs.py'
 KINDS = {'int': 'whole number', 'bool': 'true/false', 'str': 'text', 'float[]': 'numbers', 'str[]': 'texts'}
 INPUT = '<input>'
 GROUPS = (
-    ('', 'The bearing', 'The mass-spring model of the lining, see [physics.md](physics.md).'),
+    ('', 'The bearing', 'The [mass-spring model](physics.md) of the lining.'),
     (
         'friction',
         'Friction',
         '`stribeck` takes static, kinetic, decay (and viscous, exponent); `coulomb` static, kinetic;'
-        ' `tabulated` speed and coefficient. Others have no effect; they are named at the start.',
+        ' `tabulated` speed and coefficient. Others have no effect, and are named at the start.',
     ),
     (
         'water_temperature',
         'Water temperature',
-        'With `friction.at_temperature` friction goes by the present water:'
-        ' [physics.md](physics.md#another-load-or-temperature). Its temperature is a number (`constant`) or'
-        ' an input. Before the first value the constant counts, or the water of the measurement; after the'
-        ' timeout the last value. Both are reported, with WARN at least.',
+        'With `friction.at_temperature` friction goes by the'
+        ' [present water](physics.md#another-load-or-temperature), an input or a `constant`. Before the first'
+        ' value the constant counts, else the water of the measurement; after the timeout the last value.'
+        ' Both are reported, with WARN at least.',
     ),
     (
         'tolerance',
         'What is not known',
-        'Tolerances give the verdict as probabilities, see [calibration.md](calibration.md).'
-        ' Limits of ±10 % are 0.058.',
+        '[Tolerances](calibration.md#tolerances) give the verdict as probabilities; 0 is exact.',
     ),
     (
         INPUT,
         'Inputs: speed, load, level and water temperature',
-        '`speed`, `load` and, where measured, `level` ([of vibration](rule.md#measured-vibration)) and'
+        '`speed`, `load`, and where measured `level` ([of vibration](rule.md#measured-vibration)) and'
         ' `water_temperature`; where they differ, in this order.',
     ),
     ('level', 'Level of measured vibration', ''),
@@ -81,7 +80,7 @@ INTRO = f"""\
 <!-- Made by `{COMMAND}` from stickslip_monitor/monitor/parameters.py: edit that, or the script. -->
 # Configuration
 
-One ROS 2 parameter file configures the node (`--params-file`; launch file: `config:=`) and every command
+One ROS 2 parameter file serves the node (`--params-file`; launch file: `config:=`) and every command
 (`--config`).
 
 ```yaml
@@ -134,8 +133,8 @@ One ROS 2 parameter file configures the node (`--params-file`; launch file: `con
 - An input is `scale * number + offset` in its `unit`. A speed in rpm, rad/s or Hz is the shaft's, one in
   m/s the surface's. Speeds astern are negative; a load of zero or below means no contact.
 - A load that nothing measures is `load: {{constant: 30, unit: kN}}`, or from the alignment calculation
-  `load: {{over_speed: [[0, 32], [60, 28], [120, 19]], unit: kN}}` (rpm and load). In a file for the node the
-  pairs are one list, `[0.0, 32.0, 60.0, 28.0, 120.0, 19.0]`.
+  `load: {{over_speed: [[0, 32], [60, 28], [120, 19]], unit: kN}}` (rpm and load). For the node the pairs
+  are one list, `[0.0, 32.0, 60.0, 28.0, 120.0, 19.0]`.
 - *Live* parameters can be set at any time (`ros2 param set`); alarms and delays go on. *Fixed* ones are
   read when the node starts. For the others deactivate and activate the node.
 """
@@ -212,11 +211,16 @@ def _inputs() -> Iterator[tuple[str, ...]]:
 
 
 def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
-    lines = ['| name | default | range | live | meaning |', '|---|---|---|---|---|']
-    for row in rows:
-        cells = row if isinstance(row, tuple) else _cells(row)
-        lines.append(f'| {" | ".join(cells)} |'.replace('|  |', '| |').replace('|  |', '| |'))
-    return '\n'.join(lines)
+    """Return a table of parameters; where all can be set at the same time a sentence says when."""
+    cells = [row if isinstance(row, tuple) else _cells(row) for row in rows]
+    head: tuple[str, ...] = ('name', 'default', 'range', 'live', 'meaning')
+    times, note = {row[3] for row in cells}, ''
+    if len(times) == 1:
+        cells, head = [(*row[:3], row[4]) for row in cells], (*head[:3], head[4])
+        note = 'All are live.\n\n' if times == {'live'} else ''
+    lines = [f'| {" | ".join(head)} |', f'|{"---|" * len(head)}']
+    lines += [f'| {" | ".join(row)} |'.replace('|  |', '| |').replace('|  |', '| |') for row in cells]
+    return note + '\n'.join(lines)
 
 
 def _group(row: Parameter) -> str:
@@ -226,7 +230,7 @@ def _group(row: Parameter) -> str:
 def render() -> str:
     """Return the whole page."""
     parts = [INTRO, '## The node\n', _table(NODE_PARAMETERS)]
-    parts.append('\n## A bearing\n\nEach name stands in the section of its bearing.')
+    parts.append('\n## A bearing\n\nIn the section of that name.')
     shared = [row for rows in _shared_rows() for row in rows]
     for group, title, text in GROUPS:
         parts.append(f'\n### {title}\n')

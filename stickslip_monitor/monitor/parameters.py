@@ -110,12 +110,10 @@ class InputConfig:
     invalid, and magnitudes below ``deadband`` [SI] count as zero.
     """
 
-    topic: str = parameter('', 'Topic of the {input}; may be left out where a column is named.')
+    topic: str = parameter('', 'Topic of the {input}.')
     type: str = parameter('std_msgs/msg/Float64', 'Message type of that topic.')
     field_text: str = parameter(
-        'data',
-        'Path to the number inside the message, e.g. data, velocity[0] or wrench.force.z.',
-        name='field',
+        'data', 'Path to the number in the message, as velocity[0] or wrench.force.z.', name='field'
     )
     unit: str = parameter(REQUIRED, 'Unit of scale * number + offset.')
     scale: float = parameter(
@@ -123,16 +121,9 @@ class InputConfig:
     )
     offset: float = parameter(0.0, 'Added after the factor, in the unit.', within=(-1e9, 1e9), live=True)
     timeout_ns: int = duration(
-        5.0,
-        'Age at which the last value no longer counts and the input is reported lost.',
-        above_minimum=True,
-        live=True,
+        5.0, 'Age at which the last value is stale and the input lost.', above_minimum=True, live=True
     )
-    hold_ns: int = duration(
-        0.0,
-        'How long a value stands where its source sends changes only; 0 where it sends all the time.',
-        live=True,
-    )
+    hold_ns: int = duration(0.0, 'How long a value stands where its source sends changes only.', live=True)
     maximum: float = parameter(
         REQUIRED,
         'Largest valid magnitude; larger ones are counted as implausible.',
@@ -197,19 +188,16 @@ class LoadConfig(InputConfig):
 
     minimum: float = parameter(
         0.0,
-        'Smallest valid load; smaller ones are counted as below_minimum. Below 0 for a sensor that may show'
-        ' so little.',
+        'Smallest valid load; below 0 for a sensor that may show so little.',
         'N',
         within=(-1e9, 0.0),
         live=True,
     )
-    constant: float = parameter(
-        math.nan, 'Load that is assumed, in the unit, in place of a topic.', within=(0.0, 1e9)
-    )
+    constant: float = parameter(math.nan, 'Load that is assumed in place of a topic.', within=(0.0, 1e9))
     over_speed: tuple[float, ...] = parameter(
         (),
-        'The same as pairs of a shaft speed in rpm and the load there:'
-        f' 2 to {MAX_LOAD_POINTS} pairs, speeds rising; linear between them, the end value beyond.',
+        f'The same as 2 to {MAX_LOAD_POINTS} pairs of shaft speed in rpm and load, speeds rising; linear'
+        ' between them, the end value beyond.',
         kind='float[]',
         in_pairs=True,
         within=(0.0, 1e9),
@@ -236,17 +224,12 @@ class LevelConfig(InputConfig):
 
     threshold: float = parameter(
         math.nan,
-        'Level, in the unit, from which on a rise of 10 dB above its background is a vibration; without it'
-        ' the rise decides.',
+        'Level from which on a rise of 10 dB above its background is a vibration.',
         within=(-1e12, 1e12),
         live=True,
     )
     hysteresis: float = parameter(
-        3.0,
-        'How far below the threshold the level must fall to be quiet.',
-        'dB',
-        within=(0.0, 60.0),
-        live=True,
+        3.0, 'How far below the threshold the level is quiet.', 'dB', within=(0.0, 60.0), live=True
     )
 
 
@@ -256,7 +239,7 @@ class WaterConfig(InputConfig):
 
     constant: float = parameter(
         math.nan,
-        'Temperature of the water where nothing measures it, and until a value has come.',
+        'Temperature of the water where nothing measures it, and until the first value.',
         'C',
         within=(MIN_TEMPERATURE, MAX_TEMPERATURE),
         live=True,
@@ -275,11 +258,7 @@ def _declare_probability(default: float, text: str) -> Any:
 class AlarmConfig:
     """Thresholds and delays of a bearing's alarm."""
 
-    caution_margin: float = parameter(
-        0.2,
-        'Caution while the fold margin is below this: errors of friction and load, and time for the crew.',
-        within=(0.0, 10.0),
-    )
+    caution_margin: float = parameter(0.2, 'Caution while the fold margin is below this.', within=(0.0, 10.0))
     hysteresis: float = parameter(
         0.02,
         'Deadband: caution ends this far above its margin, the amplitude alarm this fraction below'
@@ -294,19 +273,17 @@ class AlarmConfig:
         above_minimum=True,
     )
     on_delay_ns: int = duration(
-        2.0,
-        'Net time for which a condition must hold to be raised; stick-slip goes by growth.',
-        within=(0.0, 600.0),
+        2.0, 'Net time after which a condition is raised; stick-slip goes by growth.', within=(0.0, 600.0)
     )
     off_delay_ns: int = duration(
-        10.0, 'Net time for which a condition must be gone to be cleared; longer if it keeps returning.'
+        10.0, 'Net time after which a condition is cleared; longer if it keeps returning.'
     )
-    input_off_delay_ns: int = duration(60.0, 'How long both inputs must be fine before their alarms clear.')
+    input_off_delay_ns: int = duration(60.0, 'How long inputs must be fine before their alarms clear.')
     latch: bool = parameter(
         default=False, text='The stick-slip and amplitude alarms stay until they are reset.', live=True
     )
     startup_inhibit_ns: int = duration(
-        0.0, 'For how long after the shaft starts to turn stick-slip alarms are suppressed.'
+        0.0, 'Time after the shaft starts to turn in which stick-slip alarms are suppressed.'
     )
     can_probability: float = _declare_probability(
         0.5, 'With tolerances: bistable above this probability that stick-slip can happen.'
@@ -321,13 +298,13 @@ class AlarmConfig:
     onset_growth: float = parameter(
         3.0,
         'Growth of a disturbance at which stick-slip is predicted; it sticks at about 6. Less warns'
-        ' earlier, and falsely more often; 0: at the Hopf speed.',
+        ' earlier and falsely more often.',
         'e-folds',
         within=(0.0, 20.0),
     )
     look_ahead_ns: int = duration(
         20.0,
-        'Caution also where the speed on its slope is below the fold within this time; 0 for none.',
+        'Caution also where the speed on its slope passes the fold within this time.',
         within=(0.0, 600.0),
     )
     minimum_speed: float = parameter(
@@ -374,16 +351,12 @@ class BearingConfig:
 class ClipConfig:
     """Folder of event clips (empty: none), and their length, number and size [bytes]."""
 
-    directory: str = parameter(
-        '', 'Folder for event clips, short recordings around alarms; empty for none.', fixed=True
-    )
-    around_ns: int = duration(
-        60.0, 'How much of the time before and after an alarm a clip has.', within=(1.0, 600.0)
-    )
+    directory: str = parameter('', 'Folder for event clips, short recordings around alarms.', fixed=True)
+    around_ns: int = duration(60.0, 'Time before and after an alarm in a clip.', within=(1.0, 600.0))
     most: int = parameter(50, 'Clips kept; the oldest make room.', within=(1, 10_000))
     size: int = parameter(
         5.0,
-        'Largest clip, before compression; one that is full ends early.',
+        'Largest clip, before compression.',
         'MB',
         kind='float',
         within=(0.1, 100.0),
@@ -399,9 +372,7 @@ class MonitorConfig:
     """
 
     bearings: tuple[BearingConfig, ...]
-    autostart: bool = parameter(
-        default=True, text='Configure and activate the node by itself when it starts.'
-    )
+    autostart: bool = parameter(default=True, text='Configure and activate the node when it starts.')
     publish_period: float = parameter(
         0.0,
         'Least time between two publications of a bearing, 0 for all; a change of condition is published'
@@ -411,15 +382,12 @@ class MonitorConfig:
         live=True,
     )
     shelve_time_ns: int = duration(
-        1800.0, 'How long a shelved alarm stays on the shelf.', above_minimum=True, live=True
+        1800.0, 'How long a shelved alarm stays shelved.', above_minimum=True, live=True
     )
     silence_time_ns: int = duration(
-        30.0,
-        'How long a silenced alarm stays silent if nobody acknowledges it.',
-        above_minimum=True,
-        live=True,
+        30.0, 'How long a silenced alarm stays silent.', above_minimum=True, live=True
     )
-    state_file: str = parameter('', 'File that keeps the alarms over a restart; empty for none.', fixed=True)
+    state_file: str = parameter('', 'File that keeps the alarms over a restart.', fixed=True)
     clips: ClipConfig = ClipConfig()
     notes: tuple[str, ...] = field(default=(), compare=False)
     faults: tuple[str, ...] = field(default=(), compare=False)
@@ -443,9 +411,7 @@ def _declare_optional(name: str, unit: str, text: str, maximum: float, *, above:
     return Parameter(name, 'float', math.nan, text, unit, 0.0, maximum, above_minimum=above)
 
 
-BEARINGS = Parameter(
-    'bearings', 'str[]', REQUIRED, 'Names of the bearings; each has its own section.', fixed=True
-)
+BEARINGS = Parameter('bearings', 'str[]', REQUIRED, 'Names of the bearings.', fixed=True)
 NODE_PARAMETERS = (BEARINGS, *declared_parameters(MonitorConfig), *declared_parameters(ClipConfig, 'clips.'))
 """The parameters of the node."""
 # Bounds keep out what is no bearing and cannot be computed with: from a watch's to a mountain's.
@@ -525,7 +491,7 @@ TOLERANCE_PARAMETERS = tuple(
         f'tolerance.{item.name}',
         'float',
         item.default,
-        f'Relative standard deviation of {_UNCERTAIN[item.name]}; 0: exact.',
+        f'Relative standard deviation of {_UNCERTAIN[item.name]}.',
         '',
         0.0,
         3.0,
@@ -587,7 +553,7 @@ BEARING_PARAMETERS = (
         'str',
         '',
         'Result of stickslip calibrate, relative to the parameter file; replaces damping, decay and'
-        ' their tolerances. Empty for none.',
+        ' their tolerances.',
         fixed=True,
     ),
     *(row for input_rows in INPUT_PARAMETERS.values() for row in input_rows),
