@@ -41,11 +41,8 @@ def run(quick: bool) -> Table:
             rows.append(absent(told, len(COLUMNS), f'Chromium is {NOT_INSTALLED}'))
     return Table(
         'The page in a browser',
-        'The share of a core that the main thread of a tab takes in Chromium (`TaskDuration` of'
-        ' its `Performance` domain: scripts, layout, painting), without a graphics processor, and'
-        ' that of the process of the dashboard, which here also runs the monitor. Every bearing is'
-        ' published so often, its speed swinging through all conditions; the node itself publishes'
-        ' once a second and at every change.',
+        'The share of a core of a tab in Chromium without a graphics processor (`TaskDuration`), and of'
+        ' the dashboard, which here runs the monitor.',
         COLUMNS,
         rows,
     )

@@ -12,20 +12,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'accuracy.md'
-PACKAGES = (
-    'numpy',
-    'scipy',
-    'mcap',
-    'mcap-ros2-support',
-    'zstandard',
-    'rosbags',
-    'numba',
-    'pathsim',
-    'dask',
-    'ros-kilted-rclpy',
-    'ros-kilted-rmw-fastrtps-cpp',
-)
-DEBIAN = ('auto-07p', 'gfortran', 'python3-siconos')
+PACKAGES = ('numpy', 'scipy', 'mcap', 'rosbags', 'numba', 'pathsim', 'ros-kilted-rclpy')
+DEBIAN = ('auto-07p', 'python3-siconos')
 MARK = '<!-- benchmarks -->\n'
 """What stands above it on the page is kept."""
 

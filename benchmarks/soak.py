@@ -34,12 +34,8 @@ def run(quick: bool) -> Table:
     return Table(
         title='Over a long time',
         text=(
-            'The node: speed and load, a thousand of each a second. Lost is what it has not'
-            ' counted as a sample. The monitor with its alarms: hours of speed and load, a'
-            ' hundred of each a second by their stamps, as fast as they are taken; the shaft'
-            ' passes through the stick-slip region and back twice an hour. Memory is that of'
-            ' the process when it has settled (of the monitor, after a quarter of an hour by'
-            ' the stamps) and at the end.'
+            'The node at 1 kHz; the monitor with its alarms over hours at 100 Hz, as fast as it takes'
+            ' them. Memory: settled, and at the end.'
         ),
         columns=('what', 'lasts', 'samples', 'lost', 'CPU', 'memory', 'at the end'),
         rows=[row, ['the monitor, in haste', f'{hours} h', *day]],
