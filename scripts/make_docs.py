@@ -143,7 +143,12 @@ One ROS 2 parameter file serves the node (`--params-file`; launch file: `config:
 LIFECYCLE = re.compile(r'(?<=-->\n).*?(?=<!-- /lifecycle -->)', re.DOTALL)
 LINKS = re.compile(r'(?<=-->\n)[^<]*(?=<!-- /links -->)')
 DIAGNOSTICS = re.compile(r'(?<=-->\n)[^<]*(?=<!-- /diagnostics -->)')
-NEEDED = {'': '', BELIEF: 'tolerances or a calibration', LEVEL: 'a level', WATER: 'a water temperature'}
+NEEDED = {
+    '': 'Always',
+    BELIEF: 'With tolerances or a calibration',
+    LEVEL: 'With a level',
+    WATER: 'With a water temperature',
+}
 """What a bearing must have for a diagnostic key, by what the field needs."""
 CELL = re.compile(r'^```python\n(?P<code>.*?)^```\n(?:\n```text\n.*?```\n)?', re.DOTALL | re.MULTILINE)
 SIZE = re.compile(r'^\| `([\w/]+)` \| (\d+) \| ([\d,]+) \|$', re.MULTILINE)
@@ -271,12 +276,18 @@ def with_links(page: str) -> str:
 
 
 def with_diagnostics(page: str) -> str:
-    """Return the page on interfaces with the table of a bearing's diagnostic keys made anew."""
-    rows = [(f'`{row.key}`', f'`{row.name}`', NEEDED[row.needs]) for row in BEARING if row.key]
-    lines = ['| key | field of `~/bearings` | only with |', '|---|---|---|']
-    lines += [f'| {" | ".join(cells)} |'.replace('|  |', '| |') for cells in rows]
-    table = '\n'.join(lines)
-    return DIAGNOSTICS.sub(lambda _: f'\n{table}\n\n', page, count=1)
+    """Return the page on interfaces with the list of a bearing's diagnostic keys made anew."""
+    lines = []
+    for needs, condition in NEEDED.items():
+        keys = ', '.join(_diagnostic_key(row) for row in BEARING if row.key and row.needs == needs)
+        lines.append(f'- {condition}: {keys}.')
+    return DIAGNOSTICS.sub(lambda _: '\n' + '\n'.join(lines) + '\n\n', page, count=1)
+
+
+def _diagnostic_key(row: RecordField) -> str:
+    """Return a key, with its field in brackets where its words are not those of the field."""
+    words = row.key.partition(' [')[0].replace(' ', '_')
+    return f'`{row.key}`' if words == row.name else f'`{row.key}` (`{row.name}`)'
 
 
 def rooms() -> dict[str, tuple[int, int]]:
