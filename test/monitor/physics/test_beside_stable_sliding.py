@@ -8,10 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from stickslip_monitor import Bearing, CycleKind, Tabulated, assess, exact_cycle, fold_speed
-from stickslip_monitor.physics import averages_by_quadrature
+from stickslip_monitor.physics import averages_by_quadrature, cycles, orbits
 from stickslip_monitor.physics.averaging import sticking_end
 from stickslip_monitor.physics.boundary_table import boundary_table
-from stickslip_monitor.physics.cycles import end_of_vibration
+from stickslip_monitor.physics.cycles import end_of_vibration, exact_amplitude
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched
 
 RISES_FIRST = Tabulated([0.0, 0.02, 0.05, 0.1, 0.2, 0.4], [0.15, 0.25, 0.3, 0.2, 0.12, 0.1])
@@ -95,3 +95,20 @@ def test_beyond_its_last_speed_a_tabulated_averaged_fold_is_that_of_the_load():
     bearing, load = _scattered_bearing(), np.array([2873.0, 6116.0])
     tabulated = boundary_table(bearing).fold_kbm(load)
     np.testing.assert_allclose(tabulated, fold_speed(bearing, load), rtol=5e-3)
+
+
+def test_the_scan_for_a_vibration_takes_fine_steps_only_where_a_gain_is_about_none(monkeypatch):
+    """The amplitudes are those of a scan by the finest steps throughout."""
+    bearing, errors = _scattered_bearing(), []
+
+    def follow(field, e, z, route):
+        errors.extend([route.error] * e.size)
+        return orbits.follow(field, e, z, route)
+
+    speed, load = np.meshgrid(np.linspace(0.1, 0.4, 12), np.linspace(500.0, 1500.0, 5))
+    with monkeypatch.context() as patch:
+        patch.setattr(cycles, '_ERROR_OF_SIGN', cycles._ERROR)
+        finest = exact_amplitude(bearing, speed, load)
+    monkeypatch.setattr(cycles, 'follow', follow)
+    np.testing.assert_allclose(exact_amplitude(bearing, speed, load), finest, rtol=1e-10)
+    assert errors.count(cycles._ERROR) < 0.5 * errors.count(cycles._ERROR_OF_SIGN)
