@@ -27,13 +27,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_monitor import jit
-from stickslip_monitor.arrays import FloatArray, IndexArray
+from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics import scalar_law as scalar_laws
 from stickslip_monitor.physics import series, slip_series
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw
 from stickslip_monitor.physics.numerics import gauss_rule
-from stickslip_monitor.physics.scalar_law import friction_slope, law_bounds, scalar_law
+from stickslip_monitor.physics.scalar_law import (
+    friction_slope,
+    largest_slopes_below,
+    law_bounds,
+    least_slopes_beyond,
+    scalar_law,
+)
 from stickslip_monitor.physics.series import PLACE, RELATIVE_SPEED, find_level, new_work, place_and_speed
 from stickslip_monitor.physics.slip_series import LONGEST, Medium, acceleration, expand, first_unit
 
@@ -153,7 +159,7 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     """Follow orbits from displacements and relative speeds to their ends.
 
     The loop runs interpreted until this process has taken :data:`PATIENCE` steps, which are counted here,
-    and compiled from then on where numba may be used.
+    and compiled from then on where numba may be used. Orbits that creep to rest are not followed.
 
     Args:
         field: What the linings slip in.
@@ -164,11 +170,15 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     Returns:
         Their ends, as :func:`follow_one` has them.
     """
-    n, law = e.size, scalar_law(field.law)
+    law = scalar_law(field.law)
     columns = field.speed, field.force, field.offset, field.origin, e, z, route.last, route.direction
-    rows, out = np.empty((n, _READS)), np.zeros((n, _WRITES))
+    starts, results = np.empty((e.size, _READS)), np.zeros((e.size, _WRITES))
     for k, column in enumerate(columns):
-        rows[:, k] = column
+        starts[:, k] = column
+    rests = _creep_to_rest(field, e, z, starts[:, -1])
+    results[rests] = RESTED, *[math.nan] * 4, 0.0, 0.0
+    rows, out = starts[~rests], results[~rests]
+    n = len(rows)
     shared = float(field.damping), float(field.drift)
     plain = route._replace(last=0, direction=1.0, max_steps=route.max_steps + 4 * law.pieces)
     work, begun = new_work(), 0
@@ -183,8 +193,47 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
         modules = import_module(__name__), slip_series, series, scalar_laws
         loop = jit.compiled('follow_each', *modules, law=law.module, inline=False)
         loop(law.compiled, *shared, rows[begun:], plain, np.array(work), out[begun:])
-    end, time, place, first, second, gain, _ = out.T
+    results[~rests] = out
+    end, time, place, first, second, gain, _ = results.T
     return Orbits(end.astype(int), time, place, np.stack([first, second]), gain)
+
+
+def _creep_to_rest(field: SlipField, e: FloatArray, z: FloatArray, direction: FloatArray) -> BoolArray:
+    """Decide which orbits come to rest without turning, so stiff that following them takes long.
+
+    With ``w`` the relative speed beyond that of steady sliding, ``y`` the displacement beyond it and ``G(w)``
+    the integral of the damping from 0 to ``w``, that of friction included, ``y' = -w`` and
+    ``w' = y - G(w)``. Where the damping is at least 2, critical, from 0 to any ``w`` > 0, an orbit does not
+    leave ``y >= w > 0``: on its edge ``y = w``, ``y' - w' = G(w) - 2 w >= 0``. Slip from the belt enters
+    there, since ``w'`` >= 0 as it passes ``w`` = 0. Back in time the same holds of ``w`` < 0 and damping
+    of at most -2.
+
+    Args:
+        field: What the linings slip in.
+        e: Displacements at the begin, shape (n,) [V/omega].
+        z: Relative speeds there, shape (n,) [V].
+        direction: Direction in time, 1 or -1, shape (n,).
+
+    Returns:
+        Shape (n,); False also where it takes following to know.
+    """
+    creeps = np.zeros(e.size, bool)
+    pull, critical = field.force * field.speed, 2.0
+    stiff = field.damping + pull * law_bounds(field.law).steepest >= critical
+    for rows, extreme in (
+        (np.flatnonzero(stiff & (direction > 0.0)), least_slopes_beyond),
+        (np.flatnonzero(stiff & (direction < 0.0)), largest_slopes_below),
+    ):
+        if field.drift <= 0.0 or not rows.size:
+            continue
+        towards = direction[rows]
+        damping = field.damping + pull[rows] * extreme(field.law, field.speed[rows])
+        rows = rows[towards * damping >= critical]
+        towards, beyond = direction[rows], z[rows] - 1.0
+        from_belt = (towards > 0.0) & (beyond <= 0.0) & (e[rows] >= -field.offset[rows])
+        held = (towards * beyond >= 0.0) & (e[rows] - field.take(rows).rest() >= towards * beyond)
+        creeps[rows[from_belt | held]] = True
+    return creeps
 
 
 def follow_each(

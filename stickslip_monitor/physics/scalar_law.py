@@ -247,6 +247,41 @@ def fit_pieces(law: FrictionLaw) -> Pieces:
     return Pieces(begin, base, width, _DEGREE, float(np.polyval(powers[0, ::-1], -1.0)), powers.ravel())
 
 
+# Places between two breakpoints of a law at which its slope is looked at, as shares of the way.
+_SLOPE_SHARES = np.linspace(0.0, 1.0, 65)
+
+
+def _slope_edges(law: FrictionLaw) -> FloatArray:
+    """Return the speeds between which a law's slope is looked at [m/s], shape (n,); none without a scale."""
+    breaks = speed_scales(law)
+    return np.array([ALMOST_REST, *breaks, 4.0 * breaks[-1]] if breaks else [])
+
+
+@lru_cache(maxsize=64)
+def _slope_course(law: FrictionLaw) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return rising speeds, and the least slope from each on and the largest up to each; cached.
+
+    Returns:
+        Speeds [m/s], and slopes [s/m], shape (n,) each, n > 0; the last slope is that of all higher speeds.
+    """
+    edges = _slope_edges(law)
+    speed = np.append(0.0, (edges[:-1, None] + np.diff(edges)[:, None] * _SLOPE_SHARES).ravel())
+    slope = np.asarray(law.slope(speed))
+    return speed, np.minimum.accumulate(slope[::-1])[::-1], np.maximum.accumulate(slope)
+
+
+def least_slopes_beyond(law: FrictionLaw, speed: FloatArray) -> FloatArray:
+    """Return the least slope of a law from each speed >= 0 [m/s] on, shape of ``speed`` [s/m]."""
+    places, least_slope, _ = _slope_course(law)
+    return least_slope[np.searchsorted(places, speed, side='right') - 1]
+
+
+def largest_slopes_below(law: FrictionLaw, speed: FloatArray) -> FloatArray:
+    """Return the largest slope of a law up to each speed >= 0 [m/s], shape of ``speed`` [s/m]."""
+    places, _, largest_slope = _slope_course(law)
+    return largest_slope[np.minimum(np.searchsorted(places, speed), places.size - 1)]
+
+
 def _largest_slope(law: FrictionLaw, sign: float) -> float:
     """Return the largest ``sign * slope`` between breakpoints and up to four times the last one [s/m].
 
@@ -258,14 +293,10 @@ def _largest_slope(law: FrictionLaw, sign: float) -> float:
         A bound, larger by a rounding, without which no cycle might seem possible; 0 where there is no such
         slope, or no breakpoint.
     """
-    breaks = speed_scales(law)
-    if not breaks:
-        return 0.0
-    edges = np.array([ALMOST_REST, *breaks, 4.0 * breaks[-1]])
+    edges, share = _slope_edges(law), _SLOPE_SHARES
     low, width, largest = edges[:-1], np.diff(edges), 0.0
-    share = np.linspace(0.0, 1.0, 65)
     # Each search is a 32nd as wide as the one before: three find a maximum to 1e-10 of its height.
-    for _ in range(3):
+    for _ in range(3 if low.size else 0):
         places = np.clip(low[:, None] + width[:, None] * share, edges[:-1, None], edges[1:, None])
         slope = sign * np.asarray(law.slope(places))
         largest = max(largest, float(np.max(slope)))
