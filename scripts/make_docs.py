@@ -43,7 +43,14 @@ DESIGN = PAGE.with_name('design.md')
 TUTORIAL = PAGE.with_name('tutorial.md')
 PICTURE = ROOT / 'docs' / 'images' / 'tutorial.png'
 COMMAND = 'python scripts/make_docs.py'
-KINDS = {'int': 'whole number', 'bool': 'true/false', 'str': 'text', 'float[]': 'numbers', 'str[]': 'texts'}
+KINDS = {
+    'float': '',
+    'int': 'integer',
+    'bool': 'true/false',
+    'str': 'text',
+    'float[]': 'list',
+    'str[]': 'list',
+}
 INPUT = '<input>'
 GROUPS = (
     ('', 'The bearing', 'The [mass-spring model](physics.md) of the lining.'),
@@ -126,7 +133,8 @@ One ROS 2 parameter file serves the node (`--params-file`; launch file: `config:
 - Sections `/**`, `/*`, and those that end with the node's name (`/ns/stickslip_monitor`) are merged in
   order. Others, and what every ROS 2 node has (`use_sim_time`, ...), are ignored.
 - `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same.
-- An invalid file (unknown parameter, key given twice, alias `*name`) is refused, with exit code 2:
+- An invalid file (unknown parameter, value out of range, key given twice, alias `*name`) is refused, with
+  exit code 2:
 
       ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number between 1e-06 and 1e+07 kg
 
@@ -176,24 +184,19 @@ def _default(row: Parameter) -> str:
     return f'`{row.default if isinstance(row.default, str) else _number(row.default)}`'
 
 
-def _range(row: Parameter) -> str:
+def _values(row: Parameter) -> str:
+    """Return the choices of a parameter, else its unit, else its kind or, of a bare number, its range."""
     if row.choices:
         return ', '.join(f'`{choice}`' for choice in row.choices)
-    bounds = [] if row.kind == 'float' else [KINDS[row.kind]]
-    low, high = _number(row.minimum), _number(row.maximum)
-    if row.maximum < math.inf:
-        bounds.append(f'{"above " * row.above_minimum}{low} to {high}')
-    elif row.minimum > -math.inf:
-        bounds.append(f'{">" if row.above_minimum else "≥"} {low}')
-    if row.not_zero:
-        bounds.append('≠ 0')
-    return f'{", ".join(bounds)} {row.unit}'.strip()
+    if row.unit or row.kind != 'float':
+        return f'{KINDS[row.kind]} {row.unit}'.strip()
+    return f'{_number(row.minimum)} to {_number(row.maximum)}'
 
 
 def _cells(row: Parameter) -> tuple[str, ...]:
     live = 'live' if row.live else 'fixed' if row.fixed else ''
     text = row.text.replace('|', '\\|')
-    return (f'`{row.name}`', _default(row), _range(row), live, text)
+    return (f'`{row.name}`', _default(row), _values(row), live, text)
 
 
 def _shared_rows() -> Iterator[tuple[Parameter, ...]]:
@@ -218,7 +221,7 @@ def _inputs() -> Iterator[tuple[str, ...]]:
 def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
     """Return a table of parameters; where all can be set at the same time a sentence says when."""
     cells = [row if isinstance(row, tuple) else _cells(row) for row in rows]
-    head: tuple[str, ...] = ('name', 'default', 'range', 'live', 'meaning')
+    head: tuple[str, ...] = ('name', 'default', 'values', 'live', 'meaning')
     times, note = {row[3] for row in cells}, ''
     if len(times) == 1:
         cells, head = [(*row[:3], row[4]) for row in cells], (*head[:3], head[4])
