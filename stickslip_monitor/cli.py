@@ -216,6 +216,9 @@ def _run_reporting_errors(
 
     A reader of the output that has gone counts as a warning (1), and a signal is not printed (130).
     ``takes_signals`` says whether signals are to raise in this process from now on.
+
+    Raises:
+        SystemExit: The help or the version was printed.
     """
     try:
         if takes_signals:

@@ -313,6 +313,9 @@ def calibrate(
 ) -> Calibration:
     """Infer a bearing's boundaries.
 
+    Whether the friction law can be moved so far shows only where the result is used: see
+    :attr:`.Calibration.bearing`.
+
     Args:
         evidence: The recordings, with their reports; a course that is given twice counts once.
         bearing: The bearing that is configured.
@@ -324,7 +327,6 @@ def calibrate(
     Raises:
         CalibrationError: No report is about a slow passage, most ends are worthless as of another bearing,
             or the configured bearing has no fold.
-        PhysicsError: The friction law cannot be moved so far.
     """
     reference = Reference(bearing)
     pairs, repeated = _drop_repeated(evidence)
@@ -433,7 +435,11 @@ def _round_values(values: Any) -> Any:
 
 
 def yaml_fragment(config: BearingConfig, calibration: Calibration) -> str:
-    """Return damping and friction law of the calibrated boundaries as YAML of a bearing's entry."""
+    """Return damping and friction law of the calibrated boundaries as YAML of a bearing's entry.
+
+    Raises:
+        PhysicsError: The law cannot be moved so far.
+    """
     rows = law_parameters(calibration.bearing)
     damping = rows.pop('damping')
     law = ', '.join(f'{key.removeprefix("friction.")}: {value}' for key, value in rows.items())
@@ -498,8 +504,8 @@ class EvidenceSource:
 
         Raises:
             CalibrationError: A report lies outside the recordings, the level has no two modes
-                (:class:`.NoTwoModes`), there is no evidence, or most of it is of another bearing.
-            PhysicsError: The friction law cannot be moved so far.
+                (:class:`.NoTwoModes`), there is no evidence, or most of it is of another bearing; or the
+                bearing has no fold.
         """
         spans = [(int(c.time_ns[0]), int(c.time_ns[-1])) for one in evidence for c in one.courses]
         for report in self._reports_of(config):

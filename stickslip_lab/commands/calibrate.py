@@ -132,7 +132,11 @@ def _read_evidence(
 
 
 def _print_calibration(out: Console, config: BearingConfig, calibration: Calibration) -> None:
-    """Print loads, boundaries, factors, remarks and warnings of a calibration."""
+    """Print loads, boundaries, factors, remarks and warnings of a calibration.
+
+    Raises:
+        PhysicsError: The friction law cannot be moved so far.
+    """
     (low, high), (log_r, log_q) = calibration.loads, calibration.factors
     out.print(
         f'[bold]{escape(config.name)}[/]: {plural(len(calibration.edges.tracks), "passage")},'
@@ -155,6 +159,9 @@ def _boundary_table(config: BearingConfig, calibration: Calibration) -> Table:
     """Return the table of both boundaries [rpm]: their 5, 50 and 95 % quantiles before and now.
 
     It has two rows for each load of :meth:`.Calibration.boundaries`.
+
+    Raises:
+        PhysicsError: The friction law cannot be moved so far.
     """
     table = output.make_table(escape('boundaries [rpm]: 5 %, 50 %, 95 %'), 'load; boundary; before; now', ())
     rpm = config.bearing.speed.factor('rpm')

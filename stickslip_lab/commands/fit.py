@@ -347,7 +347,10 @@ def _print_outliers(out: Console, fit: StribeckFit) -> None:
 
 
 def _boundary_table(item: BearingConfig, speeds: Boundaries, load: str) -> Table:
-    """Return the table of both boundaries of a bearing in rpm at a load, with 95 % intervals."""
+    """Return the table of both boundaries of a bearing in rpm, with 95 % intervals.
+
+    ``load`` is the text of the load that they are at, for the title.
+    """
     title = f'{item.name} with this law at {load}'
     table = output.make_table(title, 'boundary; speed; 95 % interval; unit', (0, 3))
     for name, three in speeds.items():

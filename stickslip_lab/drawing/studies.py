@@ -124,6 +124,7 @@ def draw_calibration(config: BearingConfig, calibration: Calibration) -> canvas.
 
     Raises:
         DrawingError: matplotlib is not installed.
+        PhysicsError: The friction law cannot be moved so far.
     """
     has_level = any(one.level is not None for one in calibration.evidence)
     with canvas.style():
@@ -218,7 +219,11 @@ def _draw_ends(axes: canvas.Axes, calibration: Calibration, has_level: bool) -> 
 
 
 def _draw_fold(axes: canvas.Axes, calibration: Calibration) -> None:
-    """Draw the calibrated over the configured fold at the geometric middle of the loads, 5 to 95 %."""
+    """Draw the calibrated over the configured fold at the geometric middle of the loads, 5 to 95 %.
+
+    Raises:
+        PhysicsError: The friction law cannot be moved so far.
+    """
     load = float(np.sqrt(calibration.loads[0] * calibration.loads[1]))
     configured = float(np.exp(calibration.reference.fold(np.array([np.log(load)]))[0]))
     low, middle, high = (float(calibration.belief.fold_speed(load, p)) / configured for p in QUANTILES)
@@ -231,6 +236,9 @@ def _draw_boundaries(axes: canvas.Axes, config: BearingConfig, calibration: Cali
     """Draw fold and Hopf speed [rpm] against the load before and after, with 5 to 95 % bands, and passages.
 
     Sets title, labels, limits and legend of the axes.
+
+    Raises:
+        PhysicsError: The friction law cannot be moved so far.
     """
     low, high = calibration.loads
     load, rpm = np.linspace(0.6 * low, 1.4 * high, 60), config.bearing.speed.factor('rpm')

@@ -359,6 +359,9 @@ def _minimise_loss(fit: StribeckFit, scale: float, loss: str, loss_scale: float)
 
     Returns:
         All values, as :attr:`StribeckFit.values`.
+
+    Raises:
+        ValueError: The law overflows at the start.
     """
     free = np.array([name in fit.names for name in UNITS])
 
@@ -380,7 +383,8 @@ def _minimise_loss(fit: StribeckFit, scale: float, loss: str, loss_scale: float)
 def _robust_scale(fit: StribeckFit) -> float:
     """Estimate the standard deviation from the median absolute residual, in units of ``std``.
 
-    It is raised for few points, and not below a hundredth of the rounding error. Since k residuals
+    It is raised for few points, of which there must be more than free coefficients, and not below a hundredth
+    of the rounding error. Since k residuals
     are small by construction, the smallest k - 1 are left out (Street, Carroll and
     Ruppert 1988).
     """

@@ -341,8 +341,8 @@ class FollowedLining:
         Args:
             channel: The level's channel, whose signal in the block changes in place.
             block: The block.
-            time: Instants of the windows, shape (n,) [s].
-            motion: The motion in each window, shape (4, n, samples).
+            time: Instants of the windows, each one of the signal's times, shape (n,) [s].
+            motion: The motion in each window, rows as of :meth:`.Lining.follow`, shape (4, n, samples).
         """
         power, factor = LEVEL_FACTORS[channel.input.unit]
         frequency = self.lining.config.bearing.natural_frequency

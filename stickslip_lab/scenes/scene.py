@@ -424,7 +424,11 @@ def write_bag(
 
 
 def _encode_signal(signal: Signal) -> tuple[IntArray, list[bytes]]:
-    """Return log times [ns] of the messages of a signal, and the messages encoded."""
+    """Return log times [ns] of the messages of a signal, shape (n,), and the messages encoded.
+
+    Raises:
+        BagError: A stamp is out of the range of a ROS header.
+    """
     (log_time_ns, stamp_ns, raw), source = signal.messages(), signal.channel.input
     if stamp_ns is None:
         return log_time_ns, encode_float64s(raw)

@@ -73,7 +73,7 @@ class LogTimes:
             )
 
     def _compare_paces(self, series: Sequence[Series]) -> None:
-        """Set ``text`` and ``replaced`` where log times of a series pass at an unusual pace; else leave them.
+        """Set ``text`` where log times pass at an unusual pace, and ``replaced`` if all series have stamps.
 
         Where all series are empty the next part is compared too.
         """

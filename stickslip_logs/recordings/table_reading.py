@@ -448,7 +448,7 @@ class TableReading:
 
     @staticmethod
     def _drop_bad_quality(numbers: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
-        """Set numbers with a bad quality mark to NaN, and count the marks as words.
+        """Set numbers with a bad quality mark to NaN, and count each mark as a word 'quality MARK'.
 
         Args:
             numbers: The numbers; changed.

@@ -439,7 +439,8 @@ class LiveMonitor:
     def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
         """Give the session a number that arrives now, measured at its sender's stamp [ns] if it has one.
 
-        With each speed it is given the load that is assumed there, too.
+        It is in the configured unit of the input, NaN if invalid. With each speed the session is given the
+        load that is assumed there, too.
         """
         now = self._read_moment()
         time_ns = now.time_ns if stamp_ns is None else stamp_ns

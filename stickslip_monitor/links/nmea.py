@@ -167,8 +167,8 @@ class NmeaInputs(BusInputs):
     def take(self, text: str, now: float) -> Iterator[tuple[str, Input, float]]:
         """Yield bearing, input and number (NaN if invalid) for each input that an admitted talker brings.
 
-        ``now`` is of a steady clock [s]. What a sentence brings in place of an input's number is
-        counted, for :meth:`log_silent`.
+        Numbers are in rpm or N. ``now`` is of a steady clock [s]. What a sentence brings in place of an
+        input's number is counted, for :meth:`log_silent`.
         """
         parsed = parse_sentence(text)
         if parsed is None:

@@ -104,7 +104,10 @@ def point_record(point: Assessment | None) -> dict[str, Any]:
 
 
 def event_record(event: Event) -> dict[str, Any]:
-    """Return the record of one event as in docs/interfaces.md, with ``measured`` only if there is a level."""
+    """Return the record of one event as in docs/interfaces.md.
+
+    ``measured`` is absent without a level, and before the first operating point.
+    """
     then = event.standing
     measured = None if then.state.point == NEVER else then.measured
     return {

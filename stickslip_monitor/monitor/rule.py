@@ -279,7 +279,8 @@ def standing_until(s: State, c: RuleNumbers) -> int:
 def advance(s: State, c: RuleNumbers, now: int) -> None:
     """Set the latest time ``s.now`` [ns]; mark an input as lost, since its value was too old, in ``s.lost``.
 
-    The first call starts the wait for inputs.
+    The first call starts the wait for inputs. An earlier ``now`` sets the time back, and marks nothing; a
+    loss ends by :func:`take_point` only.
     """
     if s.began == NEVER:
         s.began = now
@@ -294,7 +295,12 @@ def advance(s: State, c: RuleNumbers, now: int) -> None:
 def store_value(s: State, c: RuleNumbers, place: int, came: int, si: float) -> None:
     """Store a valid speed or load as the latest, and update the means and the pace of its input.
 
-    ``came`` is the time from which it stands [ns].
+    Args:
+        s: The memory, changed.
+        c: The numbers of the configuration.
+        place: Index of the input, speed or load.
+        came: The time from which it stands [ns]; not before that of the input's latest value.
+        si: The value [m/s or N].
     """
     if s.came[place] != NEVER:
         gap = came - s.came[place]
@@ -311,7 +317,14 @@ def store_value(s: State, c: RuleNumbers, place: int, came: int, si: float) -> N
 
 
 def update_means(s: State, place: int, seconds: float, si: float) -> None:
-    """Let the lagged means of an input follow the median of a value and the two before, over a time [s]."""
+    """Let the lagged means of speed or load follow the median of a new value and the two before.
+
+    Args:
+        s: The memory, changed; it must not have the value yet.
+        place: Index of the input, speed or load.
+        seconds: The time since the value before [s].
+        si: The new value [m/s or N].
+    """
     median = middle(si, s.value[place], s.before[place])
     if place == SPEED:
         s.fast = lagged(s.fast, median, seconds, FAST_LAG)

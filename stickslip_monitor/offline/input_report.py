@@ -229,7 +229,7 @@ class FillerSearch:
         self._count, self._changes, self._low, self._high = 0, 0, math.inf, -math.inf
 
     def take(self, value: FloatArray) -> None:
-        """Take more values, shape (n,): count the least and the greatest where they may be fillers.
+        """Take more finite values, shape (n,): count the least and the greatest where they may be fillers.
 
         They may where they come twice, came as such before, or are of nines alone. All others extend the
         span of the others, and their changes are counted.

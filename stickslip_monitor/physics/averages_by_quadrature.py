@@ -186,7 +186,7 @@ def _find_vertex(x: FloatArray, y: FloatArray, beyond: float = 0.0) -> FloatArra
 def _find_turns(
     law: FrictionLaw, speed: FloatArray, low: FloatArray, high: FloatArray, side: FloatArray | float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Find the highest, or the lowest, ``rho`` between two amplitude coordinates at each speed.
+    """Find the highest, or the lowest, ``rho`` between two amplitude coordinates (0 to 2) at each speed.
 
     Where ``rho`` bends suddenly, as that of a table, it is right to 1e-6 of its height.
 

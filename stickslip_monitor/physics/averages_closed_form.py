@@ -219,7 +219,7 @@ def boundaries(law: Stribeck, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
-    """Return ``N_H = -c/mu'(V)`` [N], shape of ``speed``; ``nan`` where friction does not fall.
+    """Return ``N_H = -c/mu'(V)`` at speeds >= 0, of their shape [N]; ``nan`` where friction does not fall.
 
     Without viscous rise ``c exp(beta V)/(Delta beta)``: the law's slope itself underflows from
     ``beta V`` = 708 on, long before ``N_H`` overflows.

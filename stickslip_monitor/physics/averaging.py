@@ -164,7 +164,8 @@ def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -
         load: Load [N]; broadcasts with ``speed``.
 
     Returns:
-        All cycles of all points; none at rest, without load or where an input is not finite.
+        All cycles of all points, in arrays of the broadcast shape and one more axis, padded with ``nan`` and
+        False; none at rest, without load or where an input is not finite.
 
     >>> cycles = stationary_amplitudes(bearing, bearing.speed.to_surface(34.0, 'rpm'), 1000.0)
     >>> (1e3 * cycles.amplitude).round(3).tolist(), cycles.stable.tolist()  # in mm

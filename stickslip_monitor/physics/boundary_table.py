@@ -184,8 +184,9 @@ known_table = lru_cache(maxsize=64)(boundary_table)
 
 
 def _linear_pieces(speed: FloatArray) -> FloatArray:
-    """Return straight lines between speeds at places 0, 1, ... of a table, as :func:`_spline_pieces` does.
+    """Return straight lines between speeds at places 0, 1, ... of a table, shape (n - 1, 4).
 
+    Rows are as of :func:`_spline_pieces`.
     ``nan`` counts as 0. A piece towards an infinite speed is level; one from there to a finite speed is
     ``nan``.
     """

@@ -928,7 +928,7 @@ def _heavily_damped_curve(grazing: Grazing, span: FoldRange) -> FloatArray:
 
 
 def _chebyshev_series(values: FloatArray) -> FloatArray:
-    """Return the coefficients of values at Chebyshev's ascending points, shape (n + 1,)."""
+    """Return Chebyshev's coefficients, by rising degree, of values at ascending points, shape (n + 1,)."""
     n = values.size - 1
     weights = np.ones(n + 1)
     weights[[0, -1]] = 0.5

@@ -49,10 +49,10 @@ class FrictionLaw(Protocol):
         """Speeds ``> 0`` between which the law is smooth, ascending [m/s]; see :func:`speed_scales`."""
 
     def coefficient(self, speed: ArrayLike) -> FloatArray:
-        """Return the coefficient of friction at relative speeds [m/s], an array of their shape [-]."""
+        """Return the coefficient at relative speeds [m/s], of their shape and sign [-]; ``static`` at 0."""
 
     def slope(self, speed: ArrayLike) -> FloatArray:
-        """Return the slope ``d mu / d|v|`` at relative speeds [m/s], an array of their shape [s/m]."""
+        """Return ``d mu / d|v|`` at relative speeds [m/s], of their shape [s/m]; from the right at 0."""
 
 
 @lru_cache(maxsize=64)

@@ -99,7 +99,7 @@ class Tabulated:
         return tuple(v for v in self.speed if v > 0.0)
 
     def coefficient(self, speed: ArrayLike) -> FloatArray:
-        """Return ``mu`` at relative speeds [m/s], of their shape and sign [-]; level beyond the table."""
+        """Return ``mu`` at relative speeds [m/s], of their shape and sign [-]: above 0 at 0, level beyond."""
         v = np.asarray(speed, dtype=float)
         i, s = self._find_interval(np.minimum(np.maximum(np.abs(v), self.speed[0]), self.speed[-1]))
         a, b, c, d = self.cubics[:, i]

@@ -258,7 +258,7 @@ class MonitorNode(LifecycleNode):
                 raise RosError(f'the node cannot {name}: {self._failure or "see its log"}')
 
     def guard_callback(self, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a callback wrapped so that an exception in it goes to :meth:`report_exception`, not out."""
+        """Wrap a callback: an exception in it goes to :meth:`report_exception`, and ``None`` is returned."""
 
         def call(*arguments: Any) -> Any:
             """Return the result of the callback; ``None`` where it raised, which is reported."""
