@@ -25,6 +25,8 @@ from stickslip_monitor.monitor.signals import STATUS_SENTENCES
 DOCS = ROOT / 'docs'
 PAGE = DOCS / 'configuration.md'
 API = DOCS / 'api.md'
+MAX_WORDS = 21_000
+"""Words of all pages together, which somebody reads in a working day: say a fact once, and link to it."""
 
 
 def _check_fresh(page: Path, made: str, command: str) -> None:
@@ -79,6 +81,12 @@ def test_the_example_is_a_configuration(tmp_path: Path) -> None:
     assert isinstance(forward.bearing.friction, Tabulated)
     assert forward.load.field == ('wrench', 'force', 'z')
     assert (forward.load.scale, forward.load.offset) == (-1.0, 120.0)
+
+
+def test_the_docs_stay_short_enough_to_be_read() -> None:
+    """Words have a letter or a digit, which bars and rules of tables have not."""
+    text = ' '.join(page.read_text('utf-8') for page in DOCS.glob('*.md'))
+    assert sum(any(map(str.isalnum, word)) for word in text.split()) <= MAX_WORDS
 
 
 def _read_anchors(page: Path) -> set[str]:
