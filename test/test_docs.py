@@ -13,7 +13,7 @@ import pytest
 from shared import ROOT, png_size
 
 import stickslip_monitor
-from stickslip_monitor import Stribeck, Tabulated, assess
+from stickslip_monitor import Bearing, Stribeck, Tabulated, assess
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES
 from stickslip_monitor.monitor.alarm_states import TABLE, AlarmKind, AlarmState
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, SourceFaultKind, input_fault
@@ -178,6 +178,40 @@ def test_the_readme_says_how_far_averaging_can_be_off() -> None:
     for percent, part in re.findall(r'by (\d+) % at (half|a quarter)', text):
         point = assess(bearing, fold * {'half': 0.5, 'a quarter': 0.25}[part], 1000.0)
         assert f'{-100.0 * point.amplitude_error:.0f}' == percent
+
+
+def test_the_first_alarm_says_what_each_value_moves() -> None:
+    """Its table in whole per cent, but for a half, of the reference bearing at 1 kN."""
+    bearing = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml').bearings[0].bearing
+    law = bearing.friction
+    changed = {
+        'damping': (replace(bearing, damping=1.1 * bearing.damping), 1000.0),
+        'load': (bearing, 1100.0),
+        'fall of friction, `static - kinetic`': (
+            replace(bearing, friction=replace(law, static=0.32)),
+            1000.0,
+        ),
+        'decay `beta`': (replace(bearing, friction=replace(law, decay=1.1 * law.decay)), 1000.0),
+        'mass': (replace(bearing, mass=1.1 * bearing.mass), 1000.0),
+        'stiffness': (replace(bearing, stiffness=1.1 * bearing.stiffness), 1000.0),
+    }
+    speed = float(bearing.speed.to_surface(20.0, 'rpm'))
+
+    def figures(case: tuple[Bearing, float]) -> list[float]:
+        point = assess(case[0], speed, case[1])
+        return [point.hopf_speed, point.fold_speed, point.amplitude_exact]
+
+    page = (DOCS / 'first_alarm.md').read_text('utf-8')
+    rows = re.findall(
+        r'^\| ([^|]+) \| ([-+.\d]+)[ %]*\| ([-+.\d]+)[ %]*\| ([-+.\d]+)[ %]*\|$', page, re.MULTILINE
+    )
+    assert {row[0] for row in rows} == set(changed)
+    for name, *shown in rows:
+        moved = [
+            100 * (new / old - 1)
+            for new, old in zip(figures(changed[name]), figures((bearing, 1000.0)), strict=True)
+        ]
+        assert [float(text) for text in shown] == pytest.approx(moved, abs=0.5)
 
 
 # What stands for something else in a sentence of the page: names, types, numbers, the rest.
