@@ -39,7 +39,7 @@ source that wait longer for their turn are reported as unordered [ns]."""
 # Sources of which one waits longer for another are reported as unordered [ns].
 _MAX_WAIT_NS = 10 * SECOND_NS
 # What is kept of a source, so that memory is bounded: the first intervals, whose median is the usual one, and
-# segments (56 bytes each), whose resolution is halved where there are twice as many.
+# segments (64 bytes each), whose resolution is halved where there are twice as many.
 _MAX_KEPT = 1 << 12
 
 Columns = tuple[NDArray[Any], ...]
@@ -58,7 +58,10 @@ def select_rows(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns
 
 
 class _Run(NamedTuple):
-    """Rows of a source without a jump: place and number of the first, times [ns], step into it [ns]."""
+    """Rows of a source without a jump: place and number of the first, times [ns], step into it [ns].
+
+    ``last_place`` is the place of the last row.
+    """
 
     place: int
     row: int
@@ -67,6 +70,7 @@ class _Run(NamedTuple):
     least_ns: int
     most_ns: int
     step_ns: int
+    last_place: int
 
 
 class _Shift(NamedTuple):
@@ -79,13 +83,20 @@ class _Shift(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """A step back of one source: where, by how much [ns], and behind which interval [ns]."""
+    """A step back of one source: where, by how much [ns], and behind which interval [ns].
+
+    ``before_place`` is the place of its last row before the step.
+    """
 
     place: int
     source: int
-    first_ns: int
+    before_place: int
     back_ns: int
     interval_ns: int
+
+    def spans(self, before_place: int, place: int) -> bool:
+        """Return whether rows of another source at both places may be on either side of it."""
+        return max(self.before_place, before_place) < min(self.place, place)
 
 
 _END: int = np.iinfo(np.int64).max
@@ -181,7 +192,6 @@ class _Source:
         self._resolution_ns = _MIN_STEP_NS
         self._last_ns: int | None = None
         self._count = self._steps = 0
-        self.first_place = self.last_place = 0
         self.least_ns, self.most_ns = _END, -1
 
     def add(self, time_ns: IntArray, place: IntArray, offset: int) -> tuple[int, int]:
@@ -198,14 +208,13 @@ class _Source:
         step = np.empty(time_ns.size, np.int64)
         np.subtract(time_ns[1:], time_ns[:-1], out=step[1:])
         step[0] = 0 if self._last_ns is None else time_ns[0] - self._last_ns
-        if self._last_ns is None:
-            self.first_place = int(place[0]) + offset
         if self._intervals.size < _MAX_KEPT:
             self._intervals = np.append(self._intervals, np.abs(step[step != 0]))[:_MAX_KEPT]
             self._jump_ns = max(self._jump_ns, self.jump_ns)
         if self._is_one_segment(time_ns, step):
             first, last = int(time_ns[0]), int(time_ns[-1])
-            segments = np.array([[int(place[0]) + offset, self._count, first, last, first, last, step[0]]])
+            places = int(place[0]) + offset, int(place[-1]) + offset
+            segments = np.array([[places[0], self._count, first, last, first, last, step[0], places[1]]])
         else:
             self._steps += int(np.count_nonzero(step < -_MIN_STEP_NS))
             begin = np.flatnonzero(self._begins_segment(step, time_ns))
@@ -213,10 +222,11 @@ class _Source:
                 np.minimum.reduceat(time_ns, begin),
                 np.maximum.reduceat(time_ns, begin),
             )
-            last_ns = time_ns[np.append(begin[1:], time_ns.size) - 1]
-            where = place[begin] + offset, begin + self._count, time_ns[begin], last_ns
-            segments = np.stack([*where, smallest_ns, greatest_ns, step[begin]], axis=1)
-        self.last_place, self._last_ns = int(place[-1]) + offset, int(time_ns[-1])
+            end = np.append(begin[1:], time_ns.size) - 1
+            where = place[begin] + offset, begin + self._count, time_ns[begin], time_ns[end]
+            parts = *where, smallest_ns, greatest_ns, step[begin], place[end] + offset
+            segments = np.stack(parts, axis=1)
+        self._last_ns = int(time_ns[-1])
         self._count += time_ns.size
         span = int(segments[:, 4].min()), int(segments[:, 5].max())
         self.least_ns, self.most_ns = min(span[0], self.least_ns), max(span[1], self.most_ns)
@@ -296,11 +306,12 @@ def _join_segments(segments: IntArray, begin: IntArray) -> IntArray:
     Steps and first rows are those of the first segment of each.
 
     Args:
-        segments: The fields of a :class:`_Run` each, shape (n, 7).
+        segments: The fields of a :class:`_Run` each, shape (n, 8).
         begin: Indexes that rise from 0.
     """
     result = segments[begin]
-    result[:, 3] = segments[np.append(begin[1:], len(segments)) - 1, 3]
+    last = np.append(begin[1:], len(segments)) - 1
+    result[:, 3], result[:, 7] = segments[last, 3], segments[last, 7]
     result[:, 4] = np.minimum.reduceat(segments[:, 4], begin)
     result[:, 5] = np.maximum.reduceat(segments[:, 5], begin)
     return result
@@ -431,27 +442,37 @@ def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
     Fills in shifts, steps and counts of the course. Returns False, with the course half filled, where rows
     have to be sorted instead.
     """
-    steps: list[_Step] = []
-    fits, max_jump_ns = True, max(source.jump_ns for source in sources.values())
+    max_jump_ns = max(source.jump_ns for source in sources.values())
     runs = {key: source.runs() for key, source in sources.items()}
     if any(run.last_ns < run.first_ns - _MIN_STEP_NS for source_runs in runs.values() for run in source_runs):
         return False
     if all(_fit_together(source_runs, max_jump_ns) for source_runs in runs.values()):
         return True
+    # What is a step of one source is none of late rows in another.
+    alone = _open_steps(sources, {k: _close_excursions(TimeCourse(), k, sources[k], runs[k]) for k in runs})
+    open_runs = {k: _close_excursions(course, k, sources[k], runs[k], alone) for k in runs}
+    steps = _open_steps(sources, open_runs)
+    fits = all(_fit_together(source_runs, max_jump_ns) for source_runs in open_runs.values())
     for key, source in sources.items():
-        open_runs = _close_excursions(course, key, source, runs[key])
-        for before, behind in itertools.pairwise(open_runs):
-            if behind.step_ns < 0:
-                back_ns = before.last_ns + source.interval_ns - behind.first_ns
-                steps.append(_Step(behind.place, key, behind.first_ns, back_ns, source.interval_ns))
-        fits &= _fit_together(open_runs, max_jump_ns)
-        if _are_disorder([-run.step_ns for run in open_runs if run.step_ns < 0], source):
+        if _are_disorder([-run.step_ns for run in open_runs[key] if run.step_ns < 0], source):
             return False
     if steps and fits:
         return False
-    _set_clocks(course, sources, sorted(steps), max_jump_ns)
+    _set_clocks(course, sources, runs, steps)
     latest_ns = max(source.most_ns for source in sources.values())
     return latest_ns + sum(course.steps_ns) < MAX_TIME_NS or not course.steps_ns
+
+
+def _open_steps(sources: dict[int, _Source], open_runs: dict[int, list[_Run]]) -> list[_Step]:
+    """Return the steps back between the runs of each source, in the order of the file."""
+    steps = list[_Step]()
+    for key, source_runs in open_runs.items():
+        for before, behind in itertools.pairwise(source_runs):
+            interval_ns = sources[key].interval_ns
+            back_ns = before.last_ns + interval_ns - behind.first_ns
+            if behind.step_ns < 0:
+                steps.append(_Step(behind.place, key, before.last_place, back_ns, interval_ns))
+    return sorted(steps)
 
 
 def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
@@ -473,7 +494,9 @@ def _fit_together(runs: Sequence[_Run], jump_ns: int) -> bool:
     return all(-_MIN_STEP_NS <= seam <= jump_ns for seam in seams)
 
 
-def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Sequence[_Run]) -> list[_Run]:
+def _close_excursions(
+    course: TimeCourse, key: int, source: _Source, runs: Sequence[_Run], steps: Sequence[_Step] = ()
+) -> list[_Run]:
     """Join runs around those that were ahead for a while or late; add the shifts and counts to the course.
 
     Args:
@@ -481,6 +504,7 @@ def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Seque
         key: The number of the source.
         source: The source.
         runs: Its runs.
+        steps: Steps of clocks: rows behind one of another source are not late.
 
     Returns:
         The remaining runs; a step back between two of them is still to be explained.
@@ -490,7 +514,11 @@ def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Seque
         next_run = runs[number + 1] if number + 1 < len(runs) else None
         while len(result) > 1:
             before, excursion = result[-2:]
-            if _is_late(before, excursion, run, source) or _is_early(before, excursion, run, source):
+            is_set = any(
+                step.source != key and step.spans(before.last_place, excursion.place) for step in steps
+            )
+            is_late = _is_late(before, excursion, run, source) and not is_set
+            if is_late or _is_early(before, excursion, run, source):
                 course.late_count += run.row - excursion.row
                 most_ns = max(before.most_ns, excursion.most_ns)
             # Rows that are about to come back to where they were were late instead.
@@ -506,6 +534,7 @@ def _close_excursions(course: TimeCourse, key: int, source: _Source, runs: Seque
             del result[-2:]
             run = before._replace(
                 last_ns=max(before.last_ns, run.last_ns),
+                last_place=run.last_place,
                 least_ns=min(before.least_ns, run.least_ns),
                 most_ns=max(most_ns, run.most_ns),
             )
@@ -541,32 +570,35 @@ def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool
     )
 
 
-def _set_clocks(course: TimeCourse, sources: dict[int, _Source], steps: list[_Step], jump_ns: int) -> None:
+def _set_clocks(
+    course: TimeCourse, sources: dict[int, _Source], runs: dict[int, list[_Run]], steps: list[_Step]
+) -> None:
     """Add a shift for each step back: of all sources if all that can show it step, else of that one.
+
+    Sources that are silent meanwhile, and slow ones, cannot show it.
 
     Args:
         course: Takes the shifts and the steps.
         sources: All sources by number.
+        runs: The runs of each.
         steps: The steps back in the order of the file; emptied.
-        jump_ns: Steps of several sources within twice this are one [ns].
     """
     while steps:
-        group = [steps.pop(0)]
-        while (
-            steps
-            and steps[0].source not in [step.source for step in group]
-            and abs(steps[0].first_ns - group[0].first_ns) <= 2 * jump_ns
-        ):
-            group.append(steps.pop(0))
+        same = {
+            step.source: step for step in reversed(steps) if steps[0].spans(step.before_place, step.place)
+        }
+        group = sorted(same.values())
+        steps[:] = [step for step in steps if step not in group]
         place, fastest_ns = group[0].place, min(step.interval_ns for step in group)
-        # Slow sources know the step to one of their intervals only; a lost row makes it smaller.
-        back_ns = max(step.back_ns for step in group if step.interval_ns <= 2 * fastest_ns)
+        # Slow sources know the step to one of their intervals only; a lost row, or a pause, makes it smaller.
+        back_ns = max(step.back_ns - step.interval_ns * (step.interval_ns > 2 * fastest_ns) for step in group)
         voices = {
             key
-            for key, source in sources.items()
-            if source.first_place < place <= source.last_place and source.interval_ns <= back_ns // 2
+            for key, source_runs in runs.items()
+            if sources[key].interval_ns <= back_ns // 2
+            and any(run.place < place <= run.last_place for run in source_runs)
         }
-        if voices <= {step.source for step in group}:
+        if voices <= same.keys():
             course.shifts.append(_Shift(place, _END, None, back_ns))
             course.steps_ns.append(back_ns)
         else:

@@ -154,6 +154,33 @@ def test_the_clock_of_one_sender_shifts_its_rows_only() -> None:
     assert course.steps_ns == [200 * SECOND]
 
 
+@pytest.mark.parametrize('silent', [(295.0, 302.0), (299.6, 333.0), (200.0, 310.0), (299.6, 510.0)])
+@pytest.mark.parametrize('back', [30, 200, 3600])
+def test_a_source_that_is_silent_meanwhile_is_under_the_same_clock(
+    silent: tuple[float, float], back: int
+) -> None:
+    """Its own times step back by less, or not at all."""
+    rows = [
+        row
+        for row in under_clock(lambda t: t - back * (t >= 300))
+        if not (row[2] and silent[0] < row[1] < silent[1])
+    ]
+    course, time_ns, true_ns = judge_rows(rows)
+    np.testing.assert_array_equal(time_ns, true_ns)
+    assert course.steps_ns == [back * SECOND]
+    assert (course.late_count, course.is_unordered) == (0, False)
+
+
+def test_rows_behind_a_pause_are_not_late_where_another_source_saw_the_clock_set() -> None:
+    """Set back by 30 s and silent from 25 s later on, it goes on where it had been."""
+    rows = [
+        row for row in under_clock(lambda t: t - 30 * (t >= 300)) if not (row[2] and 325.0 < row[1] < 330.0)
+    ]
+    course, time_ns, true_ns = judge_rows(rows)
+    np.testing.assert_array_equal(time_ns, true_ns)
+    assert course.steps_ns == [30 * SECOND]
+
+
 def test_a_slow_source_that_cannot_show_the_step_is_shifted_too() -> None:
     rows = [(t, t, s) for _, t, s in two_sources() if s == 0 or (int(t) % 60 == 5 and t % 1 < 0.1)]
     course, time_ns, true_ns = judge_rows([(t - 30 * (u >= 300), u, s) for t, u, s in rows])
