@@ -19,7 +19,7 @@ from mcap.records import Channel
 
 from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, plural
-from stickslip_logs.recordings.log_times import ask_for_time_unit
+from stickslip_logs.recordings.log_time_scale import ask_for_time_unit
 from stickslip_logs.recordings.mcap_chunks import Block, Piece
 from stickslip_logs.recordings.mcap_file import FilePass, McapFile
 from stickslip_logs.recordings.mcap_order import BlockTimes, CourseOfBlocks

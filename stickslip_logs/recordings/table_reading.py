@@ -19,7 +19,7 @@ from stickslip_logs.errors import BagError, cause, join_names, listed, plural
 from stickslip_logs.recordings.columns import LogColumn, SourceColumn
 from stickslip_logs.recordings.recording import Fault, Progress, Request, Scratch, Series
 from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
-from stickslip_logs.senders import SourceAdmission
+from stickslip_logs.source_admission import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.cell_times import DAY
 from stickslip_logs.tables.dialect import with_unit

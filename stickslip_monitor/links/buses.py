@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
-from stickslip_logs.senders import SourceAdmission
+from stickslip_logs.source_admission import SourceAdmission
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
 from stickslip_monitor.host import BEHIND_NS, SHOW_NS, HostClock

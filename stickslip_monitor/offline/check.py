@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip_logs.recordings.log_times import LogTimes
+from stickslip_logs.recordings.log_time_scale import LogTimes
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Fault, Progress, Recording, Request, Series
 from stickslip_logs.tables.time_columns import WITHOUT_ZONE

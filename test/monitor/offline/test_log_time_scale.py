@@ -14,7 +14,7 @@ from made_logs import START
 from mcap.writer import Writer
 from shared import CONFIG
 
-from stickslip_logs.recordings.log_times import ask_for_time_unit
+from stickslip_logs.recordings.log_time_scale import ask_for_time_unit
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.writer import BagWriter, encode_float64s, encode_stamped

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from stickslip_logs.senders import SourceAdmission
+from stickslip_logs.source_admission import SourceAdmission
 
 
 def test_one_source_is_used_and_the_others_are_named() -> None:
