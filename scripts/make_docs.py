@@ -259,7 +259,7 @@ def render_life() -> str:
         '',
         '*Active*: the cause is there. *Suppressed*: it means nothing now. *Covered*: a worse'
         ' alarm stands for it.\n*Latching*: it latches and has been active. *Recur*:'
-        ' stick-slip began anew while its alarm was active.',
+        ' stick-slip began again while its alarm was active.',
     ]
     lines += ['', '| in state | at | it becomes |', '|---|---|---|']
     lines += [f'| {row} |' for row in LIFE.splitlines()]
