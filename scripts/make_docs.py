@@ -251,19 +251,23 @@ def render() -> str:
 
 
 def render_life() -> str:
-    """Return the states and transitions of an alarm."""
-    states = ', '.join(f'`{state}` ({state.letter})' for state in AlarmState)
+    """Return the states and transitions of an alarm, a line for each state or set of states."""
+    becomes: dict[str, list[str]] = {}
+    for row in LIFE.splitlines():
+        states, trigger, choices = row.split(' | ')
+        names = f'`{states}` ({AlarmState(states).letter})' if states in {*AlarmState} else states
+        becomes.setdefault(names, []).append(f'*{trigger}*: {choices}')
     lines = [
         '',
-        f'With their letters in ISA-18.2 the states are {states}.',
+        'The states, with their letters in ISA-18.2, and what each becomes; anything else changes nothing.',
+        '*Active*: the cause is there. *Suppressed*: it means nothing now. *Covered*: a worse alarm stands'
+        ' for it.',
+        '*Latching*: it latches and has been active. *Recur*: stick-slip began again while its alarm was'
+        ' active.',
         '',
-        '*Active*: the cause is there. *Suppressed*: it means nothing now. *Covered*: a worse'
-        ' alarm stands for it.\n*Latching*: it latches and has been active. *Recur*:'
-        ' stick-slip began again while its alarm was active.',
+        *(f'- {names}: {"; ".join(rows)}.' for names, rows in becomes.items()),
+        '',
     ]
-    lines += ['', '| in state | at | it becomes |', '|---|---|---|']
-    lines += [f'| {row} |' for row in LIFE.splitlines()]
-    lines += ['', 'Anything else changes nothing.', '']
     return '\n'.join(lines) + '\n'
 
 

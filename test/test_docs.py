@@ -51,10 +51,12 @@ def test_the_diagnostic_keys_are_fresh_and_whole() -> None:
 def test_the_life_of_an_alarm_is_fresh() -> None:
     page = make_docs.RULE.read_text(encoding='utf-8')
     _check_fresh(make_docs.RULE, make_docs.with_life(page), make_docs.COMMAND)
-    assert '| acknowledged | clear | latched if latching, else normal |' in page.splitlines()
-    rows = re.findall(r'^\| ([a-z_, ]+) \| (\w+) \| (.*) \|$', page, flags=re.MULTILINE)
+    lines = re.findall(r'^- ([^:]*): (\*\w+\*: .*)\.$', page, flags=re.MULTILINE)
+    rows = [(states, *row.split(': ')) for states, line in lines for row in line.split('; ')]
     for (state, trigger), choices in TABLE.items():
-        (becomes,) = [row[2] for row in rows if state in row[0].split(', ') and row[1] == trigger]
+        (becomes,) = [
+            row[2] for row in rows if state in re.findall(r'\w+', row[0]) and row[1] == f'*{trigger}*'
+        ]
         assert re.findall(rf'\b({"|".join(AlarmState)})\b', becomes.replace('if suppressed', '')) == [
             target for _, target in choices
         ]
