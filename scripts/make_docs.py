@@ -43,14 +43,7 @@ DESIGN = PAGE.with_name('design.md')
 TUTORIAL = PAGE.with_name('tutorial.md')
 PICTURE = ROOT / 'docs' / 'images' / 'tutorial.png'
 COMMAND = 'python scripts/make_docs.py'
-KINDS = {
-    'float': '',
-    'int': 'integer',
-    'bool': 'true/false',
-    'str': 'text',
-    'float[]': 'list',
-    'str[]': 'list',
-}
+KINDS = {'int': 'integer', 'bool': '', 'str': '', 'float[]': 'list', 'str[]': 'list'}
 INPUT = '<input>'
 GROUPS = (
     ('', 'The bearing', 'The [mass-spring model](physics.md) of the lining.'),
@@ -185,18 +178,21 @@ def _default(row: Parameter) -> str:
 
 
 def _values(row: Parameter) -> str:
-    """Return the choices of a parameter, else its unit, else its kind or, of a bare number, its range."""
+    """Return the default of a parameter with its choices or unit, else its kind or a bare number's range."""
+    default = _default(row)
     if row.choices:
-        return ', '.join(f'`{choice}`' for choice in row.choices)
-    if row.unit or row.kind != 'float':
-        return f'{KINDS[row.kind]} {row.unit}'.strip()
-    return f'{_number(row.minimum)} to {_number(row.maximum)}'
+        choices = [f'`{choice}`' for choice in row.choices]
+        others = ', '.join(choice for choice in choices if choice != default)
+        return f'{default}, or {others}' if default in choices else f'{default}: {others}'
+    if row.unit:
+        return f'{default}, {row.unit}' if default.startswith('*') else f'{default} {row.unit}'
+    kind = KINDS.get(row.kind, f'{_number(row.minimum)} to {_number(row.maximum)}')
+    return f'{default}, {kind}' if kind else default
 
 
 def _cells(row: Parameter) -> tuple[str, ...]:
     live = 'live' if row.live else 'fixed' if row.fixed else ''
-    text = row.text.replace('|', '\\|')
-    return (f'`{row.name}`', _default(row), _values(row), live, text)
+    return (f'`{row.name}`', _values(row), live, row.text.replace('|', '\\|'))
 
 
 def _shared_rows() -> Iterator[tuple[Parameter, ...]]:
@@ -219,16 +215,14 @@ def _inputs() -> Iterator[tuple[str, ...]]:
 
 
 def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
-    """Return a table of parameters; where all can be set at the same time a sentence says when."""
+    """Return a table of parameters; where all can be set at any time a sentence says so."""
     cells = [row if isinstance(row, tuple) else _cells(row) for row in rows]
-    head: tuple[str, ...] = ('name', 'default', 'values', 'live', 'meaning')
-    times, note = {row[3] for row in cells}, ''
-    if len(times) == 1:
-        cells, head = [(*row[:3], row[4]) for row in cells], (*head[:3], head[4])
-        note = 'All are live.\n\n' if times == {'live'} else ''
-    lines = [f'| {" | ".join(head)} |', f'|{"---|" * len(head)}']
-    lines += [f'| {" | ".join(row)} |'.replace('|  |', '| |').replace('|  |', '| |') for row in cells]
-    return note + '\n'.join(lines)
+    are_all_live = {row[2] for row in cells} == {'live'}
+    lines = ['All are live.\n'] if are_all_live else []
+    lines += ['| name | default | meaning |', '|---|---|---|']
+    for name, values, live, text in cells:
+        lines.append(f'| {name} | {values}{f", {live}" if live and not are_all_live else ""} | {text} |')
+    return '\n'.join(lines)
 
 
 def _group(row: Parameter) -> str:
