@@ -246,9 +246,9 @@ def _drawn(judged: Sequence[tuple[Voyage, Sailed]]) -> Any:
 
     ((voyage, case),) = judged
     scan, truth = case.sent.scan, case.truth
-    spells = condition_intervals(scan.events, truth.start_ns, truth.end_ns)
+    intervals = condition_intervals(scan.events, truth.start_ns, truth.end_ns)
     title = f'{Path(voyage.scene).name}: {voyage.bearing}'
-    return draw_timeline(Timeline(case.sent.config, scan, spells, truth, title))
+    return draw_timeline(Timeline(case.sent.config, scan, intervals, truth, title))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -20,7 +20,7 @@ from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import Severity
 from stickslip_monitor.monitor.statements import Event
-from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsen_spells
+from stickslip_monitor.offline.extremes import ConditionInterval, Verdicts, coarsen_intervals
 
 # Events beyond which only alarms are marked.
 _MAX_LINES = 80
@@ -71,7 +71,7 @@ class Timeline:
 
     config: BearingConfig
     scan: Verdicts  # its verdicts and events, or their outline
-    spells: Sequence[ConditionInterval]  # the alarm's, from the recording's start to its end
+    intervals: Sequence[ConditionInterval]  # the alarm's, from the recording's start to its end
     lining: LiningMotion | None = None  # what the lining did, where that is known
     title: str = ''  # above the panels
 
@@ -109,7 +109,7 @@ def draw_timeline(timeline: Timeline, width: float = canvas.WIDTH) -> canvas.Fig
         _draw_margins(panels['margin'], lines)
         if 'amplitude' in panels:
             _draw_amplitude(panels['amplitude'], lines)
-        _draw_alarm(panels['alarm'], lines, max_spells=int(width * 30))
+        _draw_alarm(panels['alarm'], lines, max_intervals=int(width * 30))
         _format_time_axis(panels, lines, width)
         _draw_event_lines(panels, lines)
         return figure
@@ -146,8 +146,8 @@ class _Lines:
         self._max_points = max_points
         self.timeline, self.config, self.lining = timeline, timeline.config, timeline.lining
         scan, point = timeline.scan, timeline.scan.assessment
-        self.start_ns = timeline.spells[0].start_ns
-        self.end_ns = max(spell.end_ns for spell in timeline.spells)
+        self.start_ns = timeline.intervals[0].start_ns
+        self.end_ns = max(interval.end_ns for interval in timeline.intervals)
         self.is_dated = self.start_ns >= DATES_FROM_NS
         # Interrupted where an input was lost or the clock jumped back.
         lost = scan.until_ns[:-1] < scan.time_ns[1:]
@@ -326,18 +326,18 @@ def _draw_legend(axes: canvas.Axes, loc: str = 'lower right', edge: float = 1.0)
     canvas.legend_above(axes, 5, fontsize=8.5, borderpad=0.1, handlelength=1.8, columnspacing=1.0, **corner)
 
 
-def _draw_alarm(axes: canvas.Axes, lines: _Lines, max_spells: int) -> None:
+def _draw_alarm(axes: canvas.Axes, lines: _Lines, max_intervals: int) -> None:
     """Draw the alarm's condition as a band of colours; its names stand where they fit.
 
-    Of more than ``max_spells`` spells neighbours are joined (:func:`.coarsen_spells`).
+    Of more than ``max_intervals`` intervals neighbours are joined (:func:`.coarsen_intervals`).
     """
     low, high = float(lines.at(lines.start_ns)), float(lines.at(lines.end_ns))
     pixels = axes.get_window_extent().width / max(high - low, 1e-12)
-    for spell in coarsen_spells(lines.timeline.spells, max_spells):
-        left = float(lines.at(spell.start_ns))
-        right = float(lines.at(max(spell.end_ns, spell.start_ns)))
-        axes.axvspan(left, right, color=canvas.CONDITION_COLOUR[spell.condition], lw=0.0, zorder=2)
-        name = canvas.CONDITION_NAMES[spell.condition]
+    for interval in coarsen_intervals(lines.timeline.intervals, max_intervals):
+        left = float(lines.at(interval.start_ns))
+        right = float(lines.at(max(interval.end_ns, interval.start_ns)))
+        axes.axvspan(left, right, color=canvas.CONDITION_COLOUR[interval.condition], lw=0.0, zorder=2)
+        name = canvas.CONDITION_NAMES[interval.condition]
         # A letter takes 6.3 pixels.
         if (right - left) * pixels > 6.3 * (len(name) + 1):
             white: canvas.Look = {'size': 8.5, 'color': canvas.PAPER, 'zorder': 3}

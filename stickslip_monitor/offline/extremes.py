@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reduces the verdicts on a recording: to few with the extremes of all, to worst moments, to spells.
+"""Reduces the verdicts on a recording: to few with the extremes of all, to worst moments, to intervals.
 
-A spell is the stretch of time between two changes of the alarm.
+An interval is the time between two changes of the alarm.
 """
 
 from __future__ import annotations
@@ -183,7 +183,7 @@ class ConditionInterval:
 
 
 def condition_intervals(events: Iterable[Event], start_ns: int, end_ns: int) -> list[ConditionInterval]:
-    """Return the spells of a recording, from the changes of its alarm.
+    """Return the intervals of a recording, from the changes of its alarm.
 
     Args:
         events: The changes of one bearing's alarm, in order.
@@ -191,7 +191,7 @@ def condition_intervals(events: Iterable[Event], start_ns: int, end_ns: int) -> 
         end_ns: When it ends [ns].
 
     Returns:
-        The spells in order; the first is of no length where the first change is at the start.
+        The intervals in order; the first is of no length where the first change is at the start.
     """
     changes = [(start_ns, Condition.NORMAL), *((e.time_ns, e.after) for e in events)]
     ends = [*(time_ns for time_ns, _ in changes[1:]), end_ns]
@@ -201,26 +201,26 @@ def condition_intervals(events: Iterable[Event], start_ns: int, end_ns: int) -> 
     ]
 
 
-def coarsen_spells(parts: Sequence[ConditionInterval], max_count: int) -> list[ConditionInterval]:
-    """Merge spells into at most some number, each with the worst condition in its time.
+def coarsen_intervals(parts: Sequence[ConditionInterval], max_count: int) -> list[ConditionInterval]:
+    """Merge intervals into at most some number, each with the worst condition in its time.
 
     Args:
-        parts: Spells that follow each other; at least one.
+        parts: Intervals that follow each other; at least one.
         max_count: The number of equal intervals the time is divided into.
 
     Returns:
-        The spells as they are if there are no more than ``max_count`` or they have no length; else one
+        The intervals as they are if there are no more than ``max_count`` or they have no length; else one
         for each interval, with equal neighbours joined.
     """
-    start, end = parts[0].start_ns, max(spell.end_ns for spell in parts)
+    start, end = parts[0].start_ns, max(interval.end_ns for interval in parts)
     if len(parts) <= max_count or end <= start:
         return list(parts)
     worst = [Condition.NORMAL] * max_count
-    for spell in parts:
-        first = (spell.start_ns - start) * max_count // (end - start)
-        last = -((start - spell.end_ns) * max_count // (end - start))
+    for interval in parts:
+        first = (interval.start_ns - start) * max_count // (end - start)
+        last = -((start - interval.end_ns) * max_count // (end - start))
         for k in range(max(0, first), min(max_count, max(last, first + 1))):
-            worst[k] = max(worst[k], spell.condition, key=_SEVERITY.index)
+            worst[k] = max(worst[k], interval.condition, key=_SEVERITY.index)
     edges = [start + (end - start) * k // max_count for k in range(max_count + 1)]
     intervals: list[ConditionInterval] = []
     for k, condition in enumerate(worst):
@@ -229,20 +229,20 @@ def coarsen_spells(parts: Sequence[ConditionInterval], max_count: int) -> list[C
     return intervals
 
 
-def join_spells(
+def join_intervals(
     parts: Iterable[ConditionInterval], conditions: Collection[Condition]
 ) -> list[ConditionInterval]:
-    """Return the spells in any of some conditions, in order; adjacent ones are joined.
+    """Return the intervals in any of some conditions, in order; adjacent ones are joined.
 
-    A joined spell has the condition of its last part.
+    A joined interval has the condition of its last part.
     """
     intervals: list[ConditionInterval] = []
-    for spell in parts:
-        if spell.condition not in conditions:
+    for interval in parts:
+        if interval.condition not in conditions:
             continue
-        if intervals and intervals[-1].end_ns == spell.start_ns:
-            spell = ConditionInterval(intervals.pop().start_ns, spell.end_ns, spell.condition)
-        intervals.append(spell)
+        if intervals and intervals[-1].end_ns == interval.start_ns:
+            interval = ConditionInterval(intervals.pop().start_ns, interval.end_ns, interval.condition)
+        intervals.append(interval)
     return intervals
 
 

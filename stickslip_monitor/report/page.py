@@ -159,7 +159,7 @@ class Archive:
 
 
 def _course_of(checked: CheckReport, item: BearingReport) -> Course:
-    """Return configuration, spells, doubts and questions of one bearing of a report."""
+    """Return configuration, intervals, doubts and questions of one bearing of a report."""
     bearing = checked.config.bearing(item.name)
     doubts = [
         f'{report.quantity} on {report.topic}: {text}'
@@ -169,8 +169,8 @@ def _course_of(checked: CheckReport, item: BearingReport) -> Course:
     questions = [
         f'{report.quantity} on {report.topic} {q}' for report in item.inputs for q in report.questions
     ]
-    spells = condition_intervals(item.events, checked.start_ns or 0, checked.end_ns or 0)
-    return Course(bearing, item, spells, doubts, questions)
+    intervals = condition_intervals(item.events, checked.start_ns or 0, checked.end_ns or 0)
+    return Course(bearing, item, intervals, doubts, questions)
 
 
 def _bearing_part(anchor: str, course: Course, finding: Finding, is_drawn: bool) -> BearingPart:
@@ -220,7 +220,7 @@ def _timeline_picture(part: BearingPart, course: Course) -> Picture:
     Raises:
         DrawingError: matplotlib is not installed.
     """
-    timeline, events = Timeline(course.config, course.scan, course.spells), course.item.events
+    timeline, events = Timeline(course.config, course.scan, course.intervals), course.item.events
     text = (
         f'Shaft speed between its stability boundaries, bearing load, margins, predicted'
         f' amplitude and alarm of {course.name} over time, with'

@@ -18,7 +18,7 @@ from stickslip_logs.time_order import DATES_FROM_NS, EPOCH
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.check import BearingReport
-from stickslip_monitor.offline.extremes import ConditionInterval, Extreme, Verdicts, join_spells
+from stickslip_monitor.offline.extremes import ConditionInterval, Extreme, Verdicts, join_intervals
 
 STICKING = (Condition.STICK_SLIP, Condition.AMPLITUDE)
 _WORDS = {'clear': 'Clear', 'unknown': 'No verdict', 'warning': 'Warning', 'alarm': 'Alarm'}
@@ -60,7 +60,7 @@ class Course:
 
     config: BearingConfig
     item: BearingReport  # what the check found, with an outline
-    spells: Sequence[ConditionInterval]  # the alarm's conditions from start to end
+    intervals: Sequence[ConditionInterval]  # the alarm's conditions from start to end
     sources: Sequence[str] = ()  # faults of the inputs' sources, a clause for each
     questions: Sequence[str] = ()  # the same where inputs look like another unit or topic
 
@@ -78,7 +78,7 @@ class Course:
     @property
     def span(self) -> float:
         """Duration of the recording [s]."""
-        return max(0, self.spells[-1].end_ns - self.spells[0].start_ns) * 1e-9
+        return max(0, self.intervals[-1].end_ns - self.intervals[0].start_ns) * 1e-9
 
 
 def facts(course: Course) -> tuple[Fact, ...]:
@@ -86,7 +86,7 @@ def facts(course: Course) -> tuple[Fact, ...]:
 
     Those without a value are absent, except the first.
     """
-    sticking = _total_seconds(join_spells(course.spells, STICKING))
+    sticking = _total_seconds(join_intervals(course.intervals, STICKING))
     note = f'{share(sticking, course.span)} of the time' if sticking else ''
     facts_found = [Fact('stick-slip predicted', duration(sticking) if sticking else 'never', note)]
     for name, title, shown in (
@@ -138,8 +138,8 @@ def _judge_course(course: Course) -> Finding:
     if not course.scan.time_ns.size:
         text = f'{name}: no verdict: the recording has no usable operating point.'
         return _make_finding('unknown', text, _lost_input_sentence(course))
-    sticking = join_spells(course.spells, STICKING)
-    near = join_spells(course.spells, (Condition.CAUTION, Condition.BISTABLE))
+    sticking = join_intervals(course.intervals, STICKING)
+    near = join_intervals(course.intervals, (Condition.CAUTION, Condition.BISTABLE))
     if sticking:
         return _make_finding(
             'alarm',
@@ -169,12 +169,12 @@ def _make_finding(grade: str, *sentences: str) -> Finding:
 
 
 def _total_seconds(parts: Iterable[ConditionInterval]) -> float:
-    """Return the summed duration of spells [s]."""
-    return sum(spell.seconds for spell in parts)
+    """Return the summed duration of intervals [s]."""
+    return sum(interval.seconds for interval in parts)
 
 
-def _spell_times(parts: Sequence[ConditionInterval]) -> str:
-    """Return when the spells were, one at least and in order of time, as the end of a sentence."""
+def _format_times(parts: Sequence[ConditionInterval]) -> str:
+    """Return when the intervals were, one at least and in order of time, as the end of a sentence."""
     first, last = parts[0].start_ns, parts[-1].end_ns
     day, last_day = date(first), date(last)
     zone = ' UTC' if day else ''
@@ -191,10 +191,10 @@ def _on_date(day: str) -> str:
 
 
 def _stick_slip_sentence(course: Course, sticking: Sequence[ConditionInterval]) -> str:
-    """Return the sentence on the spells of stick-slip: how long, how often and when."""
+    """Return the sentence on the intervals of stick-slip: how long, how often and when."""
     total = duration(_total_seconds(sticking))
     often = '' if len(sticking) == 1 else f' in {len(sticking)} spells'
-    return f'{course.config.name}: stick-slip was predicted for {total}{often}, {_spell_times(sticking)}.'
+    return f'{course.config.name}: stick-slip was predicted for {total}{often}, {_format_times(sticking)}.'
 
 
 def _amplitude_sentence(course: Course) -> str:
@@ -204,7 +204,7 @@ def _amplitude_sentence(course: Course) -> str:
         return ''
     text = f'The greatest predicted amplitude was {millimetres(extreme.value)}, at {place(course, extreme)}'
     limit = course.config.alarm.amplitude_limit
-    above = join_spells(course.spells, (Condition.AMPLITUDE,))
+    above = join_intervals(course.intervals, (Condition.AMPLITUDE,))
     if above:
         active = duration(_total_seconds(above))
         text += f'; the alarm for the limit of {millimetres(limit)} was active for {active}'
@@ -215,13 +215,13 @@ def _amplitude_sentence(course: Course) -> str:
 
 
 def _margin_sentence(course: Course, near: Sequence[ConditionInterval]) -> str:
-    """Return the sentence on one spell or more ``near`` the stick-slip region, without stick-slip."""
-    inside = _total_seconds(join_spells(course.spells, (Condition.BISTABLE,)))
+    """Return the sentence on one interval or more ``near`` the stick-slip region, without stick-slip."""
+    inside = _total_seconds(join_intervals(course.intervals, (Condition.BISTABLE,)))
     text = f'{course.config.name}: no stick-slip was predicted, but the bearing was'
     if inside:
         text += f' for {duration(inside)} where a disturbance could have started it, and'
     text += f' within the caution margin or closer for {duration(_total_seconds(near))}'
-    return f'{text}, {_spell_times(near)}.'
+    return f'{text}, {_format_times(near)}.'
 
 
 def _least_margin_sentence(course: Course) -> str:
@@ -235,7 +235,7 @@ def _least_margin_sentence(course: Course) -> str:
 
 def _lost_seconds(course: Course) -> float:
     """Return for how long an input was missing [s]."""
-    return _total_seconds(join_spells(course.spells, (Condition.INPUT_STALE,)))
+    return _total_seconds(join_intervals(course.intervals, (Condition.INPUT_STALE,)))
 
 
 def _lost_input_sentence(course: Course) -> str:

@@ -21,9 +21,9 @@ from stickslip_monitor.offline.extremes import (
     ConditionInterval,
     Extremes,
     Outliner,
-    coarsen_spells,
+    coarsen_intervals,
     condition_intervals,
-    join_spells,
+    join_intervals,
 )
 from stickslip_monitor.offline.input_report import HOLDS
 from stickslip_monitor.physics.bearing import Bearing
@@ -47,7 +47,7 @@ COURSE = [
 ]
 
 
-def test_spells_fill_the_recording() -> None:
+def test_intervals_fill_the_recording() -> None:
     intervals = condition_intervals(COURSE, 0, 50)
     assert [s.start_ns for s in intervals] == [0, 10, 20, 30, 40]
     assert [s.end_ns for s in intervals] == [10, 20, 30, 40, 50]
@@ -56,19 +56,19 @@ def test_spells_fill_the_recording() -> None:
 
 
 def test_neighbours_of_the_same_kind_are_one() -> None:
-    joined = join_spells(condition_intervals(COURSE, 0, 50), (STICK, AMPLITUDE))
+    joined = join_intervals(condition_intervals(COURSE, 0, 50), (STICK, AMPLITUDE))
     assert [(s.start_ns, s.end_ns) for s in joined] == [(10, 30), (40, 50)]
 
 
-def test_of_very_many_spells_the_worst_of_each_stretch_stays() -> None:
+def test_of_very_many_intervals_the_worst_of_each_stretch_stays() -> None:
     # A second of each in turn for 1000 s, and one millisecond of stick-slip.
     parts = [ConditionInterval(i * NS, (i + 1) * NS, (NORMAL, CAUTION)[i % 2]) for i in range(1000)]
     brief = [
         ConditionInterval(500 * NS, 500 * NS + 10**6, STICK),
         ConditionInterval(500 * NS + 10**6, 501 * NS, NORMAL),
     ]
-    coarse = coarsen_spells([*parts[:500], *brief, *parts[501:]], 100)
-    assert [spell.condition for spell in coarse] == [CAUTION, STICK, CAUTION]
+    coarse = coarsen_intervals([*parts[:500], *brief, *parts[501:]], 100)
+    assert [interval.condition for interval in coarse] == [CAUTION, STICK, CAUTION]
     assert (coarse[0].start_ns, coarse[-1].end_ns) == (0, 1000 * NS)
     assert coarse[1].start_ns <= 500 * NS < coarse[1].end_ns
     assert all(a.end_ns == b.start_ns for a, b in pairwise(coarse))

@@ -42,7 +42,7 @@ def test_clear(course: Make) -> None:
     assert 'least fold margin was +47.4 %, at 60.0 rpm and 1 kN' in sentences_of(finding)
 
 
-def condition_spells(*parts: tuple[int, Condition]) -> list[ConditionInterval]:
+def make_intervals(*parts: tuple[int, Condition]) -> list[ConditionInterval]:
     """Conditions that follow each other, each with the second that it lasts to."""
     edges = [START, *(START + end * 10**9 for end, _ in parts)]
     return [
@@ -52,31 +52,31 @@ def condition_spells(*parts: tuple[int, Condition]) -> list[ConditionInterval]:
 
 
 def test_stick_slip_comes_first(course: Make) -> None:
-    in_and_out = condition_spells((13, Condition.NORMAL), (28, Condition.STICK_SLIP), (40, Condition.NORMAL))
-    three_spells = course([60.0] * 10 + [20.0] * 10 + [60.0] * 20)
-    finding = judge_bearing(replace(three_spells, spells=in_and_out))
+    in_and_out = make_intervals((13, Condition.NORMAL), (28, Condition.STICK_SLIP), (40, Condition.NORMAL))
+    three_intervals = course([60.0] * 10 + [20.0] * 10 + [60.0] * 20)
+    finding = judge_bearing(replace(three_intervals, intervals=in_and_out))
     assert finding.grade == 'alarm'
     assert finding.sentences[0].replace('\N{NO-BREAK SPACE}', ' ') == (
         'aft_stern: stick-slip was predicted for 15 s, from 06:00:13 to 06:00:28 UTC on 2026-05-04.'
     )
     # At 20 rpm first-order KBM has 0.52688 mm and the exact cycle 0.556755 mm.
     assert 'amplitude was 0.557 mm, at 20.0 rpm and 1 kN, below the limit' in sentences_of(finding)
-    twice = [*in_and_out, *condition_spells((50, Condition.NORMAL), (77, Condition.STICK_SLIP))[1:]]
-    text = sentences_of(judge_bearing(replace(three_spells, spells=twice)))
+    twice = [*in_and_out, *make_intervals((50, Condition.NORMAL), (77, Condition.STICK_SLIP))[1:]]
+    text = sentences_of(judge_bearing(replace(three_intervals, intervals=twice)))
     assert 'stick-slip was predicted for 42 s in 2 spells, between 06:00:13 and' in text
 
 
 def test_close(course: Make) -> None:
     calm = course([60.0] * 40)
-    near = condition_spells((12, Condition.NORMAL), (25, Condition.CAUTION), (40, Condition.NORMAL))
-    finding = judge_bearing(replace(calm, spells=near))
+    near = make_intervals((12, Condition.NORMAL), (25, Condition.CAUTION), (40, Condition.NORMAL))
+    finding = judge_bearing(replace(calm, intervals=near))
     assert finding.grade == 'warning'
     assert 'no stick-slip was predicted, but the bearing was within the caution margin' in sentences_of(
         finding
     )
     assert 'a disturbance' not in sentences_of(finding)
-    inside = condition_spells((12, Condition.NORMAL), (24, Condition.BISTABLE), (40, Condition.NORMAL))
-    text = sentences_of(judge_bearing(replace(calm, spells=inside)))
+    inside = make_intervals((12, Condition.NORMAL), (24, Condition.BISTABLE), (40, Condition.NORMAL))
+    text = sentences_of(judge_bearing(replace(calm, intervals=inside)))
     assert 'for 12 s where a disturbance could have started it' in text
 
 
@@ -189,11 +189,11 @@ def test_quantities(shown: str, text: str) -> None:
 )
 def test_when_it_was_is_said_with_each_day_once(ends: tuple[str, ...], text: str) -> None:
     times = [epoch_ns(f'2026-05-{end}') for end in ends]
-    spells = [
+    intervals = [
         ConditionInterval(begin, end, Condition.STICK_SLIP)
         for begin, end in zip(times[::2], times[1::2], strict=True)
     ]
-    assert summary._spell_times(spells) == text
+    assert summary._format_times(intervals) == text
 
 
 def test_times_are_utc_whatever_the_machine_says(monkeypatch: pytest.MonkeyPatch) -> None:
