@@ -173,7 +173,7 @@ class ServiceManager:
     """Service manager that started the node, notified by the datagrams of sd_notify(3).
 
     Without a service manager, which names its socket in ``NOTIFY_SOCKET``, nothing is sent. Its
-    watchdog has the period in ``WATCHDOG_USEC``; without it :meth:`beat` notifies at the first call only.
+    watchdog has the period in ``WATCHDOG_USEC``; without it :meth:`beat` does nothing.
     """
 
     def __init__(self) -> None:
@@ -182,7 +182,7 @@ class ServiceManager:
         limit = os.environ.get('WATCHDOG_USEC', '')
         # Half the limit, as sd_watchdog_enabled(3) recommends.
         self._period = 0.5e-6 * int(limit) if limit.isdecimal() else math.inf
-        self._beat_at = -math.inf
+        self._beat_at = time.monotonic()  # its watchdog starts with the service
 
     def notify(self, state: str) -> None:
         """Send a state, such as ``READY=1``; ignore a manager that is gone."""

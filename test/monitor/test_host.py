@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
+import time
+from pathlib import Path
 from typing import Any
 
 import pytest
 from sending import SECOND, T0, Ship, configured
 
-from stickslip_monitor.host import HostClock
+from stickslip_monitor.host import HostClock, ServiceManager
 from stickslip_monitor.links.buses import LiveMonitor
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.session import NoLog, Sink
@@ -198,3 +201,24 @@ def test_without_standard_error_there_is_one() -> None:
     command = [sys.executable, '-c', PROGRAM, '3']
     done = subprocess.run(command, preexec_fn=lambda: os.close(2), check=False)
     assert done.returncode == 0
+
+
+@pytest.mark.parametrize(('limit', 'beats'), [('', 0), ('2000000', 3)])
+def test_a_watchdog_is_notified_twice_in_its_period(
+    limit: str, beats: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setenv('NOTIFY_SOCKET', str(tmp_path / 'notify'))
+    monkeypatch.setenv('WATCHDOG_USEC', limit)
+    monkeypatch.setattr(time, 'monotonic', lambda: now)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as inbox:
+        inbox.bind(str(tmp_path / 'notify'))
+        manager = ServiceManager()
+        for _ in range(8):  # 3.5 s, from the start on
+            manager.beat()
+            now += 0.5
+        manager.notify('STOPPING=1')
+        messages = [inbox.recv(100)]
+        while messages[-1] != b'STOPPING=1':
+            messages.append(inbox.recv(100))
+    assert messages == [*[b'WATCHDOG=1'] * beats, b'STOPPING=1']
