@@ -141,7 +141,7 @@ def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
 
 
 @contextlib.contextmanager
-def spooled(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> Iterator[Path]:
+def spool_stream(stream: IO[bytes], show: Callable[[str, int, int | None], None]) -> Iterator[Path]:
     """Copy a piped recording to a temporary file, whose path is valid while the context lasts.
 
     A recording is read by its end, and as a rule twice; on the disk it takes no memory. Of a stream that is

@@ -157,12 +157,12 @@ def run(args: argparse.Namespace) -> int:
             )
     # Not needed for help or a wrong option, and it takes most of the time to start.
     from stickslip_logs.recordings.folders import find_bags
-    from stickslip_logs.recordings.reader import spooled
+    from stickslip_logs.recordings.reader import spool_stream
 
     with output.ProgressBar() as meter:
         if STDIN not in args.bags:
             return _check_bags(args, find_bags(args.bags), meter)
-        with spooled(sys.stdin.buffer, meter.show) as path:
+        with spool_stream(sys.stdin.buffer, meter.show) as path:
             args.bags = [str(path)]
             return _check_bags(args, [path], meter, STDIN)
 

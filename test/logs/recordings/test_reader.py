@@ -26,7 +26,7 @@ from fuzz.files import DEFINITIONS, Piece, file, messages
 from stickslip_logs.errors import BagError
 from stickslip_logs.recordings.folders import find_bags
 from stickslip_logs.recordings.mcap_chunks import MAGIC
-from stickslip_logs.recordings.reader import open_bag, spooled
+from stickslip_logs.recordings.reader import open_bag, spool_stream
 from stickslip_logs.recordings.recording import Request, TopicInfo
 
 FLOAT64 = 'std_msgs/msg/Float64'
@@ -430,7 +430,7 @@ def test_what_is_no_bag_is_named(tmp_path: Path, make: Callable[[Path], None], t
 @pytest.mark.parametrize('begin', [b'SQLite format 3\0', b'\x28\xb5\x2f\xfd', MAGIC])
 def test_all_of_a_recording_is_read_from_a_pipe(begin: bytes) -> None:
     data = begin + bytes(3 << 20)
-    with spooled(io.BytesIO(data), lambda *_: None) as path:
+    with spool_stream(io.BytesIO(data), lambda *_: None) as path:
         assert path.read_bytes() == data
 
 
