@@ -59,7 +59,7 @@ def pytest_pyfunc_call(pyfuncitem: Any) -> bool | None:
     """Run a test that is a coroutine."""
     if not inspect.iscoroutinefunction(pyfuncitem.obj):
         return None
-    asked = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
+    arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
     loop = pyfuncitem._request.getfixturevalue('loop')
-    loop.run_until_complete(asyncio.wait_for(pyfuncitem.obj(**asked), 300.0))
+    loop.run_until_complete(asyncio.wait_for(pyfuncitem.obj(**arguments), 300.0))
     return True

@@ -35,16 +35,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         table = importlib.import_module(f'benchmarks.{chosen[0]}').run(args.quick)
         args.record.write_text(json.dumps(table.record()), 'utf-8')
         return 0
-    return _run(chosen, args.quick)
+    return _run_parts(chosen, args.quick)
 
 
-def _run(chosen: Sequence[str], quick: bool) -> int:
+def _run_parts(chosen: Sequence[str], quick: bool) -> int:
     sections: dict[str, str] = {}
     failed = []
     for name in chosen:
         begin = time.monotonic()
         print(f'{name} ...', flush=True)
-        section = _section(name, quick)
+        section = _measure_section(name, quick)
         if section is None:
             failed.append(name)
         else:
@@ -59,7 +59,7 @@ def _run(chosen: Sequence[str], quick: bool) -> int:
     return int(bool(failed))
 
 
-def _section(name: str, quick: bool) -> str | None:
+def _measure_section(name: str, quick: bool) -> str | None:
     """Run a part in a process of its own, apart from the memory and threads of others; return its section."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / 'table.json'

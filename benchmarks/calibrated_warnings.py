@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmarks.voyages import cases_of, output_of, with_parameter_errors
-from benchmarks.warning_quality import Quality, pooled, quality_of
+from benchmarks.warning_quality import Quality, pool_qualities, quality_of
 from stickslip_lab.calibration.calibration import Calibration, EvidenceSource
 from stickslip_lab.scenes.scene import load_scene, write_bag
 from stickslip_monitor.errors import CalibrationError
@@ -51,17 +51,17 @@ COLUMNS = {
 
 def calibration_of(seed: int) -> Calibration | None:
     """Calibrate a seed's bearing by five slow-downs with a level; return ``None`` where they are refused."""
-    found, source = [], EvidenceSource()
+    evidence, source = [], EvidenceSource()
     for k in range(1, _SLOW_DOWNS + 1):
         scene = load_scene(SCENES / 'slowing_down.yaml', seed + k * _APART, WITH_LEVEL)
-        own = with_parameter_errors(scene.config.bearings[0], scene.parameter_error, seed)
+        bearing = with_parameter_errors(scene.config.bearings[0], scene.parameter_error, seed)
         with TemporaryDirectory(prefix='stickslip_') as folder:
-            path, kept = Path(folder) / f'slow_down_{k}.mcap', RecordingBuffer()
+            path, buffer = Path(folder) / f'slow_down_{k}.mcap', RecordingBuffer()
             write_bag(scene, path)
-            check_recording(path, MonitorConfig((own,)), [kept])
-            found.append(source.of_recording(kept, own))
+            check_recording(path, MonitorConfig((bearing,)), [buffer])
+            evidence.append(source.of_recording(buffer, bearing))
     try:
-        return source.calibrated(own, found)
+        return source.calibrated(bearing, evidence)
     except CalibrationError:
         return None
 
@@ -69,17 +69,19 @@ def calibration_of(seed: int) -> Calibration | None:
 def variants_of(config: BearingConfig, true: BearingConfig, seed: int) -> dict[str, BearingConfig]:
     """Return the configurations that are judged, by name; a refused calibration changes nothing."""
     belief = Belief.from_tolerance(config.bearing, HANDBOOK)
-    found, calibrated = calibration_of(seed), config
-    if found is not None:
-        known = replace(found.belief, speed=math.hypot(found.floor, config.tolerance.speed))
-        calibrated = replace(config, bearing=found.bearing, belief=known)
+    calibration, calibrated = calibration_of(seed), config
+    if calibration is not None:
+        calibrated_belief = replace(
+            calibration.belief, speed=math.hypot(calibration.floor, config.tolerance.speed)
+        )
+        calibrated = replace(config, bearing=calibration.bearing, belief=calibrated_belief)
     handbook = replace(config, tolerance=HANDBOOK, belief=belief)
     return dict(zip(VARIANTS, (config, handbook, calibrated, true), strict=True))
 
 
-def judged(seed: int) -> dict[str, Quality]:
+def judge_variants(seed: int) -> dict[str, Quality]:
     """Judge each variant over all voyages of a seed."""
-    found: dict[str, list[Quality]] = {name: [] for name in VARIANTS}
+    by_variant: dict[str, list[Quality]] = {name: [] for name in VARIANTS}
     configs: Mapping[str, BearingConfig] = {}
     for voyage in VOYAGES:
         scene = load_scene(voyage, seed, ORDINARY)
@@ -88,11 +90,11 @@ def judged(seed: int) -> dict[str, Quality]:
             for name, config in configs.items():
                 sent = replace(case.sent, config=replace(config, level=None))
                 output = output_of(sent.scan, case.truth)
-                found[name].append(quality_of(output, case.truth, case.plain))
-    return {name: pooled(own) for name, own in found.items()}
+                by_variant[name].append(quality_of(output, case.truth, case.plain))
+    return {name: pool_qualities(qualities) for name, qualities in by_variant.items()}
 
 
-def judged_all(seeds: Iterable[int]) -> dict[str, Quality]:
+def judge_all_variants(seeds: Iterable[int]) -> dict[str, Quality]:
     """Judge each variant over all voyages of some seeds."""
-    each = [judged(seed) for seed in seeds]
-    return {name: pooled(own[name] for own in each) for name in VARIANTS}
+    by_seed = [judge_variants(seed) for seed in seeds]
+    return {name: pool_qualities(qualities[name] for qualities in by_seed) for name in VARIANTS}

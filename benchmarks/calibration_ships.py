@@ -33,7 +33,7 @@ _SPEEDS, _SIZES = 80, 24
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """How ships are drawn; the spreads are standard deviations or ranges."""
+    """Spreads from which ships are drawn: standard deviations or ranges."""
 
     damping: float = 0.40  # of the configured damping
     fall: float = 0.25  # of the configured mu_s - mu_k
@@ -70,8 +70,8 @@ class Ship:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sent:
-    """What the sensors sent of one passage, and when the lining stuck."""
+class Passage:
+    """Measurements of the sensors over one passage, and when the lining stuck."""
 
     time: Array  # shape (n,) [s]
     speed: Array  # of the surface, shape (n,) [m/s]
@@ -81,8 +81,8 @@ class Sent:
     true_load: float  # what the lining carries, its own scatter too [N]
 
 
-def _law(number: int, random: np.random.Generator) -> FrictionLaw:
-    """One of five kinds of laws, as a drawing has it."""
+def _draw_law(number: int, random: np.random.Generator) -> FrictionLaw:
+    """Draw one of five kinds of laws, as a drawing has it."""
     decay, fall = random.uniform(6.0, 16.0), random.uniform(0.12, 0.25)
     kinetic = random.uniform(0.05, 0.12)
     kind = number % 5
@@ -96,7 +96,7 @@ def _law(number: int, random: np.random.Generator) -> FrictionLaw:
     return Stribeck(kinetic + fall, kinetic, decay)
 
 
-def _other(law: FrictionLaw, fall: float, decay: float) -> FrictionLaw:
+def _change_law(law: FrictionLaw, fall: float, decay: float) -> FrictionLaw:
     """Return a law with another fall and another decay, by factors."""
     if isinstance(law, Tabulated):
         kinetic = min(law.values)
@@ -108,21 +108,21 @@ def _other(law: FrictionLaw, fall: float, decay: float) -> FrictionLaw:
 
 
 def make_ships(count: int, random: np.random.Generator, kind: Kind) -> list[Ship]:
-    """Ships with a bistable range of at least 8 % at their loads."""
+    """Draw ships with a bistable range of at least 8 % at their loads."""
     ships: list[Ship] = []
     while len(ships) < count:
-        law = _law(len(ships), random)
+        law = _draw_law(len(ships), random)
         mass, damping = np.exp(random.uniform(np.log([20.0, 200.0]), np.log([200.0, 900.0])))
         stiffness = mass * random.uniform(120.0, 260.0) ** 2
-        drawn = Bearing(mass, damping, stiffness, law, random.choice([0.1, 0.3, 0.5]))
+        configured = Bearing(mass, damping, stiffness, law, random.choice([0.1, 0.3, 0.5]))
         c, fall, decay = np.exp(random.standard_normal(3) * (kind.damping, kind.fall, kind.decay))
         c = 1.0 / kind.wrong if kind.wrong else c
-        true = replace(drawn, damping=damping * c, friction=_other(law, fall, decay))
+        true = replace(configured, damping=damping * c, friction=_change_law(law, fall, decay))
         onset = damping / (0.2 * 10.0)
         load = onset * random.uniform(3.0, 12.0)
         ship = Ship(
             true,
-            drawn,
+            configured,
             load,
             float(np.exp(random.uniform(*np.log([0.5, 10.0])))),
             random.uniform(*kind.lag),
@@ -130,15 +130,15 @@ def make_ships(count: int, random: np.random.Generator, kind: Kind) -> list[Ship
             random.uniform(14.0, 26.0),
         )
         low, high = (1.0 - kind.spread) * load, (1.0 + kind.spread) * load
-        told = float(fold_speed(drawn, low))
+        configured_fold = float(fold_speed(configured, low))
         ratio = ship.hopf(low) / ship.fold(low)
-        if told > 0.0 and 0.2 < ratio < 0.92 and ship.hopf(high) > 0.0:
+        if configured_fold > 0.0 and 0.2 < ratio < 0.92 and ship.hopf(high) > 0.0:
             ships.append(ship)
     return ships
 
 
-def _drives(ships: Sequence[Ship]) -> tuple[Array, Array, Array]:
-    """``S(a; V)/a`` of each ship over ln V and a/V, with where ln V begins and its step."""
+def _tabulate_drives(ships: Sequence[Ship]) -> tuple[Array, Array, Array]:
+    """Return ``S(a; V)/a`` of each ship over ln V and a/V, with where ln V begins and its step."""
     share = np.linspace(0.0, 1.0, _SIZES)
     share[0] = 1e-3
     tables, first, steps = [], [], []
@@ -152,8 +152,10 @@ def _drives(ships: Sequence[Ship]) -> tuple[Array, Array, Array]:
     return np.stack(tables), np.array(first), np.array(steps)
 
 
-def sail(ships: Sequence[Ship], passages: int, random: np.random.Generator, kind: Kind) -> list[list[Sent]]:
-    """Passages of each ship from fast to slow and up again."""
+def sail_passages(
+    ships: Sequence[Ship], passages: int, random: np.random.Generator, kind: Kind
+) -> list[list[Passage]]:
+    """Sail passages of each ship from fast to slow and up again."""
     count = len(ships) * passages
     who, number = np.divmod(np.arange(count), passages)
     base = np.array([ship.load for ship in ships])[who]
@@ -168,15 +170,17 @@ def sail(ships: Sequence[Ship], passages: int, random: np.random.Generator, kind
     turn, stay = (top - low) / rate, random.uniform(10.0, 60.0, count)
     length = 2.0 * turn + stay
     order = np.argsort(-length)
-    amplitude = _followed(ships, who, order, (top, low, rate, turn, stay), load * factor, random, kind)
-    made: list[list[Sent]] = [[] for _ in ships]
+    amplitude = _follow_amplitudes(
+        ships, who, order, (top, low, rate, turn, stay), load * factor, random, kind
+    )
+    passages_by_ship: list[list[Passage]] = [[] for _ in ships]
     for j in range(count):
         course = (top[j], rate[j], turn[j], stay[j])
         size = amplitude[j][: int(length[j] / (_STEP * _KEPT))]
-        made[who[j]].append(
-            _sent(ships[who[j]], size, course, (load[j], factor[j]), int(number[j]), random, kind)
+        passages_by_ship[who[j]].append(
+            _measure_passage(ships[who[j]], size, course, (load[j], factor[j]), int(number[j]), random, kind)
         )
-    return made
+    return passages_by_ship
 
 
 def _speed_at(t: Array, top: Array, rate: Array, turn: Array, stay: Array) -> Array:
@@ -184,7 +188,7 @@ def _speed_at(t: Array, top: Array, rate: Array, turn: Array, stay: Array) -> Ar
     return np.asarray(top - rate * down)
 
 
-def _followed(
+def _follow_amplitudes(
     ships: Sequence[Ship],
     who: NDArray[np.intp],
     order: NDArray[np.intp],
@@ -193,8 +197,8 @@ def _followed(
     random: np.random.Generator,
     kind: Kind,
 ) -> list[Array]:
-    """Amplitude over speed of each passage, every ``_KEPT`` steps."""
-    tables, first, step = _drives(ships)
+    """Return the amplitude over speed of each passage, every ``_KEPT`` steps."""
+    tables, first, step = _tabulate_drives(ships)
     who = who[order]
     top, _, rate, turn, stay = (column[order] for column in course)
     n, length = load[order], 2.0 * turn + stay
@@ -204,7 +208,7 @@ def _followed(
     flat, origin, per = tables.reshape(len(ships), -1), first[who], 1.0 / step[who]
     wave = random.uniform(0.0, 2.0 * math.pi, who.size), random.uniform(6.0, 12.0, who.size)
     a = 1e-3 * top.astype(complex)
-    kept = np.zeros((math.ceil(float(length[0]) / _STEP) // _KEPT + 1, who.size), np.float32)
+    amplitudes = np.zeros((math.ceil(float(length[0]) / _STEP) // _KEPT + 1, who.size), np.float32)
     for k in range(math.ceil(float(length[0]) / _STEP)):
         t = k * _STEP
         m = int(np.searchsorted(-length, -t))
@@ -217,9 +221,9 @@ def _followed(
         column = np.minimum(size / v, 1.0) * (_SIZES - 1.001)
         i, j = row.astype(np.intp), column.astype(np.intp)
         p, q, at = row - i, column - j, i * _SIZES + j
-        own = who[:m]
-        low = flat[own, at] * (1.0 - q) + flat[own, at + 1] * q
-        high = flat[own, at + _SIZES] * (1.0 - q) + flat[own, at + _SIZES + 1] * q
+        row_ship = who[:m]
+        low = flat[row_ship, at] * (1.0 - q) + flat[row_ship, at + 1] * q
+        high = flat[row_ship, at + _SIZES] * (1.0 - q) + flat[row_ship, at + _SIZES + 1] * q
         pace = (n[:m] * (low * (1.0 - p) + high * p) - half[:m]) / mass[:m]
         a[:m] *= np.exp(np.clip(pace * _STEP, -1.0, 1.0))
         a[:m] += noise[:m] * (random.standard_normal(m) + 1j * random.standard_normal(m))
@@ -229,23 +233,23 @@ def _followed(
         size = np.abs(a[:m])
         a[:m] *= np.minimum(1.0, _CYCLE * v / np.maximum(size, 1e-15))
         if k % _KEPT == 0:
-            kept[k // _KEPT, :m] = np.minimum(size / v, _CYCLE)
-    found: list[Array] = [np.empty(0)] * who.size
+            amplitudes[k // _KEPT, :m] = np.minimum(size / v, _CYCLE)
+    by_passage: list[Array] = [np.empty(0)] * who.size
     for place, original in enumerate(order):
-        found[original] = kept[:, place].astype(float)
-    return found
+        by_passage[original] = amplitudes[:, place].astype(float)
+    return by_passage
 
 
-def _lagged(values: Array, lag: float, step: float) -> Array:
+def _apply_lag(values: Array, lag: float, step: float) -> Array:
     """Return a first-order lag [s] of values that are a step apart."""
     from scipy.signal import lfilter
 
     keep = math.exp(-step / lag)
-    found, _ = lfilter([1.0 - keep], [1.0, -keep], values, zi=[keep * values[0]])
-    return np.asarray(found)
+    lagged, _ = lfilter([1.0 - keep], [1.0, -keep], values, zi=[keep * values[0]])
+    return np.asarray(lagged)
 
 
-def _sent(
+def _measure_passage(
     ship: Ship,
     over: Array,
     course: tuple[float, ...],
@@ -253,12 +257,12 @@ def _sent(
     number: int,
     random: np.random.Generator,
     kind: Kind,
-) -> Sent:
+) -> Passage:
     step, (load, factor) = _STEP * _KEPT, loads
     t = np.arange(over.size) * step
-    v = _speed_at(t, *(np.asarray(each) for each in course))
-    seen = _lagged(v, ship.lag, step) * (1.0 + 0.004 * random.standard_normal(t.size))
-    power = _lagged((over * v) ** 2, ship.level_lag, step)
+    v = _speed_at(t, *(np.asarray(quantity) for quantity in course))
+    measured_speed = _apply_lag(v, ship.lag, step) * (1.0 + 0.004 * random.standard_normal(t.size))
+    power = _apply_lag((over * v) ** 2, ship.level_lag, step)
     background = 10.0 ** (-ship.floor / 20.0) * ship.fold(load)
     decibels = 10.0 * np.log10(power + background**2) + random.standard_normal(t.size)
     bias = math.exp(kind.bias * random.standard_normal())
@@ -269,4 +273,4 @@ def _sent(
     episodes = tuple((begin + a * step, begin + b * step) for a, b in stuck.tolist())
     part = slice(int(random.integers(every)), None, every)
     true = load * factor
-    return Sent(begin + t[part], seen[part], measured[part], decibels[part], episodes, true)
+    return Passage(begin + t[part], measured_speed[part], measured[part], decibels[part], episodes, true)

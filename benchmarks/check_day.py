@@ -48,8 +48,8 @@ def run(quick: bool) -> Table:
     """Measure and tabulate."""
     lengths = LENGTHS[:2] if quick else LENGTHS
     with tempfile.TemporaryDirectory() as folder:
-        found = {messages: _measured(Path(folder), messages) for messages in lengths}
-    for messages, parts in found.items():
+        measurements = {messages: _measure_apart(Path(folder), messages) for messages in lengths}
+    for messages, parts in measurements.items():
         times = parts['check_cpu'] / parts['alone_cpu']
         if messages >= RATCHET and times > MOST_TIMES:
             raise RuntimeError(
@@ -62,10 +62,10 @@ def run(quick: bool) -> Table:
                 f'a check of {messages} messages with --mcap takes {writing:.0f} checks in processor'
                 f' time, and at most {MOST_WRITING:.0f} are allowed'
             )
-    return _table(found, _start())
+    return _make_table(measurements, _time_start())
 
 
-def _table(found: dict[int, dict[str, float]], start: float) -> Table:
+def _make_table(measurements: dict[int, dict[str, float]], start: float) -> Table:
     return Table(
         title='Checking a day',
         text=(
@@ -91,11 +91,11 @@ def _table(found: dict[int, dict[str, float]], start: float) -> Table:
             '--clips',
             'peak memory',
         ),
-        rows=[_row(messages, parts) for messages, parts in found.items()],
+        rows=[_make_row(messages, parts) for messages, parts in measurements.items()],
     )
 
 
-def _row(messages: int, parts: dict[str, float]) -> list[str]:
+def _make_row(messages: int, parts: dict[str, float]) -> list[str]:
     return [
         f'{messages / 1e6:.3g} million',
         duration(parts['alone']),
@@ -109,9 +109,9 @@ def _row(messages: int, parts: dict[str, float]) -> list[str]:
     ]
 
 
-def _measured(folder: Path, messages: int) -> dict[str, float]:
+def _measure_apart(folder: Path, messages: int) -> dict[str, float]:
     path = folder / f'{messages}.mcap'
-    make(path, messages)
+    write_recording(path, messages)
     command = [sys.executable, '-m', 'benchmarks.check_day', '--measure', str(path)]
     command += ['--messages', str(messages)]
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
@@ -119,31 +119,31 @@ def _measured(folder: Path, messages: int) -> dict[str, float]:
     return json.loads(done.stdout)
 
 
-def make(path: Path, messages: int) -> None:
+def write_recording(path: Path, messages: int) -> None:
     """Write a recording of that many messages."""
     size = -(-messages // 3)
     with BagWriter(path) as writer:
         for topic in (SPEED, *LOADS):
             writer.add_topic(topic, 'std_msgs/msg/Float64')
         for begin in range(0, size, _BLOCK):
-            writer.write_float64s(_columns(begin, min(begin + _BLOCK, size)))
+            writer.write_float64s(_make_columns(begin, min(begin + _BLOCK, size)))
 
 
-def _columns(begin: int, end: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _make_columns(begin: int, end: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     rng, number = np.random.default_rng(begin), np.arange(begin, end, dtype=np.int64)
     seconds = number * STEP_NS * 1e-9
     stamps = 1_777_874_400_000_000_000 + number * STEP_NS
     slow = 40.0 * np.exp(-(((seconds % 21_600.0 - 10_000.0) / 300.0) ** 2))
     rpm = 70.0 + 10.0 * np.sin(2e-4 * seconds) - slow + rng.normal(0.0, 0.3, number.size)
     columns = {SPEED: (stamps, rpm)}
-    for late, topic in enumerate(LOADS, 1):
-        load = 1000.0 - 200.0 * late + rng.normal(0.0, 5.0, number.size)
-        columns[topic] = (stamps + late * 3_000_000, load)
+    for load_number, topic in enumerate(LOADS, 1):
+        load = 1000.0 - 200.0 * load_number + rng.normal(0.0, 5.0, number.size)
+        columns[topic] = (stamps + load_number * 3_000_000, load)
     return columns
 
 
 def measure(path: Path, messages: int) -> dict[str, float]:
-    """Seconds of each part, and the most memory used [bytes]."""
+    """Return the seconds of each part, and the most memory used [bytes]."""
     config = load_config(CONFIG)
     requests = {Request(topic, 'data') for topic in (SPEED, *LOADS)}
     small = ROOT / 'bags' / 'two_bearings'
@@ -152,24 +152,24 @@ def measure(path: Path, messages: int) -> dict[str, float]:
     def check() -> None:
         to_text(to_json(check_recording(path, config)), coloured=False)
 
-    first = _timed(check)
-    found = {'memory': _most_memory()}
-    few = messages < LENGTHS[3]
+    first = _time_work(check)
+    measurement = {'memory': _most_memory()}
+    is_repeated = messages < LENGTHS[3]
     checks, reads = [first], []
-    for _ in range(3 if few else 1):
-        reads.append(_timed(lambda: _read(path, requests, messages)))
-        if few:
-            checks.append(_timed(check))
-    found['check'], found['check_cpu'] = np.median(checks, axis=0).tolist()
-    found['alone'], found['alone_cpu'] = np.median(reads, axis=0).tolist()
+    for _ in range(3 if is_repeated else 1):
+        reads.append(_time_work(lambda: _read_recording(path, requests, messages)))
+        if is_repeated:
+            checks.append(_time_work(check))
+    measurement['check'], measurement['check_cpu'] = np.median(checks, axis=0).tolist()
+    measurement['alone'], measurement['alone_cpu'] = np.median(reads, axis=0).tolist()
     if messages <= DAY:
         target = path.with_name('out.mcap')
-        _, found['mcap'] = _timed(lambda: _with_verdicts(path, config, target))
+        _, measurement['mcap'] = _time_work(lambda: _with_verdicts(path, config, target))
         target.unlink()
         with tempfile.TemporaryDirectory() as folder:
             store = ClipFolder(replace(config.clips, directory=folder))
-            _, found['clips'] = _timed(lambda: check_recording(path, config, [ClipWriter(store)]))
-    return found
+            _, measurement['clips'] = _time_work(lambda: check_recording(path, config, [ClipWriter(store)]))
+    return measurement
 
 
 def _with_verdicts(path: Path, config: MonitorConfig, target: Path) -> None:
@@ -177,8 +177,8 @@ def _with_verdicts(path: Path, config: MonitorConfig, target: Path) -> None:
         check_recording(path, config, [writer])
 
 
-def _read(path: Path, requests: set[Request], messages: int) -> None:
-    """Read as arrays; what would fill the memory only block by block."""
+def _read_recording(path: Path, requests: set[Request], messages: int) -> None:
+    """Read as arrays, or block by block where these would fill the memory."""
     bag = open_bag(path)
     if messages <= LENGTHS[3]:
         bag.read(requests)
@@ -186,22 +186,22 @@ def _read(path: Path, requests: set[Request], messages: int) -> None:
         sum(1 for _ in bag.reading(requests))
 
 
-def _timed(work: Callable[[], object]) -> tuple[float, float]:
-    """Wall and processor time [s]."""
+def _time_work(work: Callable[[], object]) -> tuple[float, float]:
+    """Return wall and processor time [s]."""
     begin, spent = time.perf_counter(), time.process_time()
     work()
     return time.perf_counter() - begin, time.process_time() - spent
 
 
 def _most_memory() -> float:
-    """Of this program [bytes]; what getrusage tells counts the process that started it, too."""
+    """Return the most memory of this program [bytes]; getrusage counts its parent, too."""
     status = Path('/proc/self/status').read_text('utf-8')
     (kilobytes,) = re.findall(r'^VmHWM:\s+(\d+) kB$', status, flags=re.MULTILINE)
     return 1024.0 * float(kilobytes)
 
 
-def _start() -> float:
-    """Wall time of a command that does nothing but start, the best of five [s]."""
+def _time_start() -> float:
+    """Return the wall time of a command that does nothing but start, the best of five [s]."""
     command = [sys.executable, '-m', 'stickslip_monitor.cli', 'check', '--help']
     best = float('inf')
     for _ in range(5):

@@ -48,18 +48,18 @@ class _Result:
 def run(quick: bool) -> Table:
     """Compare diagrams; AUTO's width of smoothing is the error that its user chooses."""
     repeat, turns = (3, 1) if quick else (15, 5)
-    ours = {MIXED: _mixed, EXACT: _exact, AVERAGED: _averaged}
+    ours = {MIXED: _follow_mixed, EXACT: _follow_exact, AVERAGED: _follow_averaged}
     times = in_turns(ours, repeat)
-    found: dict[str, _Result | str] = {
+    results: dict[str, _Result | str] = {
         name: _Result(times[name].median, *follow(), True) for name, follow in ours.items()
     }
     for width in (1e-3, 1e-4, 1e-5):
-        found[AUTO.format(width)] = _auto(width, turns)
-    return _table(found)
+        results[AUTO.format(width)] = _run_auto(width, turns)
+    return _make_table(results)
 
 
-def _exact() -> tuple[float, float]:
-    """Fold and Hopf speed [m/s], and both branches of exact cycles up to them."""
+def _follow_exact() -> tuple[float, float]:
+    """Compute both branches of exact cycles; return fold and Hopf speed [m/s]."""
     hopf, fold = float(hopf_speed(BEARING, LOAD)), float(exact_fold_speed(BEARING, LOAD))
     stable = exact_cycle(BEARING, np.linspace(LOW, fold, STABLE)[:-1], LOAD)
     unstable = exact_unstable_cycle(BEARING, np.linspace(hopf, fold, UNSTABLE)[1:-1], LOAD)
@@ -68,25 +68,25 @@ def _exact() -> tuple[float, float]:
     return fold, hopf
 
 
-def _mixed() -> tuple[float, float]:
-    """Amplitudes as the monitor tells them: the stable branch exact, the unstable one averaged."""
+def _follow_mixed() -> tuple[float, float]:
+    """Compute amplitudes as the monitor does: the stable branch exact, the unstable one averaged."""
     hopf, averaged = float(hopf_speed(BEARING, LOAD)), float(fold_speed(BEARING, LOAD))
     low, high = LOW, 1.01 * averaged
     for _ in range(_ROUNDS):
         speed = np.linspace(low, high, STABLE)
-        last = int(np.flatnonzero(np.isfinite(_stable(speed, averaged)))[-1])
+        last = int(np.flatnonzero(np.isfinite(_stable_amplitudes(speed, averaged)))[-1])
         low, high = float(speed[last]), float(speed[last + 1])
-    _stable(np.linspace(LOW, low, STABLE), averaged)
+    _stable_amplitudes(np.linspace(LOW, low, STABLE), averaged)
     stationary_amplitudes(BEARING, np.linspace(hopf, averaged, UNSTABLE)[1:-1], LOAD)
     return low, hopf
 
 
-def _stable(speed: NDArray[np.float64], fold: float) -> NDArray[np.float64]:
+def _stable_amplitudes(speed: NDArray[np.float64], fold: float) -> NDArray[np.float64]:
     every = np.full_like(speed, 1.0)
     return np.asarray(exact_amplitude(BEARING, speed, LOAD * every))
 
 
-def _averaged() -> tuple[float, float]:
+def _follow_averaged() -> tuple[float, float]:
     """Compute the diagram by averaging."""
     hopf, fold = float(hopf_speed(BEARING, LOAD)), float(fold_speed(BEARING, LOAD))
     for speed in (np.linspace(LOW, fold, STABLE)[:-1], np.linspace(hopf, fold, UNSTABLE)[1:-1]):
@@ -94,7 +94,7 @@ def _averaged() -> tuple[float, float]:
     return fold, hopf
 
 
-def _auto(width: float, turns: int) -> _Result | str:
+def _run_auto(width: float, turns: int) -> _Result | str:
     """Return the median of AUTO's own account of its time, without compiling and starting Python."""
     if not shutil.which('auto-07p'):
         return 'not installed'
@@ -137,19 +137,19 @@ def _auto_once(folder: Path) -> tuple[float, float, float, bool]:
     return seconds, speeds['LP'], speeds['HB'], 'UZ' in ends
 
 
-def _table(found: dict[str, _Result | str]) -> Table:
-    own, exact = found[MIXED], found[EXACT]
-    assert isinstance(own, _Result)
+def _make_table(results: dict[str, _Result | str]) -> Table:
+    mixed, exact = results[MIXED], results[EXACT]
+    assert isinstance(mixed, _Result)
     assert isinstance(exact, _Result)
     rows = []
-    for name, result in found.items():
+    for name, result in results.items():
         if isinstance(result, str):
             rows.append(absent(name, 6, result))
             continue
         rpm = float(BEARING.speed.from_surface(result.fold, 'rpm'))
         error = f'{result.fold / exact.fold - 1.0:+.1e}'
         seconds = duration(result.seconds) + ('' if result.whole else ', stops at the fold')
-        times = ratio(result.seconds / own.seconds) if result.whole else '–'
+        times = ratio(result.seconds / mixed.seconds) if result.whole else '–'
         hopf = float(BEARING.speed.from_surface(result.hopf, 'rpm'))
         rows.append([name, seconds, f'{hopf:.4f}', f'{rpm:.4f}', error, times])
     return Table(

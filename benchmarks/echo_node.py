@@ -13,13 +13,13 @@ TOPICS = ('speed', 'load')
 
 
 def main() -> None:
-    """Spin until told to stop."""
+    """Spin until interrupted."""
     rclpy.init()
     node = Node('echo')
-    heard = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
+    best_effort = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
     for topic in TOPICS:
         publisher = node.create_publisher(Float64, f'~/{topic}', 10)
-        node.create_subscription(Float64, topic, publisher.publish, heard)
+        node.create_subscription(Float64, topic, publisher.publish, best_effort)
     try:
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):

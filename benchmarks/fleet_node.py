@@ -20,7 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
-from benchmarks.live import processor_time, taken
+from benchmarks.live import processor_time, take_messages
 from benchmarks.reference import CONFIG, LOAD
 from benchmarks.table import Table
 
@@ -35,7 +35,7 @@ def run(quick: bool) -> Table:
     rclpy.init()
     driver = rclpy.create_node('driver')
     try:
-        rows = [_idle(seconds), _fleet(driver, seconds)]
+        rows = [_measure_idle(seconds), _measure_fleet(driver, seconds)]
     finally:
         rclpy.try_shutdown()
     return Table(
@@ -51,8 +51,8 @@ def run(quick: bool) -> Table:
     )
 
 
-def _idle(seconds: float) -> list[str]:
-    with _monitor(1) as (process, _):
+def _measure_idle(seconds: float) -> list[str]:
+    with _start_monitor(1) as (process, _):
         time.sleep(_SETTLED)
         cpu = processor_time(process.pid)
         time.sleep(seconds)
@@ -60,23 +60,23 @@ def _idle(seconds: float) -> list[str]:
     return ['no inputs', '0', '0', f'{share:.1%}', '', '']
 
 
-def _fleet(driver: Node, seconds: float) -> list[str]:
-    with _monitor(BEARINGS) as (process, log):
+def _measure_fleet(driver: Node, seconds: float) -> list[str]:
+    with _start_monitor(BEARINGS) as (process, log):
         topics = [f'{name}{i}' for i in range(BEARINGS) for name in ('/speed', '/load')]
         publishers = [driver.create_publisher(Float64, topic, 10) for topic in topics]
-        heard = driver.create_subscription(DiagnosticArray, '/diagnostics', lambda _: None, 100)
+        diagnostics = driver.create_subscription(DiagnosticArray, '/diagnostics', lambda _: None, 100)
         while not all(publisher.get_subscription_count() for publisher in publishers):
             if process.poll() is not None:
                 raise RuntimeError(log.read_text('utf-8'))
             time.sleep(0.1)
-        _feed(publishers, 3.0)
+        _feed_publishers(publishers, 3.0)
         time.sleep(1.5)
-        before, cpu, begin = _accepted(heard), processor_time(process.pid), time.monotonic()
-        sent = _feed(publishers, seconds)
+        count_before, cpu, begin = _count_accepted(diagnostics), processor_time(process.pid), time.monotonic()
+        sent = _feed_publishers(publishers, seconds)
         spent = time.monotonic() - begin
         used = processor_time(process.pid) - cpu
         time.sleep(1.5)
-        count = _accepted(heard) - before
+        count = _count_accepted(diagnostics) - count_before
         losses = log.read_text('utf-8').count(' lost: ')
     return [
         f'{BEARINGS} bearings',
@@ -88,8 +88,8 @@ def _fleet(driver: Node, seconds: float) -> list[str]:
     ]
 
 
-def _feed(publishers: list[rclpy.publisher.Publisher[Float64]], seconds: float) -> int:
-    """Publish on each topic in turn, at an even pace; how many messages."""
+def _feed_publishers(publishers: list[rclpy.publisher.Publisher[Float64]], seconds: float) -> int:
+    """Publish on each topic in turn, at an even pace; return the number of messages."""
     begin, step = time.monotonic(), 1.0 / (RATE * len(publishers))
     count = round(seconds / step)
     for number in range(count):
@@ -100,10 +100,10 @@ def _feed(publishers: list[rclpy.publisher.Publisher[Float64]], seconds: float) 
     return count
 
 
-def _accepted(subscription: rclpy.subscription.Subscription[DiagnosticArray]) -> int:
+def _count_accepted(subscription: rclpy.subscription.Subscription[DiagnosticArray]) -> int:
     """Return the number of samples accepted by all bearings, by their last diagnostics."""
     count = 0
-    for _, message in taken(subscription):
+    for _, message in take_messages(subscription):
         if len(message.status) > BEARINGS:
             pairs = [pair for status in message.status for pair in status.values]
             count = sum(int(p.value) for p in pairs if p.key.endswith(' samples accepted'))
@@ -111,7 +111,7 @@ def _accepted(subscription: rclpy.subscription.Subscription[DiagnosticArray]) ->
 
 
 @contextmanager
-def _monitor(count: int) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+def _start_monitor(count: int) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     """Start a node with so many bearings and yield it with its log."""
     document = yaml.safe_load(CONFIG.read_text('utf-8'))
     parameters = document['/**']['ros__parameters']
@@ -119,10 +119,10 @@ def _monitor(count: int) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     parameters['bearings'] = [f'bearing_{i}' for i in range(count)]
     for i in range(count):
         # ROS 2 reads no aliases, so nothing may be shared.
-        own = copy.deepcopy(reference)
+        parameters_of_bearing = copy.deepcopy(reference)
         for quantity in ('speed', 'load'):
-            own[quantity]['topic'] = f'/{quantity}{i}'
-        parameters[f'bearing_{i}'] = own
+            parameters_of_bearing[quantity]['topic'] = f'/{quantity}{i}'
+        parameters[f'bearing_{i}'] = parameters_of_bearing
     with tempfile.TemporaryDirectory() as folder:
         file, log = Path(folder) / 'fleet.yaml', Path(folder) / 'log'
         file.write_text(yaml.safe_dump(document), 'utf-8')

@@ -54,28 +54,30 @@ class _Result:
 def run(quick: bool) -> Table:
     """Compare ways to follow the motion at 20 rpm."""
     repeat = 2 if quick else 7
-    timed: dict[str, tuple[Callable[[], float], float]] = {PLAIN: (lambda: _ours(False, SPAN), SPAN)}
+    timed: dict[str, tuple[Callable[[], float], float]] = {
+        PLAIN: (lambda: _integrate_motion(False, SPAN), SPAN)
+    }
     if find_spec('numba'):
-        timed[COMPILED] = (lambda: _ours(True, SPAN), SPAN)
-        timed[LONG] = (lambda: _ours(True, 100.0), 100.0)
+        timed[COMPILED] = (lambda: _integrate_motion(True, SPAN), SPAN)
+        timed[LONG] = (lambda: _integrate_motion(True, 100.0), 100.0)
     for name, method in _METHODS.items():
-        timed[name] = (partial(_method, method), SPAN)
+        timed[name] = (partial(_amplitude_by, method), SPAN)
     if find_spec('pathsim'):
-        timed[PATHSIM] = (_pathsim, SPAN)
+        timed[PATHSIM] = (_run_pathsim, SPAN)
     amplitudes = {name: follow() for name, (follow, _) in timed.items()}
     times = in_turns({name: follow for name, (follow, _) in timed.items()}, repeat)
-    found: dict[str, _Result | str] = {
+    results: dict[str, _Result | str] = {
         name: _Result(times[name].median / span, amplitudes[name]) for name, (_, span) in timed.items()
     }
     for name in (COMPILED, LONG, PATHSIM):
-        found.setdefault(name, 'not installed')
+        results.setdefault(name, 'not installed')
     steps = (1e-4,) if quick else (1e-4, 1e-5)
-    found |= {f'{SICONOS} of {step:g} s': _siconos(step) for step in steps}
-    return _table(found)
+    results |= {f'{SICONOS} of {step:g} s': _run_siconos(step) for step in steps}
+    return _make_table(results)
 
 
-def _ours(compiled: bool, span: float) -> float:
-    """Amplitude of the late part of a motion, to rounding [m]."""
+def _integrate_motion(compiled: bool, span: float) -> float:
+    """Return the amplitude of the late part of a motion, to rounding [m]."""
     drive = Drive.constant(SPEED, LOAD, span)
     start = MotionState.moving(breakaway(BEARING, SPEED, LOAD), SPEED, drive)
     times = np.linspace(span - 0.4 * SPAN, span, 256)
@@ -84,17 +86,17 @@ def _ours(compiled: bool, span: float) -> float:
     return 0.5 * float(np.ptp(turning_points(x, v, a, float(times[1] - times[0]))))
 
 
-def _method(method: Callable[[Bearing, float, float], MethodResult]) -> float:
+def _amplitude_by(method: Callable[[Bearing, float, float], MethodResult]) -> float:
     return method(BEARING, SPEED, LOAD).amplitude
 
 
-def _pathsim() -> float:
+def _run_pathsim() -> float:
     from benchmarks.pathsim_peer import Oscillator
 
     return Oscillator(BEARING, SPEED, LOAD).amplitude(SPAN)
 
 
-def _siconos(step: float) -> _Result | str:
+def _run_siconos(step: float) -> _Result | str:
     command = [str(_PYTHON), str(_PEER), str(step), str(SPAN)]
     try:
         done = subprocess.run(command, check=True, capture_output=True, text=True)
@@ -107,11 +109,11 @@ def _siconos(step: float) -> _Result | str:
     return _Result(per_second, amplitude)
 
 
-def _table(found: dict[str, _Result | str]) -> Table:
+def _make_table(results: dict[str, _Result | str]) -> Table:
     exact = float(exact_cycle(BEARING, SPEED, LOAD).amplitude)
-    best = found.get(COMPILED)
-    own = best if isinstance(best, _Result) else found[PLAIN]
-    assert isinstance(own, _Result)
+    best = results.get(COMPILED)
+    our_result = best if isinstance(best, _Result) else results[PLAIN]
+    assert isinstance(our_result, _Result)
     rows = [
         absent(name, 4, result)
         if isinstance(result, str)
@@ -119,9 +121,9 @@ def _table(found: dict[str, _Result | str]) -> Table:
             name,
             duration(result.per_second),
             f'{result.amplitude / exact - 1.0:+.1e}',
-            ratio(result.per_second / own.per_second),
+            ratio(result.per_second / our_result.per_second),
         ]
-        for name, result in found.items()
+        for name, result in results.items()
     ]
     return Table(
         title='Time integration',

@@ -35,8 +35,8 @@ _DRAIN, _DIAGNOSED = 1.0, 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
-    """What a node did with some seconds of telemetry at one rate.
+class Measurement:
+    """Answers of a node to some seconds of telemetry at one rate.
 
     Attributes:
         latency: From a speed's publication until its answer is there, of those answered [s].
@@ -76,7 +76,7 @@ class Subject:
         answer: str,
         code: Callable[[float], float],
         driver: Node,
-        others: Sequence[str] = (),
+        other_topics: Sequence[str] = (),
         diagnosed: bool = False,
     ) -> None:
         self._code = code
@@ -86,79 +86,79 @@ class Subject:
         self._speed = driver.create_publisher(Float64, f'/{space}/speed', _DEPTH)
         self._load = driver.create_publisher(Float64, f'/{space}/load', _DEPTH)
         self._answers = driver.create_subscription(Float64, f'/{space}/{answer}', lambda _: None, _DEPTH)
-        for topic in others:
+        for topic in other_topics:
             kind = String if topic.endswith('regime') else Float64
             driver.create_subscription(kind, f'/{space}/{topic}', lambda _: None, 1)
         if diagnosed:
             self._counts = driver.create_subscription(DiagnosticArray, '/diagnostics', lambda _: None, 1)
-        self._greet()
+        self._wait_for_answer()
 
-    def _greet(self) -> None:
+    def _wait_for_answer(self) -> None:
         """Send until the node answers."""
         end = time.monotonic() + 60.0
         while time.monotonic() < end:
-            self._publish(self._load, LOAD)
-            self._publish(self._speed, FIRST_RPM)
+            self._publish_number(self._load, LOAD)
+            self._publish_number(self._speed, FIRST_RPM)
             time.sleep(0.1)
-            if any(True for _ in taken(self._answers)):
+            if any(True for _ in take_messages(self._answers)):
                 time.sleep(_DRAIN)
-                for _ in taken(self._answers):
+                for _ in take_messages(self._answers):
                     pass
                 return
         raise RuntimeError(f'no answer on {self._answers.topic_name}')
 
-    def stretch(self, rate: float, seconds: float) -> Stretch:
+    def measure(self, rate: float, seconds: float) -> Measurement:
         """Feed speed and load, each at a rate [Hz], a load half-way between two speeds."""
         count = round(rate * seconds)
-        sent, heard = np.zeros(count), np.full(count, np.nan)
-        before = self._heard()
+        sent, answered_at = np.zeros(count), np.full(count, np.nan)
+        count_before = self._accepted_count()
         cpu, begin = processor_time(self.process.pid), time.monotonic()
         for half in range(2 * count):
-            self._listen(heard, begin + half / (2.0 * rate))
+            self._note_answers(answered_at, begin + half / (2.0 * rate))
             if half % 2:
-                self._publish(self._load, LOAD)
+                self._publish_number(self._load, LOAD)
             else:
                 code = half // 2 % CODES
                 sent[half // 2] = time.monotonic()
-                self._publish(self._speed, FIRST_RPM + STEP_RPM * code)
+                self._publish_number(self._speed, FIRST_RPM + STEP_RPM * code)
         cpu, spent = processor_time(self.process.pid) - cpu, time.monotonic() - begin
-        self._listen(heard, time.monotonic() + _DRAIN)
-        latency = heard - sent
+        self._note_answers(answered_at, time.monotonic() + _DRAIN)
+        latency = answered_at - sent
         latency = latency[np.isfinite(latency)]
-        heard_all = 2 * latency.size if self._counts is None else self._heard() - before
-        return Stretch(latency, count, 2 * count - heard_all, cpu / spent)
+        accepted_count = 2 * latency.size if self._counts is None else self._accepted_count() - count_before
+        return Measurement(latency, count, 2 * count - accepted_count, cpu / spent)
 
-    def _heard(self) -> int:
+    def _accepted_count(self) -> int:
         """Return the number of samples that the node has counted by its last diagnostics."""
         if self._counts is None:
             return 0
         end, count = time.monotonic() + _DIAGNOSED, 0
         while time.monotonic() < end:
-            for _, message in taken(self._counts):
+            for _, message in take_messages(self._counts):
                 pairs = {pair.key: pair.value for pair in message.status[0].values}
                 count = sum(int(pairs[f'{name} samples accepted']) for name in ('speed', 'load'))
             time.sleep(_POLL)
         return count
 
-    def _listen(self, heard: NDArray[np.float64], until: float) -> None:
-        """Note answers until it is time."""
+    def _note_answers(self, answered_at: NDArray[np.float64], until: float) -> None:
+        """Note answers until a time."""
         while True:
-            for now, message in taken(self._answers):
+            for now, message in take_messages(self._answers):
                 code = round((self._code(message.data) - FIRST_RPM) / STEP_RPM)
-                self._note(heard, code, now)
-            left = until - time.monotonic()
-            if left <= 0.0:
+                self._note_answer(answered_at, code, now)
+            remaining = until - time.monotonic()
+            if remaining <= 0.0:
                 return
-            time.sleep(min(left, _POLL))
+            time.sleep(min(remaining, _POLL))
 
-    def _note(self, heard: NDArray[np.float64], code: int, now: float) -> None:
+    def _note_answer(self, answered_at: NDArray[np.float64], code: int, now: float) -> None:
         """Give an answer to the first speed of that code that has none; a load answers again."""
-        same = heard[code::CODES]
+        same = answered_at[code::CODES]
         open_ = np.flatnonzero(np.isnan(same))
         if open_.size:
             same[open_[0]] = now
 
-    def _publish(self, publisher: Any, value: float) -> None:
+    def _publish_number(self, publisher: Any, value: float) -> None:
         publisher.publish(Float64(data=value))
 
     def stop(self) -> None:
@@ -175,8 +175,8 @@ def processor_time(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def taken(subscription: Any) -> Iterator[tuple[float, Any]]:
-    """Messages that have come, with the times at which they were taken."""
+def take_messages(subscription: Any) -> Iterator[tuple[float, Any]]:
+    """Yield the messages that have come, with the times at which they were taken."""
     while True:
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, False)
@@ -186,7 +186,7 @@ def taken(subscription: Any) -> Iterator[tuple[float, Any]]:
 
 
 @contextmanager
-def subjects(domain: int) -> Iterator[dict[str, Subject]]:
+def start_subjects(domain: int) -> Iterator[dict[str, Subject]]:
     """Start the bare node and the monitor and wait until both are ready.
 
     Args:
@@ -198,19 +198,19 @@ def subjects(domain: int) -> Iterator[dict[str, Subject]]:
         stack.callback(rclpy.try_shutdown)
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         driver = rclpy.create_node('driver')
-        found = {}
-        for name, make in (('bare', bare), ('monitor', monitor)):
-            found[name] = make(folder, driver)
-            stack.callback(found[name].stop)
-        yield found
+        nodes = {}
+        for name, make in (('bare', start_bare), ('monitor', start_monitor)):
+            nodes[name] = make(folder, driver)
+            stack.callback(nodes[name].stop)
+        yield nodes
 
 
-def bare(folder: Path, driver: Node) -> Subject:
+def start_bare(folder: Path, driver: Node) -> Subject:
     """Start the node that only echoes."""
     return Subject(['benchmarks.echo_node'], 'bare', 'echo/speed', lambda value: value, driver)
 
 
-def monitor(folder: Path, driver: Node) -> Subject:
+def start_monitor(folder: Path, driver: Node) -> Subject:
     """Start the monitor with the reference bearing."""
     reference = bearing()
     hopf = float(reference.speed.from_surface(hopf_speed(reference, LOAD), 'rpm'))

@@ -7,7 +7,7 @@ import os
 
 import numpy as np
 
-from benchmarks.live import Stretch, subjects
+from benchmarks.live import Measurement, start_subjects
 from benchmarks.table import Table, duration
 
 RATES = (10.0, 100.0, 1000.0)
@@ -17,24 +17,27 @@ RATES = (10.0, 100.0, 1000.0)
 def run(quick: bool) -> Table:
     """Compare both nodes at all rates, in turns."""
     turns, seconds = (1, 3.0) if quick else (3, 6.0)
-    found: dict[tuple[str, float], list[Stretch]] = {}
-    with subjects(150 + os.getpid() % 50) as nodes:
+    measurements: dict[tuple[str, float], list[Measurement]] = {}
+    with start_subjects(150 + os.getpid() % 50) as nodes:
         for _ in range(turns):
             for rate in RATES:
                 for name, node in nodes.items():
-                    found.setdefault((name, rate), []).append(node.stretch(rate, seconds))
+                    measurements.setdefault((name, rate), []).append(node.measure(rate, seconds))
     rows = []
     for rate in RATES:
-        own, other = _row(found['monitor', rate]), _row(found['bare', rate])
+        monitor_row, bare_row = (
+            _summarise_stretches(measurements['monitor', rate]),
+            _summarise_stretches(measurements['bare', rate]),
+        )
         rows.append(
             [
                 f'{rate:g} Hz',
-                *(duration(value) for value in other[:2]),
-                *(duration(value) for value in own[:2]),
-                f'{other[2]:.1%}',
-                f'{own[2]:.1%}',
-                f'{own[3]:.0f} of {own[4]:.0f}',
-                f'{own[5]:.0%}',
+                *(duration(value) for value in bare_row[:2]),
+                *(duration(value) for value in monitor_row[:2]),
+                f'{bare_row[2]:.1%}',
+                f'{monitor_row[2]:.1%}',
+                f'{monitor_row[3]:.0f} of {monitor_row[4]:.0f}',
+                f'{monitor_row[5]:.0%}',
             ]
         )
     return Table(
@@ -64,8 +67,8 @@ _TEXT = (
 )
 
 
-def _row(stretches: list[Stretch]) -> tuple[float, ...]:
-    """Latency p50 and p99 [s], share of a core; messages lost and sent; share answered."""
+def _summarise_stretches(stretches: list[Measurement]) -> tuple[float, ...]:
+    """Return latency p50 and p99 [s], share of a core, messages lost and sent, and share answered."""
     latency = np.concatenate([stretch.latency for stretch in stretches])
     p50, p99 = np.percentile(latency, [50.0, 99.0]).tolist()
     cpu = float(np.mean([stretch.cpu for stretch in stretches]))

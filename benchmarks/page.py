@@ -18,11 +18,13 @@ MARK = '<!-- benchmarks -->\n'
 """What stands above it on the page is kept."""
 
 
-def machine() -> str:
+def describe_machine() -> str:
     """Return the line that says where the numbers come from."""
-    versions = [f'{name} {found}' for name in PACKAGES if (found := _version(name))] + _debian()
+    versions = [
+        f'{name} {installed}' for name in PACKAGES if (installed := _installed_version(name))
+    ] + _list_debian_packages()
     return (
-        f'Machine: {_processor()}, {os.cpu_count()} cores, {platform.system()}'
+        f'Machine: {_read_processor()}, {os.cpu_count()} cores, {platform.system()}'
         f' {platform.release()}, Python {platform.python_version()}.\nVersions: ' + ', '.join(versions) + '.'
     )
 
@@ -35,27 +37,29 @@ def render(sections: Mapping[str, str], order: tuple[str, ...], old: str = '') -
         order: The names of all parts.
         old: The page until now, whose other sections are kept if they are of the same machine.
     """
-    where = machine()
-    kept = _sections(old) if where in old else {}
-    found = kept | dict(sections)
-    body = [f'<!-- part: {name} -->\n\n{found[name].strip()}\n' for name in order if name in found]
-    return '\n'.join([old.partition(MARK)[0] + MARK + where + '\n', *body])
+    machine_line = describe_machine()
+    old_sections = _split_sections(old) if machine_line in old else {}
+    all_sections = old_sections | dict(sections)
+    body = [
+        f'<!-- part: {name} -->\n\n{all_sections[name].strip()}\n' for name in order if name in all_sections
+    ]
+    return '\n'.join([old.partition(MARK)[0] + MARK + machine_line + '\n', *body])
 
 
-def _sections(page: str) -> dict[str, str]:
+def _split_sections(page: str) -> dict[str, str]:
     parts = re.split(r'^<!-- part: (\w+) -->$', page, flags=re.MULTILINE)[1:]
     return dict(zip(parts[::2], parts[1::2], strict=True))
 
 
-def _version(name: str) -> str:
+def _installed_version(name: str) -> str:
     try:
         return version(name)
     except PackageNotFoundError:
         return ''
 
 
-def _debian() -> list[str]:
-    """Name and version of those of Debian's packages that are installed."""
+def _list_debian_packages() -> list[str]:
+    """Return name and version of those of Debian's packages that are installed."""
     try:
         command = ['dpkg-query', '-W', '-f', '${Package} ${Version}\n', *DEBIAN]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -64,7 +68,7 @@ def _debian() -> list[str]:
     return [line for line in done.stdout.splitlines() if len(line.split()) > 1]
 
 
-def _processor() -> str:
+def _read_processor() -> str:
     path = Path('/proc/cpuinfo')
     for line in path.read_text('utf-8').splitlines() if path.exists() else ():
         if line.startswith('model name'):

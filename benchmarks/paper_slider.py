@@ -61,7 +61,7 @@ class Events:
     period: FloatArray
 
     def half(self, which: int) -> Events:
-        """Every other event, from the first or from the second on."""
+        """Return every other event, from the first or from the second on."""
         columns = (self.peak, self.trough, self.slope, self.period)
         return Events(*(column[which::2] for column in columns))
 
@@ -95,16 +95,16 @@ def events_of(slider: Slider) -> Events:
     return Events(*np.array(rows).reshape(-1, 4).T)
 
 
-def compared(path: Path) -> list[str]:
+def compare_recording(path: Path) -> list[str]:
     """Return a row of the table."""
     slider = load(path)
     events = events_of(slider)
     name = f'{slider.stiffness:g} N/m, {slider.speed * 1e3:g} mm/s'
     if events.peak.size < _FEWEST:
         return [name, str(events.peak.size), 'too few', *['-'] * 6]
-    known, judged, weight = events.half(0), events.half(1), MASS * GRAVITY
-    static = float(np.mean(known.peak))
-    kinetic = 0.5 * (static + float(np.mean(known.trough)))
+    fitted, judged, weight = events.half(0), events.half(1), MASS * GRAVITY
+    static = float(np.mean(fitted.peak))
+    kinetic = 0.5 * (static + float(np.mean(fitted.trough)))
     law = Coulomb(static, max(kinetic, 0.0))
     cycle = exact_cycle(Bearing(MASS, 0.0, slider.stiffness, law, 1.0), slider.speed, weight)
     amplitude = 0.5 * (judged.peak - judged.trough) * weight / slider.stiffness * 1e6
@@ -123,7 +123,7 @@ def compared(path: Path) -> list[str]:
 
 
 def table_of(folder: Path) -> Table:
-    """Every recording of a folder."""
+    """Return the table of every recording in a folder."""
     return Table(
         title='Measured stick-slip: a paper slider',
         text=__doc__.split('\n\n')[0] if __doc__ else '',
@@ -138,7 +138,7 @@ def table_of(folder: Path) -> Table:
             'period [ms]',
             'model',
         ),
-        rows=[compared(path) for path in sorted(folder.glob('*_k*_v*.npz'))],
+        rows=[compare_recording(path) for path in sorted(folder.glob('*_k*_v*.npz'))],
     )
 
 

@@ -35,25 +35,25 @@ class Oscillator:
         self.start = breakaway(bearing, speed, load)
         self.sticks = False
         self.turns: list[tuple[float, float]] = []
-        self.block = ODE(self._flow, np.array([self.start, speed]))
+        self.block = ODE(self._state_rate, np.array([self.start, speed]))
 
     def amplitude(self, duration: float) -> float:
-        """Half the peak-to-peak of the late part of a run [m]."""
+        """Return half the peak-to-peak of the late part of a run [m]."""
         events = [
-            ZeroCrossingUp(self._lead, self._land, tolerance=1e-12),
-            ZeroCrossingUp(self._strain, self._release, tolerance=1e-9),
-            ZeroCrossing(lambda _: self._state[1], self._turn, tolerance=1e-10),
+            ZeroCrossingUp(self._speed_excess, self._start_sticking, tolerance=1e-12),
+            ZeroCrossingUp(self._force_excess, self._start_slipping, tolerance=1e-9),
+            ZeroCrossing(lambda _: self._state[1], self._note_turn, tolerance=1e-10),
         ]
         simulation = Simulation([self.block], [], events, dt=_STEP, Solver=RKCK54, log=False, **_TOLERANCES)
         simulation.run(duration, adaptive=True)
-        late = [x for time, x in self.turns if time > _WATCHED * duration]
-        return 0.5 * float(np.ptp(late))
+        late_turns = [x for time, x in self.turns if time > _WATCHED * duration]
+        return 0.5 * float(np.ptp(late_turns))
 
     @property
     def _state(self) -> NDArray[np.float64]:
         return self.block.engine.state
 
-    def _flow(self, state: NDArray[np.float64], _: object, __: float) -> NDArray[np.float64]:
+    def _state_rate(self, state: NDArray[np.float64], _: object, __: float) -> NDArray[np.float64]:
         x, v = state
         if self.sticks:
             return np.array([self.speed, 0.0])
@@ -62,19 +62,19 @@ class Oscillator:
         force = self.load * (law.kinetic + drop) - bearing.damping * v - bearing.stiffness * x
         return np.array([v, force / bearing.mass])
 
-    def _lead(self, _: float) -> float:
+    def _speed_excess(self, _: float) -> float:
         return -1.0 if self.sticks else self._state[1] - self.speed
 
-    def _strain(self, _: float) -> float:
+    def _force_excess(self, _: float) -> float:
         return self._state[0] - self.start if self.sticks else -1.0
 
-    def _land(self, _: float) -> None:
+    def _start_sticking(self, _: float) -> None:
         self.sticks = True
         self.block.engine.set(np.array([self._state[0], self.speed]))
 
-    def _release(self, _: float) -> None:
+    def _start_slipping(self, _: float) -> None:
         self.sticks = False
         self.block.engine.set(np.array([self.start, self.speed - _NUDGE]))
 
-    def _turn(self, time: float) -> None:
+    def _note_turn(self, time: float) -> None:
         self.turns.append((time, float(self._state[0])))

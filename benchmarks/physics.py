@@ -44,14 +44,14 @@ class Rational:
     def coefficient(self, speed: ArrayLike) -> FloatArray:
         """Return ``mu`` at relative speeds [m/s]."""
         v = np.asarray(speed, dtype=float)
-        return np.where(v < 0.0, -1.0, 1.0) * (self.static - self.gap + self._falling(v))
+        return np.where(v < 0.0, -1.0, 1.0) * (self.static - self.gap + self._falling_part(v))
 
     def slope(self, speed: ArrayLike) -> FloatArray:
         """Return ``d mu / d|v|`` at relative speeds [m/s]."""
         v = np.asarray(speed, dtype=float)
-        return -self._falling(v) / (self.scale + np.abs(v))
+        return -self._falling_part(v) / (self.scale + np.abs(v))
 
-    def _falling(self, v: FloatArray) -> FloatArray:
+    def _falling_part(self, v: FloatArray) -> FloatArray:
         return self.gap * self.scale / (self.scale + np.abs(v))
 
 
@@ -85,40 +85,47 @@ _SETTINGS = {
 
 def run(quick: bool = False) -> Table:
     """Measure and lay out."""
-    many, few = (100_000, 2_000) if quick else (1_000_000, 20_000)
+    many, table_size = (100_000, 2_000) if quick else (1_000_000, 20_000)
     bulk = {
         'boundaries and regime': (BEARING, many, ()),
         '+ margins, loads, growth rate, threshold': (BEARING, many, (*CLOSED, THRESHOLD)),
         '+ the exact amplitude': (BEARING, many, (*CLOSED, THRESHOLD, EXACT)),
         'boundaries, regime, stable KBM amplitude': (BEARING, many, (STABLE,)),
-        'measured table: boundaries and regime': (MEASURED, few, ()),
-        'measured table: + stable KBM amplitude': (MEASURED, few, (STABLE,)),
+        'measured table: boundaries and regime': (MEASURED, table_size, ()),
+        'measured table: + stable KBM amplitude': (MEASURED, table_size, (STABLE,)),
     }
-    rows = [_bulk(name, *case) for name, case in bulk.items()]
+    rows = [_measure_array(name, *case) for name, case in bulk.items()]
     single = {
         'one point: boundaries and regime': lambda: assess(BEARING, 0.1, 1000.0),
-        'one point: + stable KBM amplitude': lambda: _ask(assess(BEARING, 0.1, 1000.0), STABLE),
-        'one point: + exact amplitude': lambda: _ask(assess(BEARING, 0.1, 1000.0), EXACT),
+        'one point: + stable KBM amplitude': lambda: _compute_columns(assess(BEARING, 0.1, 1000.0), STABLE),
+        'one point: + exact amplitude': lambda: _compute_columns(assess(BEARING, 0.1, 1000.0), EXACT),
         'one point of a measured table': lambda: assess(MEASURED, 0.1, 1000.0),
-        '`Monitor.update`, stick-slip and an amplitude limit': _updates(0.1),
-        '`Monitor.update`, no stick-slip': _updates(0.3),
+        '`Monitor.update`, stick-slip and an amplitude limit': _make_update(0.1),
+        '`Monitor.update`, no stick-slip': _make_update(0.3),
     }
-    rows += [_day(name, law, limit, quick) for name, (law, limit) in LAWS.items()]
-    rows += [_diagram(name, LAWS[name][0], limit) for name, limit in DIAGRAMS.items()]
-    one = np.full(1, 0.5)
+    rows += [_measure_day(name, law, limit, quick) for name, (law, limit) in LAWS.items()]
+    rows += [_measure_diagram(name, LAWS[name][0], limit) for name, limit in DIAGRAMS.items()]
+    single_number = np.full(1, 0.5)
     for name, call in single.items():
-        seconds, reference = _best(call, 200), _best(lambda: np.exp(one), 2000)
-        rows.append(_row(name, 1, seconds, reference))
-    for name, law in _laws().items():
+        seconds, reference = _best_time(call, 200), _best_time(lambda: np.exp(single_number), 2000)
+        rows.append(_format_row(name, 1, seconds, reference))
+    for name, law in _make_laws().items():
         table = partial(boundary_table, replace(BEARING, friction=law))
         table()  # compiles the law's loops
-        seconds = _best(table, clear=True)
-        rows.append(_row(f'boundaries over the load: {name}', 1, seconds, _best(lambda: np.exp(one), 2000)))
+        seconds = _best_time(table, clear=True)
+        rows.append(
+            _format_row(
+                f'boundaries over the load: {name}',
+                1,
+                seconds,
+                _best_time(lambda: np.exp(single_number), 2000),
+            )
+        )
     return Table(
         title='Physics',
         text=(
             f'Operating points around the boundaries of the reference bearing, {many:,} in an'
-            f' array ({few:,} where friction is a measured table of 15 points), and one by one.'
+            f' array ({table_size:,} where friction is a measured table of 15 points), and one by one.'
             ' Processor time on one core; the ratio is to `numpy.exp` over as many numbers in the'
             ' same run.'
         ),
@@ -127,7 +134,7 @@ def run(quick: bool = False) -> Table:
     )
 
 
-def _laws() -> dict[str, FrictionLaw]:
+def _make_laws() -> dict[str, FrictionLaw]:
     """Return the laws whose boundaries are tabulated, by name; the scatter of a table is seeded."""
     laws: dict[str, FrictionLaw] = {"Stribeck's law": BEARING.friction}
     for points, scatter in ((100, 0.0), (100, 0.002), (1000, 0.001)):
@@ -138,41 +145,41 @@ def _laws() -> dict[str, FrictionLaw]:
     return laws
 
 
-def _ask(point: Assessment, *names: str) -> None:
+def _compute_columns(point: Assessment, *names: str) -> None:
     for name in names:
         getattr(point, name)
 
 
-def _bulk(name: str, bearing: Bearing, size: int, columns: tuple[str, ...]) -> list[str]:
+def _measure_array(name: str, bearing: Bearing, size: int, columns: tuple[str, ...]) -> list[str]:
     rng = np.random.default_rng(1)
     speed, load = rng.uniform(0.02, 0.25, size), rng.uniform(500.0, 1500.0, size)
-    _ask(assess(bearing, speed[:10], load[:10]), *columns)  # builds what a law needs
-    seconds = _best(lambda: _ask(assess(bearing, speed, load), *columns))
-    return _row(name, size, seconds, _best(lambda: np.exp(speed)))
+    _compute_columns(assess(bearing, speed[:10], load[:10]), *columns)  # builds what a law needs
+    seconds = _best_time(lambda: _compute_columns(assess(bearing, speed, load), *columns))
+    return _format_row(name, size, seconds, _best_time(lambda: np.exp(speed)))
 
 
-def _day(name: str, law: FrictionLaw, limit: float, quick: bool) -> list[str]:
+def _measure_day(name: str, law: FrictionLaw, limit: float, quick: bool) -> list[str]:
     """Time the exact amplitudes of a day, one a second, beside their limit [s]."""
     size, bearing = 8_640 if quick else 86_400, replace(BEARING, friction=law)
     rng = np.random.default_rng(2)
     speed, load = rng.uniform(0.02, 0.25, size), rng.uniform(500.0, 1500.0, size)
     exact_amplitude(bearing, speed[:500], load[:500])  # builds what a law needs, and compiles
-    seconds = _best(lambda: exact_amplitude(bearing, speed, load))
+    seconds = _best_time(lambda: exact_amplitude(bearing, speed, load))
     label = f'exact amplitudes of a day, {name} (limit {duration(limit / 86_400)})'
-    return _row(label, size, seconds, _best(lambda: np.exp(speed)))
+    return _format_row(label, size, seconds, _best_time(lambda: np.exp(speed)))
 
 
-def _diagram(name: str, law: FrictionLaw, limit: float) -> list[str]:
+def _measure_diagram(name: str, law: FrictionLaw, limit: float) -> list[str]:
     """Time a diagram of 400 speeds, beside its limit [s]."""
     bearing, speeds = replace(BEARING, friction=law), (0.02, 0.3)
     bifurcation_diagram(bearing, 1000.0, speeds)
     loads = count(1001.0)  # each is new: what is cached must not count
-    seconds = _best(lambda: bifurcation_diagram(bearing, next(loads), speeds))
+    seconds = _best_time(lambda: bifurcation_diagram(bearing, next(loads), speeds))
     label = f'diagram of 400 speeds, {name} (limit {duration(limit / 400)})'
-    return _row(label, 400, seconds, _best(lambda: np.exp(np.full(400, 0.5)), 100))
+    return _format_row(label, 400, seconds, _best_time(lambda: np.exp(np.full(400, 0.5)), 100))
 
 
-def _updates(speed: float) -> Callable[[], None]:
+def _make_update(speed: float) -> Callable[[], None]:
     values = {f'aft.{key}': value for key, value in _SETTINGS.items()}
     monitor = Monitor(build_config({'bearings': ['aft']} | values))
     clock, loads = count(1), count(1000.0, 1e-3)
@@ -186,8 +193,8 @@ def _updates(speed: float) -> Callable[[], None]:
     return update
 
 
-def _best(call: Callable[[], object], times: int = 1, clear: bool = False) -> float:
-    """Processor time of one call [s]: the best of some turns of so many calls.
+def _best_time(call: Callable[[], object], times: int = 1, clear: bool = False) -> float:
+    """Return the processor time of one call [s]: the best of some turns of ``times`` calls.
 
     ``clear`` forgets before each turn what the physics keeps of laws and bearings.
     """
@@ -202,9 +209,9 @@ def _best(call: Callable[[], object], times: int = 1, clear: bool = False) -> fl
     return float(best)
 
 
-def _row(name: str, size: int, seconds: float, reference: float) -> list[str]:
-    each = seconds / size
-    return [name, f'{1.0 / each:,.0f}', duration(each), ratio(seconds / reference)]
+def _format_row(name: str, size: int, seconds: float, reference: float) -> list[str]:
+    seconds_per_point = seconds / size
+    return [name, f'{1.0 / seconds_per_point:,.0f}', duration(seconds_per_point), ratio(seconds / reference)]
 
 
 if __name__ == '__main__':

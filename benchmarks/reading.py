@@ -38,13 +38,13 @@ def run(quick: bool) -> Table:
     count = COUNT // 10 if quick else COUNT
     with tempfile.TemporaryDirectory() as folder:
         plain, mixed = Path(folder) / 'plain', Path(folder) / 'mixed'
-        write(plain, count, 0)
-        write(mixed, count, count)
-        times = in_turns(_readers(plain, mixed, 2 * count), 3, warm=False)
-    return _table(times, 2 * count)
+        write_recordings(plain, count, 0)
+        write_recordings(mixed, count, count)
+        times = in_turns(_make_readers(plain, mixed, 2 * count), 3, warm=False)
+    return _make_table(times, 2 * count)
 
 
-def write(path: Path, count: int, texts: int) -> None:
+def write_recordings(path: Path, count: int, texts: int) -> None:
     """Write speed and load at 1 kHz, and strings of changing length between them."""
     generator = np.random.default_rng(1)
     time = np.arange(count, dtype=np.int64) * 1_000_000
@@ -58,96 +58,100 @@ def write(path: Path, count: int, texts: int) -> None:
         bag.write_columns([*columns, ('/log', time[:texts], strings)])
 
 
-def _readers(plain: Path, mixed: Path, count: int) -> dict[str, Callable[[], object]]:
+def _make_readers(plain: Path, mixed: Path, count: int) -> dict[str, Callable[[], object]]:
     readers: dict[str, Callable[[], int]] = {
-        OURS: lambda: _ours(plain),
-        MIXED: lambda: _ours(mixed),
-        BLOCKS: lambda: _blocks(plain),
-        MIXED_BLOCKS: lambda: _blocks(mixed),
-        'mcap': lambda: _mcap(plain),
-        'mcap-ros2-support': lambda: _mcap_ros2(plain),
+        OURS: lambda: _read_arrays(plain),
+        MIXED: lambda: _read_arrays(mixed),
+        BLOCKS: lambda: _read_blocks(plain),
+        MIXED_BLOCKS: lambda: _read_blocks(mixed),
+        'mcap': lambda: _read_by_mcap(plain),
+        'mcap-ros2-support': lambda: _read_by_mcap_ros2(plain),
     }
     if find_spec('rosbags'):
-        readers |= {ROSBAGS: lambda: _rosbags(plain), ROSBAGS_MIXED: lambda: _rosbags(mixed)}
-    checked = {name: _checked(name, reader, count) for name, reader in readers.items()}
-    chunks = _chunks(plain)
-    return checked | {FLOOR: lambda: _decompress(chunks)}
+        readers |= {ROSBAGS: lambda: _read_by_rosbags(plain), ROSBAGS_MIXED: lambda: _read_by_rosbags(mixed)}
+    checked = {name: _check_reader(name, reader, count) for name, reader in readers.items()}
+    chunks = _list_chunks(plain)
+    return checked | {FLOOR: lambda: _decompress_chunks(chunks)}
 
 
-def _checked(name: str, reader: Callable[[], int], count: int) -> Callable[[], object]:
+def _check_reader(name: str, reader: Callable[[], int], count: int) -> Callable[[], object]:
     def read() -> None:
-        if (found := reader()) != count:
-            raise RuntimeError(f'{name} read {found} of {count} numbers')
+        if (count_read := reader()) != count:
+            raise RuntimeError(f'{name} read {count_read} of {count} numbers')
 
     return read
 
 
-def _ours(path: Path) -> int:
+def _read_arrays(path: Path) -> int:
     requests = [Request(topic, 'data') for topic in TOPICS]
     return sum(series.value.size for series in open_bag(path).read(requests).values())
 
 
-def _blocks(path: Path) -> int:
-    """As a check reads: each stretch of time is dropped when the next one comes."""
+def _read_blocks(path: Path) -> int:
+    """Read as a check does: each part of time is dropped when the next one comes."""
     requests = [Request(topic, 'data') for topic in TOPICS]
     reading = open_bag(path).reading(requests)
     return sum(series.value.size for part in reading for series in part.values())
 
 
-def _file(path: Path) -> Path:
+def _bag_file(path: Path) -> Path:
     return path / f'{path.name}_0.mcap'
 
 
-def _mcap(path: Path) -> int:
-    """Messages as bytes, the number unpacked by hand: all that is possible for one type."""
+def _read_by_mcap(path: Path) -> int:
+    """Read messages as bytes, and unpack the number by hand: possible for one type only."""
     times, values = [], []
-    with _file(path).open('rb') as file:
+    with _bag_file(path).open('rb') as file:
         for _, _, message in make_reader(file).iter_messages(TOPICS):
             times.append(message.log_time)
             values.append(_PAYLOAD.unpack(message.data)[0])
     return min(np.array(values).size, np.array(times).size)
 
 
-def _mcap_ros2(path: Path) -> int:
+def _read_by_mcap_ros2(path: Path) -> int:
     times, values = [], []
-    for message in read_ros2_messages(str(_file(path)), topics=TOPICS):
+    for message in read_ros2_messages(str(_bag_file(path)), topics=TOPICS):
         times.append(message.log_time_ns)
         values.append(message.ros_msg.data)
     return min(np.array(values).size, np.array(times).size)
 
 
-def _rosbags(path: Path) -> int:
+def _read_by_rosbags(path: Path) -> int:
     from rosbags.rosbag2 import Reader
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     times, values = [], []
     with Reader(path) as reader:
-        wanted = [connection for connection in reader.connections if connection.topic in TOPICS]
-        for connection, time, data in reader.messages(wanted):
+        connections = [connection for connection in reader.connections if connection.topic in TOPICS]
+        for connection, time, data in reader.messages(connections):
             times.append(time)
             message: Any = store.deserialize_cdr(data, connection.msgtype)
             values.append(message.data)
     return min(np.array(values).size, np.array(times).size)
 
 
-def _chunks(path: Path) -> list[Chunk]:
-    with _file(path).open('rb') as file:
+def _list_chunks(path: Path) -> list[Chunk]:
+    with _bag_file(path).open('rb') as file:
         records = StreamReader(file, emit_chunks=True).records
         return [record for record in records if isinstance(record, Chunk)]
 
 
-def _decompress(chunks: list[Chunk]) -> None:
+def _decompress_chunks(chunks: list[Chunk]) -> None:
     decompressor = ZstdDecompressor()
     for chunk in chunks:
         decompressor.decompress(chunk.data, chunk.uncompressed_size)
 
 
-def _table(times: dict[str, Times], count: int) -> Table:
-    own = times[OURS].median
+def _make_table(times: dict[str, Times], count: int) -> Table:
+    our_median = times[OURS].median
     rows = [
-        [name, f'{count / found.median / 1e6:.2f}', '1' if name == OURS else ratio(found.median / own)]
-        for name, found in times.items()
+        [
+            name,
+            f'{count / times_of_reader.median / 1e6:.2f}',
+            '1' if name == OURS else ratio(times_of_reader.median / our_median),
+        ]
+        for name, times_of_reader in times.items()
     ]
     rows += [absent(name, 3) for name in (ROSBAGS, ROSBAGS_MIXED) if name not in times]
     return Table(

@@ -33,20 +33,24 @@ _LIVE, _BULK = 1_200, 60_000
 """Samples of a block: some 40 ms live and 15 ms compiled, too short for most of the others' turns."""
 
 
-def blocks() -> dict[str, Callable[[], float]]:
+def make_blocks() -> dict[str, Callable[[], float]]:
     """Return what is timed by name; each runs a block and returns its processor time a sample [s]."""
-    own = load_config(CONFIG).bearings[0]
+    reference = load_config(CONFIG).bearings[0]
     tolerance = Tolerance(damping=0.4, static=0.15, kinetic=0.15, decay=0.3)
-    believed = replace(own, tolerance=tolerance, belief=Belief.from_tolerance(own.bearing, tolerance))
-    found = {}
-    for name, config in (('', own), (', tolerances', believed)):
-        found[f'update{name}'] = partial(_time_updates, config, _stream(_LIVE))
-        found[f'bulk, interpreted{name}'] = partial(_time_scan, config, _stream(_LIVE), long=False)
-        found[f'bulk, compiled{name}'] = partial(_time_scan, config, _stream(_BULK), long=True)
-    return found
+    believed = replace(
+        reference, tolerance=tolerance, belief=Belief.from_tolerance(reference.bearing, tolerance)
+    )
+    timed_blocks = {}
+    for name, config in (('', reference), (', tolerances', believed)):
+        timed_blocks[f'update{name}'] = partial(_time_updates, config, _make_stream(_LIVE))
+        timed_blocks[f'bulk, interpreted{name}'] = partial(
+            _time_scan, config, _make_stream(_LIVE), long=False
+        )
+        timed_blocks[f'bulk, compiled{name}'] = partial(_time_scan, config, _make_stream(_BULK), long=True)
+    return timed_blocks
 
 
-def _stream(size: int) -> Stream:
+def _make_stream(size: int) -> Stream:
     """Return speed and load in turns, each ten times a second, far above the boundaries."""
     random, inputs = np.random.default_rng(1), np.arange(size, dtype=np.int8) % 2
     value = np.where(inputs == 0, 55.0, 1000.0) * (1.0 + 0.01 * random.standard_normal(size))
@@ -69,17 +73,17 @@ def _time_scan(config: BearingConfig, stream: Stream, *, long: bool) -> float:
     return (time.process_time() - begin) / stream.time_ns.size
 
 
-def serve() -> None:
+def serve_blocks() -> None:
     """Run the block that each line of standard input names, and print its time; first the package's file."""
     import stickslip_monitor
 
-    timed = blocks()
+    timed = make_blocks()
     print(stickslip_monitor.__file__, flush=True)
     for line in sys.stdin:
         print(timed[line.rstrip('\n')](), flush=True)
 
 
-def compare(checkouts: list[Path], seconds: float, names: Iterable[str]) -> dict[str, list[float]]:
+def compare_checkouts(checkouts: list[Path], seconds: float, names: Iterable[str]) -> dict[str, list[float]]:
     """Return by block the best processor time a sample of each checkout [s], of blocks in turns over a time.
 
     The first block of each compiles, and is never the best but for ``seconds`` of 0.
@@ -96,7 +100,7 @@ def compare(checkouts: list[Path], seconds: float, names: Iterable[str]) -> dict
             pipe = subprocess.PIPE
             processes.append(subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=environment))
         for checkout, process in zip(checkouts, processes, strict=True):
-            file = _ask(process)
+            file = _request_line(process)
             if not Path(file).is_relative_to(checkout):
                 raise RuntimeError(f"'{file}' was imported for {checkout}: is it a checkout of this version?")
         best = {name: [np.inf] * len(checkouts) for name in names}
@@ -104,7 +108,7 @@ def compare(checkouts: list[Path], seconds: float, names: Iterable[str]) -> dict
         while True:
             for name, times in best.items():
                 for k, process in enumerate(processes):
-                    times[k] = min(times[k], float(_ask(process, name)))
+                    times[k] = min(times[k], float(_request_line(process, name)))
             if time.monotonic() > end:
                 return best
     finally:
@@ -113,7 +117,7 @@ def compare(checkouts: list[Path], seconds: float, names: Iterable[str]) -> dict
             process.wait()
 
 
-def _ask(process: subprocess.Popen[str], name: str | None = None) -> str:
+def _request_line(process: subprocess.Popen[str], name: str | None = None) -> str:
     """Name a block to a process, if any, and return the next line of its answer."""
     assert process.stdin is not None
     assert process.stdout is not None
@@ -127,19 +131,24 @@ def _ask(process: subprocess.Popen[str], name: str | None = None) -> str:
 
 
 def main() -> int:
-    """Compare and print; returns the exit code."""
+    """Compare and print; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('other', type=Path, nargs='?', help='the other checkout')
     parser.add_argument('--seconds', type=float, default=60.0, help='for how long (default 60)')
     parser.add_argument('--serve', action='store_true', help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.serve:
-        serve()
+        serve_blocks()
         return 0
     if args.other is None:
         parser.error('the other checkout is missing')
-    for name, (other, own) in compare([args.other.resolve(), ROOT], args.seconds, blocks()).items():
-        print(f'{name:32s} {other * 1e6:8.3f} us, here {own * 1e6:8.3f} us: {own / other:.3f} times')
+    for name, (there_seconds, here_seconds) in compare_checkouts(
+        [args.other.resolve(), ROOT], args.seconds, make_blocks()
+    ).items():
+        print(
+            f'{name:32s} {there_seconds * 1e6:8.3f} us, here {here_seconds * 1e6:8.3f} us:'
+            f' {here_seconds / there_seconds:.3f} times'
+        )
     return 0
 
 

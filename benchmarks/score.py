@@ -24,7 +24,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from benchmarks.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Sailed, Voyage, judge_bag, judge_calls
-from benchmarks.warning_quality import FIGURES, Episode, Quality, announced, false_alarms, pooled, written
+from benchmarks.warning_quality import (
+    FIGURES,
+    Episode,
+    Quality,
+    announced_episodes,
+    false_alarms,
+    format_figure,
+    pool_qualities,
+)
 from stickslip_lab.scenes.scene import load_scene
 from stickslip_monitor.cli import main as run_command
 from stickslip_monitor.commands import options, output
@@ -70,16 +78,16 @@ def run(args: argparse.Namespace) -> int:
     scenes = [path for path in args.bags if Path(path).suffix in ('.yaml', '.yml')]
     judged = [] if scenes else _judged_bags(args)
     voyages = _judged_scenes(args, scenes) if scenes else [voyage for voyage, _ in judged]
-    output.write_outputs(args, picture=lambda: _drawn(judged))
+    output.write_outputs(args, picture=lambda: _draw_case(judged))
     if args.json:
         output.print_json(_scenes_json(voyages) if scenes else _bags_json(judged))
     else:
         out = output.console()
-        _print(out, voyages, 'scene' if scenes else 'bag')
+        _print_tables(out, voyages, 'scene' if scenes else 'bag')
         for voyage, case in judged:
-            for text in _remarks(case):
-                out.print(f'{escape(_name(voyages, voyage))}: {text}')
-    return int(not pooled(voyage.rules[OURS] for voyage in voyages).is_good)
+            for text in _describe_case(case):
+                out.print(f'{escape(_short_name(voyages, voyage))}: {text}')
+    return int(not pool_qualities(voyage.rules[OURS] for voyage in voyages).is_good)
 
 
 def _judged_bags(args: argparse.Namespace) -> list[tuple[Voyage, Sailed]]:
@@ -109,29 +117,30 @@ def _judged_scenes(args: argparse.Namespace, scenes: Sequence[str]) -> list[Voya
 
 def judge_all(calls: Sequence[Call], jobs: int) -> list[Voyage]:
     """Judge all calls, with a progress bar; the order of the results is that of the calls."""
-    found: dict[int, list[Voyage]] = {}
+    by_number: dict[int, list[Voyage]] = {}
     with output.ProgressBar() as meter:
         for number, voyages in judge_calls(calls, min(jobs, len(calls))):
-            found[number] = voyages
-            meter.show(f'{len(found)} of {len(calls)} voyages', len(found), len(calls))
-    return [voyage for number in range(len(calls)) for voyage in found[number]]
+            by_number[number] = voyages
+            meter.show(f'{len(by_number)} of {len(calls)} voyages', len(by_number), len(calls))
+    return [voyage for number in range(len(calls)) for voyage in by_number[number]]
 
 
 def _bags_json(judged: Sequence[tuple[Voyage, Sailed]]) -> dict[str, Any]:
     bags: dict[str, dict[str, Any]] = {}
     for voyage, case in judged:
-        given = case.output()
+        output_of_monitor = case.output()
         bags.setdefault(voyage.scene, {})[voyage.bearing] = {
             'figures': voyage.rules[OURS].figures(),
-            'episodes': [asdict(episode) for episode in announced(given, case.truth)],
+            'episodes': [asdict(episode) for episode in announced_episodes(output_of_monitor, case.truth)],
             'false_alarms': [
-                {'start_ns': start, 'end_ns': end} for start, end in false_alarms(given, case.truth)
+                {'start_ns': start, 'end_ns': end}
+                for start, end in false_alarms(output_of_monitor, case.truth)
             ],
         }
     return {
         'schema': OF_BAGS,
         'bags': [{'path': path, 'bearings': bearings} for path, bearings in bags.items()],
-        'total': _totals([voyage for voyage, _ in judged]),
+        'total': _total_figures([voyage for voyage, _ in judged]),
     }
 
 
@@ -139,49 +148,51 @@ def _scenes_json(voyages: Sequence[Voyage]) -> dict[str, Any]:
     return {
         'schema': OF_SCENES,
         'seeds': {
-            scene: list(dict.fromkeys(voyage.seed for voyage in own))
-            for scene, own in _grouped(voyages, _SCENE).items()
+            scene: list(dict.fromkeys(voyage.seed for voyage in group))
+            for scene, group in _group_by(voyages, _SCENE).items()
         },
         'sensors': [
             {
                 'file': sensors,
-                'total': _totals(own),
-                'scenes': {scene: _ours(parts).figures() for scene, parts in _grouped(own, _SCENE).items()},
+                'total': _total_figures(group),
+                'scenes': {
+                    scene: _pool_monitor(parts).figures() for scene, parts in _group_by(group, _SCENE).items()
+                },
             }
-            for sensors, own in _grouped(voyages, _SENSORS).items()
+            for sensors, group in _group_by(voyages, _SENSORS).items()
         ],
     }
 
 
-def _grouped(voyages: Iterable[Voyage], of: Callable[[Voyage], Any]) -> dict[Any, list[Voyage]]:
-    found: dict[Any, list[Voyage]] = {}
+def _group_by(voyages: Iterable[Voyage], of: Callable[[Voyage], Any]) -> dict[Any, list[Voyage]]:
+    groups: dict[Any, list[Voyage]] = {}
     for voyage in voyages:
-        found.setdefault(of(voyage), []).append(voyage)
-    return found
+        groups.setdefault(of(voyage), []).append(voyage)
+    return groups
 
 
-def _ours(voyages: Iterable[Voyage]) -> Quality:
-    return pooled(voyage.rules[OURS] for voyage in voyages)
+def _pool_monitor(voyages: Iterable[Voyage]) -> Quality:
+    return pool_qualities(voyage.rules[OURS] for voyage in voyages)
 
 
-def _totals(voyages: Sequence[Voyage]) -> dict[str, dict[str, float | None]]:
-    return {rule: pooled(v.rules[rule] for v in voyages).figures() for rule in RULES}
+def _total_figures(voyages: Sequence[Voyage]) -> dict[str, dict[str, float | None]]:
+    return {rule: pool_qualities(v.rules[rule] for v in voyages).figures() for rule in RULES}
 
 
-def _print(out: Console, voyages: Sequence[Voyage], kind: str) -> None:
-    """Return a table of all figures for each grade of sensors, and a line for each scene or bag."""
-    for sensors, own in _grouped(voyages, _SENSORS).items():
+def _print_tables(out: Console, voyages: Sequence[Voyage], kind: str) -> None:
+    """Print a table of all figures for each grade of sensors, and a line for each scene or bag."""
+    for sensors, group in _group_by(voyages, _SENSORS).items():
         title = 'warnings judged by the truth' + (f', {sensors}' if sensors else '')
         table = Table(title=title, title_justify='left', box=SIMPLE_HEAD)
         table.add_column('')
         for label in RULES.values():
             table.add_column(label, justify='right', no_wrap=True)
-        rows = _totals(own).values()
+        rows = _total_figures(group).values()
         for name, (label, *_) in FIGURES.items():
-            table.add_row(label, *(written(name, row[name]) for row in rows))
+            table.add_row(label, *(format_figure(name, row[name]) for row in rows))
         out.print(table)
-        lines = _grouped(own, partial(_name, own))
-        out.print(_by_name(kind, {name: _ours(parts).figures() for name, parts in lines.items()}))
+        lines = _group_by(group, partial(_short_name, group))
+        out.print(_by_name(kind, {name: _pool_monitor(parts).figures() for name, parts in lines.items()}))
 
 
 def _by_name(kind: str, rows: Mapping[str, Mapping[str, float | None]]) -> Table:
@@ -190,52 +201,52 @@ def _by_name(kind: str, rows: Mapping[str, Mapping[str, float | None]]) -> Table
     for label in _COLUMNS.values():
         table.add_column(label, justify='right', no_wrap=True)
     for name, figures in rows.items():
-        table.add_row(escape(name), *(written(column, figures[column]) for column in _COLUMNS))
+        table.add_row(escape(name), *(format_figure(column, figures[column]) for column in _COLUMNS))
     return table
 
 
-def _name(voyages: Sequence[Voyage], voyage: Voyage) -> str:
+def _short_name(voyages: Sequence[Voyage], voyage: Voyage) -> str:
     """Return a scene or a bag as briefly as it differs from the others."""
     if voyage.seed is not None:
         return Path(voyage.scene).stem
     bag = Path(voyage.scene).name
-    if any(other.scene != voyage.scene and Path(other.scene).name == bag for other in voyages):
+    if any(v.scene != voyage.scene and Path(v.scene).name == bag for v in voyages):
         bag = voyage.scene
-    several = len({other.bearing for other in voyages}) > 1
+    several = len({v.bearing for v in voyages}) > 1
     return f'{bag} {voyage.bearing}' if several else bag
 
 
-def _remarks(case: Sailed) -> list[str]:
+def _describe_case(case: Sailed) -> list[str]:
     """Return a sentence for every episode and for every false alarm."""
-    given, truth = case.output(), case.truth
+    rule_output, truth = case.output(), case.truth
 
     def at(time_ns: int) -> str:
         return f'{(time_ns - truth.start_ns) / 1e9:.1f} s'
 
-    found = [
+    sentences = [
         f'stick-slip from {at(e.first_ns)} to {at(e.last_ns)}, {_lead_text(e)}'
-        for e in announced(given, truth)
+        for e in announced_episodes(rule_output, truth)
     ]
-    return found + [
+    return sentences + [
         f'[red]false[/]: stick-slip alarm from {at(start)} to {at(end)}'
-        for start, end in false_alarms(given, truth)
+        for start, end in false_alarms(rule_output, truth)
     ]
 
 
 def _lead_text(episode: Episode) -> str:
     if episode.lead is None:
         return '[red]missed[/]'
-    text = f'warned {_before(episode.lead)}'
+    text = f'warned {_format_lead(episode.lead)}'
     if episode.alarm_lead is None:
         return f'{text}, never predicted'
-    return f'{text}, predicted {_before(episode.alarm_lead)}'
+    return f'{text}, predicted {_format_lead(episode.alarm_lead)}'
 
 
-def _before(lead: float) -> str:
+def _format_lead(lead: float) -> str:
     return f'{lead:.1f} s before' if lead >= 0.0 else f'[red]{-lead:.1f} s late[/]'
 
 
-def _drawn(judged: Sequence[tuple[Voyage, Sailed]]) -> Any:
+def _draw_case(judged: Sequence[tuple[Voyage, Sailed]]) -> Any:
     if len(judged) != 1:
         names = ', '.join(f'{voyage.bearing} in {voyage.scene}' for voyage, _ in judged)
         raise ConfigurationError(

@@ -29,7 +29,7 @@ def main() -> None:
     model.link(contact, lining)
     grid = sk.TimeDiscretisation(0.0, step)
     solver = sk.TimeStepping(model, grid, sk.EulerMoreauOSI(0.5), sk.Relay())
-    found = []
+    displacements = []
     begin = time.perf_counter()
     while solver.hasNextEvent():
         v = lining.x()[1]
@@ -38,11 +38,11 @@ def main() -> None:
         force = np.array([0.0, -np.sign(relative) * LOAD * fall / MASS])
         lining.setbPtr(force)
         solver.computeOneStep()
-        found.append(lining.x()[0])
+        displacements.append(lining.x()[0])
         solver.nextStep()
     spent = time.perf_counter() - begin
-    late = np.array(found[int(0.6 * len(found)) :])
-    print(spent / duration, 0.5 * np.ptp(late))
+    late_part = np.array(displacements[int(0.6 * len(displacements)) :])
+    print(spent / duration, 0.5 * np.ptp(late_part))
 
 
 if __name__ == '__main__':

@@ -33,8 +33,8 @@ _KEY = 'of-a-server-that-lives-for-one-test'
 _QUIET = {'SKIP_ADMINUI_VERSION_CHECK': '1', 'SIGNALK_DISABLE_SERVER_UPDATES': '1'}
 
 
-def missing() -> str:
-    """Why the real server cannot be started; empty if it can."""
+def missing_program() -> str:
+    """Return why the real server cannot be started; empty if it can."""
     if shutil.which('node') is None:
         return 'node is not installed (version 20 or later)'
     if not (FOLDER / 'node_modules' / 'signalk-server').is_dir():
@@ -52,11 +52,11 @@ def free_port() -> int:
 def officer_token() -> str:
     """Return the JSON web token of who may approve requests at a secured server with our key."""
     parts = ({'alg': 'HS256', 'typ': 'JWT'}, {'id': 'officer', 'exp': round(time.time()) + 3600})
-    head = '.'.join(_base64(json.dumps(part).encode()) for part in parts)
-    return f'{head}.{_base64(hmac.digest(_KEY.encode(), head.encode(), "sha256"))}'
+    head = '.'.join(_encode_base64(json.dumps(part).encode()) for part in parts)
+    return f'{head}.{_encode_base64(hmac.digest(_KEY.encode(), head.encode(), "sha256"))}'
 
 
-def _base64(data: bytes) -> str:
+def _encode_base64(data: bytes) -> str:
     return base64.urlsafe_b64encode(data).rstrip(b'=').decode()
 
 
@@ -91,12 +91,12 @@ class RealServer:
             stderr=subprocess.STDOUT,
         )
         end = time.monotonic() + 60.0
-        while not self._answers():
+        while not self._is_answering():
             if time.monotonic() > end or self._process.poll() is not None:
                 raise RuntimeError((self.folder / 'log').read_text())
             time.sleep(0.1)
 
-    def _answers(self) -> bool:
+    def _is_answering(self) -> bool:
         try:
             urllib.request.urlopen(f'{self.url}/signalk', timeout=5.0).close()
         except OSError:
@@ -138,7 +138,7 @@ class SmallServer:
     """
 
     def __init__(self) -> None:
-        self.kept: dict[tuple[str, str], tuple[Any, str]] = {}
+        self.values: dict[tuple[str, str], tuple[Any, str]] = {}
         self.status: dict[tuple[str, str], dict[str, bool]] = {}
         self.token, self.deaf, self.version = '', False, '2.27.0'
         self.greeting: str | None = None
@@ -154,9 +154,9 @@ class SmallServer:
     async def start(self, context: ssl.SSLContext | None = None) -> None:
         """Listen, at the same port as before."""
         app = web.Application()
-        app.router.add_get('/signalk/v1/stream', self._stream)
-        app.router.add_post('/signalk/v1/access/requests', self._request)
-        app.router.add_get('/signalk/v1/requests/1', self._request)
+        app.router.add_get('/signalk/v1/stream', self._handle_stream)
+        app.router.add_post('/signalk/v1/access/requests', self._handle_request)
+        app.router.add_get('/signalk/v1/requests/1', self._handle_request)
         self._runner = web.AppRunner(app, shutdown_timeout=0.1)
         await self._runner.setup()
         await web.TCPSite(self._runner, '127.0.0.1', self.port, ssl_context=context).start()
@@ -173,11 +173,11 @@ class SmallServer:
     async def restart(self) -> None:
         """Stop, forget all, and start again."""
         await self.stop()
-        self.kept.clear()
+        self.values.clear()
         self.status.clear()
         await self.start()
 
-    async def _request(self, _: web.Request) -> web.Response:
+    async def _handle_request(self, _: web.Request) -> web.Response:
         state = self.requests.pop(0)
         answer: dict[str, Any] = {'state': state, 'href': '/signalk/v1/requests/1'}
         if state == 'COMPLETED':
@@ -185,28 +185,30 @@ class SmallServer:
             answer['accessRequest'] = {'permission': self.permission, **token}
         return web.json_response(answer, status=202)
 
-    async def _stream(self, request: web.Request) -> web.WebSocketResponse:
+    async def _handle_stream(self, request: web.Request) -> web.WebSocketResponse:
         if self.token and request.headers.get('Authorization') != f'Bearer {self.token}':
             raise web.HTTPUnauthorized
         socket_ = web.WebSocketResponse(autoping=not self.frozen)
         await socket_.prepare(request)
-        hello = {'name': 'small', 'version': self.version, 'self': SHIP, 'timestamp': _now()}
+        hello = {'name': 'small', 'version': self.version, 'self': SHIP, 'timestamp': _format_now()}
         await socket_.send_str(json.dumps(hello) if self.greeting is None else self.greeting)
         patterns: list[str] = []
         self._sockets.append((socket_, patterns))
         async for message in socket_:
             if message.type is WSMsgType.TEXT:
-                await self._take(socket_, patterns, json.loads(message.data))
+                await self._take_frame(socket_, patterns, json.loads(message.data))
         return socket_
 
-    async def _take(self, socket_: web.WebSocketResponse, patterns: list[str], frame: dict[str, Any]) -> None:
+    async def _take_frame(
+        self, socket_: web.WebSocketResponse, patterns: list[str], frame: dict[str, Any]
+    ) -> None:
         for item in frame.get('subscribe', ()):
             self.subscriptions.append(frame)
             patterns.append(item['path'])
         if 'subscribe' in frame:
-            for (source, path), (value, stamp) in list(self.kept.items()):
-                if _matches(path, patterns):
-                    await socket_.send_str(_delta(source, path, value, stamp))
+            for (source, path), (value, stamp) in list(self.values.items()):
+                if _is_subscribed(path, patterns):
+                    await socket_.send_str(_make_delta(source, path, value, stamp))
         for update in frame.get('updates', ()):
             self.received.append(update)
             for item in () if self.deaf else update.get('values', ()):
@@ -223,33 +225,33 @@ class SmallServer:
             if value['state'] == 'normal':
                 status.clear()
             value = {**value, 'status': dict(status)}
-        stamp = stamp or _now()
+        stamp = stamp or _format_now()
         if context == SHIP:
-            self.kept[source, path] = (value, stamp)
-        await self.say(_delta(source, path, value, stamp, context), path)
+            self.values[source, path] = (value, stamp)
+        await self.say(_make_delta(source, path, value, stamp, context), path)
 
     async def act(self, path: str, source: str = 'stickslip_monitor', **status: bool) -> None:
-        """Somebody acknowledges or silences a notification."""
+        """Acknowledge or silence a notification, as a person does."""
         self.status[source, path].update(status)
-        await self.publish(path, self.kept[source, path][0], source)
+        await self.publish(path, self.values[source, path][0], source)
 
     async def say(self, text: str, path: str = '') -> None:
         """Send a frame to everybody who asked for a path."""
         for socket_, patterns in list(self._sockets):
-            if not socket_.closed and (not path or _matches(path, patterns)):
+            if not socket_.closed and (not path or _is_subscribed(path, patterns)):
                 await socket_.send_str(text)
 
 
-def _matches(path: str, patterns: list[str]) -> bool:
+def _is_subscribed(path: str, patterns: list[str]) -> bool:
     return any(path == p or (p.endswith('*') and path.startswith(p[:-1])) for p in patterns)
 
 
-def _delta(source: str, path: str, value: Any, stamp: str, context: str = SHIP) -> str:
+def _make_delta(source: str, path: str, value: Any, stamp: str, context: str = SHIP) -> str:
     values = [{'path': path, 'value': value}]
     return json.dumps(
         {'context': context, 'updates': [{'$source': source, 'timestamp': stamp, 'values': values}]}
     )
 
 
-def _now() -> str:
+def _format_now() -> str:
     return datetime.now(timezone.utc).isoformat(timespec='milliseconds').replace('+00:00', 'Z')

@@ -12,7 +12,7 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks.live import subjects
+from benchmarks.live import start_subjects
 from benchmarks.reference import CONFIG, LOAD
 from benchmarks.table import Table
 from stickslip_monitor.monitor.parameter_file import load_config
@@ -26,7 +26,7 @@ _SETTLED = 90.0
 
 def run(quick: bool) -> Table:
     """Feed both; a short run lasts ten seconds, and an hour."""
-    row = _node(SHORT if quick else SECONDS)
+    row = _soak_node(SHORT if quick else SECONDS)
     hours = 1 if quick else HOURS
     command = [sys.executable, '-m', 'benchmarks.soak', str(hours)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -42,27 +42,35 @@ def run(quick: bool) -> Table:
     )
 
 
-def _node(seconds: float) -> list[str]:
-    with subjects(150 + os.getpid() % 50) as nodes:
+def _soak_node(seconds: float) -> list[str]:
+    with start_subjects(150 + os.getpid() % 50) as nodes:
         nodes.pop('bare').stop()
         node = nodes['monitor']
-        node.stretch(RATE, min(_SETTLED, seconds))
-        before = memory(node.process.pid)
-        found = node.stretch(RATE, seconds)
-        after = memory(node.process.pid)
-    sent, lost = f'{2 * found.sent}', f'{found.lost}'
-    cpu = f'{found.cpu:.0%}'
-    return ['the node', f'{seconds:g} s', sent, lost, cpu, f'{before:.1f} MB', f'{after:.1f} MB']
+        node.measure(RATE, min(_SETTLED, seconds))
+        memory_before = memory(node.process.pid)
+        measurement = node.measure(RATE, seconds)
+        memory_after = memory(node.process.pid)
+    sent, lost = f'{2 * measurement.sent}', f'{measurement.lost}'
+    cpu = f'{measurement.cpu:.0%}'
+    return [
+        'the node',
+        f'{seconds:g} s',
+        sent,
+        lost,
+        cpu,
+        f'{memory_before:.1f} MB',
+        f'{memory_after:.1f} MB',
+    ]
 
 
-def _day(hours: int) -> list[str]:
+def _soak_monitor(hours: int) -> list[str]:
     """Run a monitor in this process through some hours of telemetry."""
     config = load_config(CONFIG)
     (name,) = (bearing.name for bearing in config.bearings)
     session = Session(config, Sink(), NoLog(), lambda: 0)
     session.begin()
     step_ns = 10**9 // (2 * DAY_RATE)
-    begin, before, count = time.process_time(), 0.0, 2 * DAY_RATE * HOUR * hours
+    begin, memory_before, count = time.process_time(), 0.0, 2 * DAY_RATE * HOUR * hours
     for number in range(1, count + 1):
         which, time_ns = number % 2, number * step_ns
         rpm = 40.0 - 25.0 * math.sin(4e-9 * math.pi * time_ns / HOUR)
@@ -72,15 +80,15 @@ def _day(hours: int) -> list[str]:
         if number % (2 * DAY_RATE) == 0:
             session.tick(now, time_ns)
         if number == count // (4 * hours):
-            before = memory(os.getpid())
-    spent, after = time.process_time() - begin, memory(os.getpid())
+            memory_before = memory(os.getpid())
+    spent, memory_after = time.process_time() - begin, memory(os.getpid())
     lost = count - int(session.monitor.bearings[name].counts[:, 0].sum())
     return [
         str(count),
         str(lost),
         f'{1e6 * spent / count:.0f} µs a sample',
-        f'{before:.1f} MB',
-        f'{after:.1f} MB',
+        f'{memory_before:.1f} MB',
+        f'{memory_after:.1f} MB',
     ]
 
 
@@ -92,4 +100,4 @@ def memory(pid: int) -> float:
 
 
 if __name__ == '__main__':
-    print(json.dumps(_day(int(sys.argv[1]))))
+    print(json.dumps(_soak_monitor(int(sys.argv[1]))))

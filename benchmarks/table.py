@@ -36,7 +36,7 @@ class Table:
     def markdown(self) -> str:
         """Return the section."""
         aligned = ['---', *['---:'] * (len(self.columns) - 1)]
-        lines = [_row(self.columns), f'|{"|".join(aligned)}|', *map(_row, self.rows)]
+        lines = [_format_row(self.columns), f'|{"|".join(aligned)}|', *map(_format_row, self.rows)]
         blocks = [f'## {self.title}', self.text, '\n'.join(lines), self.notes]
         return '\n\n'.join(block for block in blocks if block) + '\n'
 
@@ -50,7 +50,7 @@ class Table:
         return cls(**record)
 
 
-def _row(cells: Sequence[str]) -> str:
+def _format_row(cells: Sequence[str]) -> str:
     return f'| {" | ".join(cells)} |'
 
 
@@ -70,5 +70,5 @@ def duration(seconds: float) -> str:
 
 
 def ratio(value: float) -> str:
-    """How many times as much, in two digits."""
+    """Return how many times as much, in two digits."""
     return f'{value:.0f} ×' if value >= 9.95 else f'{value:.2g} ×'

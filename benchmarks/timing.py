@@ -44,4 +44,4 @@ def in_turns(rivals: Mapping[str, Callable[[], object]], repeat: int, warm: bool
             begin = time.perf_counter()
             rival()
             seconds[name].append(time.perf_counter() - begin)
-    return {name: Times(tuple(found)) for name, found in seconds.items()}
+    return {name: Times(tuple(times)) for name, times in seconds.items()}

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.warning_quality import Interval, Quality, RuleOutput, merged, quality_of
+from benchmarks.warning_quality import Interval, Quality, RuleOutput, merge_intervals, quality_of
 from stickslip_lab.scenes.scene import STAGES, Scene, load_scene, write_bag
 from stickslip_lab.scenes.settings import random_stream
 from stickslip_lab.scenes.truth import TruthRecord, has_truth, known_truth, read_truth
@@ -56,7 +56,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Voyage:
-    """What came of one bearing on one voyage with one grade of sensors."""
+    """Quality of the warnings on one bearing on one voyage with one grade of sensors."""
 
     scene: str  # the scene's file, or the recording
     seed: int | None  # the seed; None: a recording
@@ -93,21 +93,21 @@ def judge(call: Call) -> list[Voyage]:
     Raises:
         SceneError: The scene breaks a rule, or says nothing about the truth.
     """
-    found: list[Voyage] = []
+    voyages: list[Voyage] = []
     truths: dict[str, TruthRecord] = {}
     for sensors in call.sensors:
         scene = load_scene(call.scene, call.seed, sensors)
         try:
             for case in cases_of(scene, truths):
                 name = case.sent.config.name
-                found.append(Voyage(call.scene, scene.seed, sensors, name, case.rules()))
+                voyages.append(Voyage(call.scene, scene.seed, sensors, name, case.rules()))
         except SceneError as error:
             raise SceneError(f'{call.scene}, seed {scene.seed}: {error}') from error
-    return found
+    return voyages
 
 
 def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iterator[Sailed]:
-    """Simulate a scene; each of its bearings, to be judged.
+    """Simulate a scene; yield each of its bearings, to be judged.
 
     Where the truth about them is known from another grade of sensors it is not followed again;
     else it is added to what is known.
@@ -117,37 +117,37 @@ def cases_of(scene: Scene, truths: dict[str, TruthRecord] | None = None) -> Iter
     """
     truths = {} if truths is None else truths
     sent = {channel.topic for channel in scene.channels}
-    known = truths and not any(channel.quantity == 'level' for channel in scene.channels)
+    is_known = truths and not any(channel.quantity == 'level' for channel in scene.channels)
     configured = [
         with_parameter_errors(
-            replace(own, level=own.level if own.level and own.level.topic in sent else None),
+            replace(bearing, level=bearing.level if bearing.level and bearing.level.topic in sent else None),
             scene.parameter_error,
             scene.seed,
         )
-        for own in scene.config.bearings
+        for bearing in scene.config.bearings
     ]
     with TemporaryDirectory(prefix='stickslip_') as folder:
         path = Path(folder) / 'voyage.mcap'
-        write_bag(_without_lining(scene) if known else scene, path)
+        write_bag(_without_lining(scene) if is_known else scene, path)
         config = replace(scene.config, bearings=tuple(configured))
-        kept = _kept(path, config, jit.has_compiler())
-        for own in configured:
-            if own.name not in truths:
-                truths[own.name] = _truth(kept.bag, own.name)
-    for own in configured:
-        yield Sailed(Sent.of(kept, own), truths[own.name], _is_plain(scene))
+        buffer = _check_in_memory(path, config, jit.has_compiler())
+        for bearing in configured:
+            if bearing.name not in truths:
+                truths[bearing.name] = _read_full_truth(buffer.bag, bearing.name)
+    for bearing in configured:
+        yield Sailed(SensorRecord.of(buffer, bearing), truths[bearing.name], _is_plain(scene))
 
 
-def _kept(path: str | Path, config: MonitorConfig, long: bool | None = None) -> RecordingBuffer:
+def _check_in_memory(path: str | Path, config: MonitorConfig, long: bool | None = None) -> RecordingBuffer:
     """Return the samples and verdicts of a recording, in memory."""
-    kept = RecordingBuffer()
-    check_recording(path, config, [kept], long=long)
-    return kept
+    buffer = RecordingBuffer()
+    check_recording(path, config, [buffer], long=long)
+    return buffer
 
 
 @dataclass(frozen=True)
-class Sent:
-    """What a bearing's sensors sent over a whole recording."""
+class SensorRecord:
+    """Samples and verdicts of a bearing over a whole recording."""
 
     config: BearingConfig
     stream: Stream  # its samples in order of arrival
@@ -155,25 +155,25 @@ class Sent:
     end_ns: int | None
 
     @classmethod
-    def of(cls, kept: RecordingBuffer, config: BearingConfig) -> Sent:
+    def of(cls, buffer: RecordingBuffer, config: BearingConfig) -> SensorRecord:
         """Return the samples and verdicts of one bearing."""
-        sent = cls(config, kept.stream(config.name), kept.start_ns, kept.end_ns)
-        sent.__dict__['scan'] = kept.scan(config.name)  # known already
-        return sent
+        record = cls(config, buffer.stream(config.name), buffer.start_ns, buffer.end_ns)
+        record.__dict__['scan'] = buffer.scan(config.name)  # known already
+        return record
 
     @cached_property
     def scan(self) -> Scan:
-        """The verdicts, worked out when they are first asked for."""
+        """The verdicts, computed at first use."""
         # Of many voyages a second of compiling is soon repaid.
-        own = BearingScan(self.config, self.start_ns, long=jit.has_compiler())
-        return own.finish(self.stream, self.end_ns)
+        bearing_scan = BearingScan(self.config, self.start_ns, long=jit.has_compiler())
+        return bearing_scan.finish(self.stream, self.end_ns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sailed:
     """One bearing on one voyage: what the monitor is configured with and gets, and the truth."""
 
-    sent: Sent  # the bearing as the monitor has it, and its samples
+    sent: SensorRecord  # the bearing as the monitor has it, and its samples
     truth: TruthRecord  # the truth
     plain: bool  # whether what happens shows in speed and load, and does so once
 
@@ -186,9 +186,11 @@ class Sailed:
     def rules(self) -> dict[str, Quality]:
         """Judge the monitor and the bare rules."""
         outputs = {OURS: self.output(), **_bare_rules(self.sent.scan)}
-        found = {name: quality_of(own, self.truth, self.plain) for name, own in outputs.items()}
+        qualities = {
+            name: quality_of(rule_output, self.truth, self.plain) for name, rule_output in outputs.items()
+        }
         wrong_source = int(_has_wrong_source(self.sent))
-        return found | {OURS: replace(found[OURS], wrong_source=wrong_source)}
+        return qualities | {OURS: replace(qualities[OURS], wrong_source=wrong_source)}
 
 
 def judge_bag(path: str | Path, config: MonitorConfig) -> list[tuple[Voyage, Sailed]]:
@@ -197,17 +199,17 @@ def judge_bag(path: str | Path, config: MonitorConfig) -> list[tuple[Voyage, Sai
     Raises:
         BagError: The bag cannot be read, or it holds no truth.
     """
-    kept = _kept(path, config)
-    found = []
-    for own in [b for b in config.bearings if has_truth(kept.bag, b.name)] or config.bearings[:1]:
+    buffer = _check_in_memory(path, config)
+    judged = []
+    for bearing in [b for b in config.bearings if has_truth(buffer.bag, b.name)] or config.bearings[:1]:
         # A recording does not say whether all that happened in it shows in speed and load.
-        case = Sailed(Sent.of(kept, own), read_truth(kept.bag, own.name), plain=False)
-        found.append((Voyage(str(path), None, None, own.name, case.rules()), case))
-    return found
+        case = Sailed(SensorRecord.of(buffer, bearing), read_truth(buffer.bag, bearing.name), plain=False)
+        judged.append((Voyage(str(path), None, None, bearing.name, case.rules()), case))
+    return judged
 
 
 def _is_plain(scene: Scene) -> bool:
-    """Whether what happens shows in speed and load, and does so once: no knocks, wear, waves."""
+    """Return whether events show in speed and load, and do so once: no knocks, wear, waves."""
     return not any(
         effect.name in ('load_in_waves', 'friction_drift') or 'knocks' in effect for effect in scene.effects
     )
@@ -215,11 +217,11 @@ def _is_plain(scene: Scene) -> bool:
 
 def _without_lining(scene: Scene) -> Scene:
     """Return the scene without the truth, which another grade of sensors does not change."""
-    kept = tuple(effect for effect in scene.effects if effect.name not in STAGES['lining'])
-    return replace(scene, effects=kept)
+    other_effects = tuple(effect for effect in scene.effects if effect.name not in STAGES['lining'])
+    return replace(scene, effects=other_effects)
 
 
-def _truth(bag: Recording, bearing: str) -> TruthRecord:
+def _read_full_truth(bag: Recording, bearing: str) -> TruthRecord:
     """Return the truth about a bearing.
 
     Raises:
@@ -252,7 +254,7 @@ def output_of(scan: Scan, truth: TruthRecord) -> RuleOutput:
         for event in scan.events
         if event.raised and event.after is not Condition.INPUT_STALE
     ]
-    return RuleOutput(merged(warned), merged(alarmed), raised, len(scan.events))
+    return RuleOutput(merge_intervals(warned), merge_intervals(alarmed), raised, len(scan.events))
 
 
 def sounds_of(scan: Scan, start_ns: int, end_ns: int) -> tuple[list[int], int]:
@@ -272,17 +274,17 @@ def sounds_of(scan: Scan, start_ns: int, end_ns: int) -> tuple[list[int], int]:
         *((int(scan.time_ns[k]), partial(_take_point, alarms, scan, int(k))) for k in rows),
         *((t, partial(alarms.act, Action.ACKNOWLEDGE, t, name)) for t in minutes),
     ]
-    own = [alarms.alarms[name][kind] for kind in LATCHING]
-    found, unheard, heard = [], 0, False
-    for time_ns, call in sorted(calls, key=lambda each: each[0]):
+    latching = [alarms.alarms[name][kind] for kind in LATCHING]
+    sound_times, unheard, is_heard = [], 0, False
+    for time_ns, call in sorted(calls, key=lambda timed_call: timed_call[0]):
         changes = [*alarms.advance(time_ns - start_ns, time_ns), *call()]
-        found += [time_ns] * sum(change.aloud for change in changes)
+        sound_times += [time_ns] * sum(change.aloud for change in changes)
         lasting = alarms.causes[name].sticking_ns
-        known = any(alarm.state is AlarmState.ACKNOWLEDGED for alarm in own)
-        heard = (heard and lasting > 0) or alarms.sounding or known
-        unheard += lasting >= LASTING_NS and not heard
-        heard |= lasting >= LASTING_NS
-    return found, unheard
+        is_acknowledged = any(alarm.state is AlarmState.ACKNOWLEDGED for alarm in latching)
+        is_heard = (is_heard and lasting > 0) or alarms.sounding or is_acknowledged
+        unheard += lasting >= LASTING_NS and not is_heard
+        is_heard |= lasting >= LASTING_NS
+    return sound_times, unheard
 
 
 def _take_point(alarms: Annunciator, scan: Scan, row: int) -> list[AlarmChange]:
@@ -296,26 +298,26 @@ def _take_point(alarms: Annunciator, scan: Scan, row: int) -> list[AlarmChange]:
 def _bare_rules(scan: Scan) -> dict[str, RuleOutput]:
     """Return the rules V < V_F and V < V_H, sample by sample, as warning and as alarm."""
     margins = {BELOW_FOLD: scan.assessment.fold_margin, BELOW_HOPF: scan.assessment.hopf_margin}
-    found = {}
+    outputs = {}
     for name, margin in margins.items():
         below = np.asarray(margin) < 0.0
         pairs = zip(scan.time_ns[below].tolist(), scan.until_ns[below].tolist(), strict=True)
-        stretches = merged(pairs)
+        stretches = merge_intervals(pairs)
         begins = [start for start, _ in stretches]
         raised = [(begin, 0) for begin in begins]
-        found[name] = RuleOutput(stretches, stretches, raised, 2 * len(stretches), begins)
-    return found
+        outputs[name] = RuleOutput(stretches, stretches, raised, 2 * len(stretches), begins)
+    return outputs
 
 
-def _has_wrong_source(sent: Sent) -> bool:
-    """Whether the source of an input is told to be wrong."""
+def _has_wrong_source(sent: SensorRecord) -> bool:
+    """Return whether the source of an input is reported to be wrong."""
     config, stream = sent.config, sent.stream
     live = settings_of(config).live
     for place in (Input.SPEED, Input.LOAD):
-        own = stream.inputs == place
-        si = si_value(live, place, stream.value[own])
+        is_of_place = stream.inputs == place
+        si = si_value(live, place, stream.value[is_of_place])
         watch = SourceWatch(least_gap(config, place))
-        if watch.take_column(stream.arrival_ns[own], si):
+        if watch.take_column(stream.arrival_ns[is_of_place], si):
             return True
     return False
 
@@ -331,26 +333,26 @@ def with_parameter_errors(config: BearingConfig, errors: Mapping[str, float], se
     }
     law: Any = config.bearing.friction  # a dataclass, as every law
     try:
-        own = _scaled(law, 'friction.', factor)
-        friction = replace(law, **own) if own else law
-        bearing = replace(config.bearing, friction=friction, **_scaled(config.bearing, '', factor))
+        law_changes = _scale_attributes(law, 'friction.', factor)
+        friction = replace(law, **law_changes) if law_changes else law
+        bearing = replace(config.bearing, friction=friction, **_scale_attributes(config.bearing, '', factor))
     except PhysicsError as error:
         raise SceneError(f'parameter_error of bearing {config.name}: {error}') from error
     return replace(
         config,
         bearing=bearing,
-        speed=replace(config.speed, **_scaled(config.speed, 'speed.', factor)),
-        load=replace(config.load, **_scaled(config.load, 'load.', factor)),
+        speed=replace(config.speed, **_scale_attributes(config.speed, 'speed.', factor)),
+        load=replace(config.load, **_scale_attributes(config.load, 'load.', factor)),
     )
 
 
-def _scaled(thing: Any, prefix: str, factor: Mapping[str, float]) -> dict[str, Any]:
-    """Return the attributes of a thing that are off, e.g. ``static`` for ``friction.static``."""
+def _scale_attributes(target: Any, prefix: str, factor: Mapping[str, float]) -> dict[str, Any]:
+    """Return the attributes of a target that are off, e.g. ``static`` for ``friction.static``."""
     names = {n: n.removeprefix(prefix) for n in factor if n.startswith(prefix)}
-    own = {n: name for n, name in names.items() if '.' not in name}
-    known = [f.name for f in fields(thing)]
-    for n, name in own.items():
-        if name not in known:
-            kind = type(thing).__name__.lower()
+    names_here = {n: name for n, name in names.items() if '.' not in name}
+    field_names = [f.name for f in fields(target)]
+    for n, name in names_here.items():
+        if name not in field_names:
+            kind = type(target).__name__.lower()
             raise PhysicsError(f'{n}: a {kind} law has no {name}')
-    return {name: getattr(thing, name) * factor[n] for n, name in own.items()}
+    return {name: getattr(target, name) * factor[n] for n, name in names_here.items()}

@@ -47,49 +47,49 @@ ENOUGH_LEAD = 10.0
 """A lead that leaves time to act [s]."""
 
 
-def merged(intervals: Iterable[Interval]) -> list[Interval]:
+def merge_intervals(intervals: Iterable[Interval]) -> list[Interval]:
     """Sort intervals, join those that overlap or touch, and drop the empty ones."""
-    found: list[Interval] = []
+    merged_intervals: list[Interval] = []
     for start, end in sorted(intervals):
         if end <= start:
             continue
-        if found and start <= found[-1][1]:
-            found[-1] = (found[-1][0], max(end, found[-1][1]))
+        if merged_intervals and start <= merged_intervals[-1][1]:
+            merged_intervals[-1] = (merged_intervals[-1][0], max(end, merged_intervals[-1][1]))
         else:
-            found.append((start, end))
-    return found
+            merged_intervals.append((start, end))
+    return merged_intervals
 
 
-def intersection(first: Intervals, second: Intervals) -> list[Interval]:
+def intersect(first: Intervals, second: Intervals) -> list[Interval]:
     """Return the intersection of two sets of stretches."""
-    found: list[Interval] = []
+    common: list[Interval] = []
     i = k = 0
     while i < len(first) and k < len(second):
         start, end = max(first[i][0], second[k][0]), min(first[i][1], second[k][1])
         if start < end:
-            found.append((start, end))
+            common.append((start, end))
         if first[i][1] <= second[k][1]:
             i += 1
         else:
             k += 1
-    return found
+    return common
 
 
 def seconds(intervals: Iterable[Interval]) -> float:
-    """Length of a set [s]."""
+    """Return the length of a set [s]."""
     return sum(end - start for start, end in intervals) / 1e9
 
 
 def while_true(time_ns: IntArray, state: BoolArray, end_ns: int) -> list[Interval]:
-    """When a state that is known at some rising times [ns] was true; each holds to the next."""
+    """Return when a state that is known at some rising times [ns] was true; each holds to the next."""
     edge = np.flatnonzero(np.diff(np.concatenate([[False], state, [False]]).astype(np.int8)))
     ends = np.append(time_ns, end_ns)[edge]
-    return merged(zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True))
+    return merge_intervals(zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True))
 
 
 @dataclass(frozen=True, slots=True)
 class RuleOutput:
-    """What a rule announced over a voyage."""
+    """Announcements of a rule over a voyage."""
 
     warned: Intervals  # when any warning was active
     alarmed: Intervals  # when its stick-slip alarm was active
@@ -102,7 +102,7 @@ class RuleOutput:
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """How an episode of stick-slip was announced: its sticks [ns], and leads [s] where any."""
+    """Announcement of an episode of stick-slip: its sticks [ns], and leads [s] where any."""
 
     first_ns: int
     last_ns: int
@@ -110,27 +110,27 @@ class Episode:
     alarm_lead: float | None
 
 
-def announced(output: RuleOutput, truth: TruthRecord) -> list[Episode]:
+def announced_episodes(output: RuleOutput, truth: TruthRecord) -> list[Episode]:
     """Return the episodes within the time of the truth, with their leads."""
-    warned, alarmed, episodes = _within(truth, output.warned, output.alarmed, truth.episodes)
-    return [Episode(*e, _lead(e, warned), _lead(e, alarmed)) for e in episodes]
+    warned, alarmed, episodes = _clip_to_truth(truth, output.warned, output.alarmed, truth.episodes)
+    return [Episode(*e, _lead_before(e, warned), _lead_before(e, alarmed)) for e in episodes]
 
 
-def _within(truth: TruthRecord, *sets: Intervals) -> list[list[Interval]]:
-    return [intersection(merged(s), [(truth.start_ns, truth.end_ns)]) for s in sets]
+def _clip_to_truth(truth: TruthRecord, *sets: Intervals) -> list[list[Interval]]:
+    return [intersect(merge_intervals(s), [(truth.start_ns, truth.end_ns)]) for s in sets]
 
 
-def _lead(episode: Interval, stretches: Intervals) -> float | None:
-    """From the first stretch that reaches into an episode to the episode's begin [s]."""
+def _lead_before(episode: Interval, stretches: Intervals) -> float | None:
+    """Return the time from the first interval that reaches into an episode to its begin [s]."""
     reach = (start for start, end in stretches if start < episode[1] and end > episode[0])
     return next(((episode[0] - start) / 1e9 for start in reach), None)
 
 
 def false_alarms(output: RuleOutput, truth: TruthRecord) -> list[Interval]:
     """Return the stick-slip alarms without an episode within 60 s."""
-    alarmed, episodes = _within(truth, output.alarmed, truth.episodes)
-    near = _near(episodes)
-    return [alarm for alarm in alarmed if not intersection([alarm], near)]
+    alarmed, episodes = _clip_to_truth(truth, output.alarmed, truth.episodes)
+    near = _widen_episodes(episodes)
+    return [alarm for alarm in alarmed if not intersect([alarm], near)]
 
 
 def baseless_alarms(output: RuleOutput, truth: TruthRecord) -> list[Interval]:
@@ -141,11 +141,11 @@ def baseless_alarms(output: RuleOutput, truth: TruthRecord) -> list[Interval]:
     """
     margin = truth.hopf_margin
     unstable = while_true(margin.time_ns, margin.value < 0.0, truth.end_ns)
-    return [alarm for alarm in false_alarms(output, truth) if not intersection([alarm], unstable)]
+    return [alarm for alarm in false_alarms(output, truth) if not intersect([alarm], unstable)]
 
 
-def _near(episodes: Intervals) -> list[Interval]:
-    return merged((first - NEAR_NS, last + NEAR_NS) for first, last in episodes)
+def _widen_episodes(episodes: Intervals) -> list[Interval]:
+    return merge_intervals((first - NEAR_NS, last + NEAR_NS) for first, last in episodes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,9 +176,9 @@ class Quality:
     unheard: int = 0  # stretches of stick-slip of 15 s without a sound
     wrong_source: int = 0  # voyages on which the source of an input was reported as wrong
 
-    def __add__(self, other: Quality) -> Quality:
+    def __add__(self, addend: Quality) -> Quality:
         """Both together."""
-        return Quality(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(Quality)})
+        return Quality(**{f.name: getattr(self, f.name) + getattr(addend, f.name) for f in fields(Quality)})
 
     @property
     def episodes(self) -> int:
@@ -195,47 +195,51 @@ class Quality:
         return {name: rate(self) for name, (_, _, rate) in FIGURES.items()}
 
 
-def pooled(parts: Iterable[Quality]) -> Quality:
-    """Several together, added in their order."""
+def pool_qualities(parts: Iterable[Quality]) -> Quality:
+    """Return several qualities added in their order."""
     return sum(parts, Quality())
 
 
-def _ratio(part: float, whole: float) -> float | None:
-    return part / whole if whole else None
+def _ratio_or_none(part: float, total: float) -> float | None:
+    return part / total if total else None
 
 
-def _quantile(leads: Sequence[float], level: float) -> float | None:
+def _quantile_or_none(leads: Sequence[float], level: float) -> float | None:
     return float(np.quantile(leads, level)) if leads else None
 
 
-def _share(q: Quality, leads: Sequence[float], least: float) -> float | None:
-    return _ratio(sum(lead >= least for lead in leads), q.episodes)
+def _share_of_episodes(q: Quality, leads: Sequence[float], min_lead: float) -> float | None:
+    return _ratio_or_none(sum(lead >= min_lead for lead in leads), q.episodes)
 
 
 FIGURES: Mapping[str, tuple[str, str, Callable[[Quality], float | None]]] = {
     'hours': ('hours', '.2f', lambda q: q.seconds / 3600.0),
     'voyages': ('voyages', 'd', lambda q: len(q.bursts)),
     'episodes': ('episodes of stick-slip', 'd', lambda q: q.episodes),
-    'warned': ('warned before onset', '.1%', lambda q: _share(q, q.leads, 0.0)),
+    'warned': ('warned before onset', '.1%', lambda q: _share_of_episodes(q, q.leads, 0.0)),
     'lead_least': ('lead in s, least', '.1f', lambda q: min(q.leads, default=None)),
-    'lead_p10': ('lead in s, lowest tenth', '.1f', lambda q: _quantile(q.leads, 0.1)),
-    'lead_median': ('lead in s, median', '.1f', lambda q: _quantile(q.leads, 0.5)),
-    'lead_10s': ('lead of 10 s or more', '.1%', lambda q: _share(q, q.leads, ENOUGH_LEAD)),
-    'newly_given': ('a warning newly given 10 s before', '.1%', lambda q: _ratio(q.newly, q.bouts)),
-    'missed': ('missed', '.1%', lambda q: _ratio(q.missed, q.episodes)),
-    'detected': ('detected', '.1%', lambda q: _ratio(len(q.alarm_leads), q.episodes)),
-    'told': ('detected within 5 s', '.1%', lambda q: _share(q, q.alarm_leads, -SOON)),
+    'lead_p10': ('lead in s, lowest tenth', '.1f', lambda q: _quantile_or_none(q.leads, 0.1)),
+    'lead_median': ('lead in s, median', '.1f', lambda q: _quantile_or_none(q.leads, 0.5)),
+    'lead_10s': ('lead of 10 s or more', '.1%', lambda q: _share_of_episodes(q, q.leads, ENOUGH_LEAD)),
+    'newly_given': ('a warning newly given 10 s before', '.1%', lambda q: _ratio_or_none(q.newly, q.bouts)),
+    'missed': ('missed', '.1%', lambda q: _ratio_or_none(q.missed, q.episodes)),
+    'detected': ('detected', '.1%', lambda q: _ratio_or_none(len(q.alarm_leads), q.episodes)),
+    'told': ('detected within 5 s', '.1%', lambda q: _share_of_episodes(q, q.alarm_leads, -SOON)),
     'detected_plain': (
         'detected, without knocks, wear and waves',
         '.1%',
-        lambda q: _ratio(q.plain_detected, q.plain),
+        lambda q: _ratio_or_none(q.plain_detected, q.plain),
     ),
     'alarm_least': ('lead of the alarm in s, least', '.1f', lambda q: min(q.alarm_leads, default=None)),
-    'false_per_100h': ('false alarms per 100 h', '.1f', lambda q: _ratio(q.false * 360_000.0, q.seconds)),
+    'false_per_100h': (
+        'false alarms per 100 h',
+        '.1f',
+        lambda q: _ratio_or_none(q.false * 360_000.0, q.seconds),
+    ),
     'baseless_per_100h': (
         'of these, while sliding was stable',
         '.1f',
-        lambda q: _ratio(q.baseless * 360_000.0, q.seconds),
+        lambda q: _ratio_or_none(q.baseless * 360_000.0, q.seconds),
     ),
     'wrong_hours': ('hours wrongly in alarm', '.2f', lambda q: q.wrong / 3600.0),
     'unfounded_hours': ('hours in stick-slip without an episode', '.2f', lambda q: q.unfounded / 3600.0),
@@ -244,22 +248,22 @@ FIGURES: Mapping[str, tuple[str, str, Callable[[Quality], float | None]]] = {
     'far_per_1000h': (
         'warnings per 1000 h there',
         '.1f',
-        lambda q: _ratio(q.far_warnings * 3_600_000.0, q.far_seconds),
+        lambda q: _ratio_or_none(q.far_warnings * 3_600_000.0, q.far_seconds),
     ),
     'far_warned_hours': ('hours under a warning there', '.2f', lambda q: q.far_warned / 3600.0),
     'far_warned': (
         'share of the time under a warning there',
         '.1%',
-        lambda q: _ratio(q.far_warned, q.far_seconds),
+        lambda q: _ratio_or_none(q.far_warned, q.far_seconds),
     ),
     'changes_per_hour': (
         'changes of condition an hour',
         '.1f',
-        lambda q: _ratio(q.changes * 3600.0, q.seconds),
+        lambda q: _ratio_or_none(q.changes * 3600.0, q.seconds),
     ),
     'largest_burst': ('most raised conditions in 10 min', 'd', lambda q: max(q.bursts, default=None)),
     'bursts': ('voyages with more than 10 in 10 min', 'd', lambda q: sum(b > MANY for b in q.bursts)),
-    'sounds': ('sounds an hour, median voyage', '.1f', lambda q: _quantile(q.sounds, 0.5)),
+    'sounds': ('sounds an hour, median voyage', '.1f', lambda q: _quantile_or_none(q.sounds, 0.5)),
     'loudest': ('most sounds in 10 min', 'd', lambda q: max(q.loudest, default=None)),
     'unheard': ('stick-slip of 15 s without a sound', 'd', lambda q: q.unheard),
     'wrong_source': ('voyages with a wrong source reported', 'd', lambda q: q.wrong_source),
@@ -267,38 +271,38 @@ FIGURES: Mapping[str, tuple[str, str, Callable[[Quality], float | None]]] = {
 """Each figure with what it is called, how it is written, and how it is made."""
 
 
-def written(name: str, value: float | None) -> str:
+def format_figure(name: str, value: float | None) -> str:
     """Return a figure as text; empty where there is none."""
     return '' if value is None else format(value, FIGURES[name][1])
 
 
 def quality_of(output: RuleOutput, truth: TruthRecord, plain: bool) -> Quality:
     """Judge one rule over one voyage, which is plain without knocks, wear and waves."""
-    warned, alarmed, episodes = _within(truth, output.warned, output.alarmed, truth.episodes)
-    found = announced(output, truth)
-    leads = tuple(e.lead for e in found if e.lead is not None)
-    alarm_leads = tuple(e.alarm_lead for e in found if e.alarm_lead is not None)
-    both = seconds(intersection(alarmed, episodes))
+    warned, alarmed, episodes = _clip_to_truth(truth, output.warned, output.alarmed, truth.episodes)
+    announcements = announced_episodes(output, truth)
+    leads = tuple(e.lead for e in announcements if e.lead is not None)
+    alarm_leads = tuple(e.alarm_lead for e in announcements if e.alarm_lead is not None)
+    sticking_alarm_seconds = seconds(intersect(alarmed, episodes))
     margin = truth.fold_margin
     far = while_true(margin.time_ns, margin.value >= FAR, truth.end_ns)
-    bouts, raised = _bouts(episodes), [time_ns for time_ns, _ in output.raised]
+    bouts, raised = _join_episodes(episodes), [time_ns for time_ns, _ in output.raised]
     return Quality(
         seconds=(truth.end_ns - truth.start_ns) / 1e9,
         leads=leads,
         alarm_leads=alarm_leads,
-        missed=len(found) - len(leads),
-        plain=len(found) if plain else 0,
+        missed=len(announcements) - len(leads),
+        plain=len(announcements) if plain else 0,
         plain_detected=len(alarm_leads) if plain else 0,
         false=len(false_alarms(output, truth)),
         baseless=len(baseless_alarms(output, truth)),
-        wrong=seconds(alarmed) - seconds(intersection(alarmed, _near(episodes))),
-        unfounded=seconds(alarmed) - both,
-        unalarmed=seconds(episodes) - both,
+        wrong=seconds(alarmed) - seconds(intersect(alarmed, _widen_episodes(episodes))),
+        unfounded=seconds(alarmed) - sticking_alarm_seconds,
+        unalarmed=seconds(episodes) - sticking_alarm_seconds,
         bouts=len(bouts),
         newly=_newly_given(bouts, raised),
         far_seconds=seconds(far),
-        far_warnings=sum(intersection([warning], far) == [warning] for warning in warned),
-        far_warned=seconds(intersection(warned, far)),
+        far_warnings=sum(intersect([warning], far) == [warning] for warning in warned),
+        far_warned=seconds(intersect(warned, far)),
         changes=output.changes,
         bursts=(largest_burst(raised),),
         sounds=(len(output.sounds) * 3.6e12 / (truth.end_ns - truth.start_ns),),
@@ -307,9 +311,9 @@ def quality_of(output: RuleOutput, truth: TruthRecord, plain: bool) -> Quality:
     )
 
 
-def _bouts(episodes: Intervals) -> list[Interval]:
-    """Episodes, with those that follow one another within 60 s as one."""
-    longer = merged((first, last + NEAR_NS - 1) for first, last in episodes)
+def _join_episodes(episodes: Intervals) -> list[Interval]:
+    """Join episodes that follow one another within 60 s."""
+    longer = merge_intervals((first, last + NEAR_NS - 1) for first, last in episodes)
     return [(first, last - NEAR_NS + 1) for first, last in longer]
 
 

@@ -84,8 +84,8 @@ def random_messages(rng: random.Random, kinds: Sequence[str], places: Sequence[i
                 rows.append((comes, time + ahead if kind == _FORCE else comes, place, number))
             time += period * (1 + jitter * rng.uniform(-1, 1))
     rows.sort()
-    found = [(place, value, *(START_NS + round(t * 1e9) for t in (c, s))) for c, s, place, value in rows]
-    return [Sent(comes_ns, stamp_ns, place, value) for place, value, comes_ns, stamp_ns in found]
+    recorded = [(place, value, *(START_NS + round(t * 1e9) for t in (c, s))) for c, s, place, value in rows]
+    return [Sent(comes_ns, stamp_ns, place, value) for place, value, comes_ns, stamp_ns in recorded]
 
 
 def _random_number(
@@ -94,9 +94,9 @@ def _random_number(
     """Return a number of an input at a share of the voyage: of the course, or rarely an odd one."""
     if rng.random() < 0.005:
         return rng.choice((1e9, -1e9, 65535.0, -1.0, float('inf')))
-    k, rest = divmod(share * (len(course) - 1), 1.0)
+    k, remainder = divmod(share * (len(course) - 1), 1.0)
     low, high = course[int(k) : int(k) + 2]
-    speed = low + (high - low) * rest * is_gradual + rng.choice((0.0, rng.gauss(0, 0.3)))
+    speed = low + (high - low) * remainder * is_gradual + rng.choice((0.0, rng.gauss(0, 0.3)))
     usual = (speed, 1000.0 + rng.gauss(0, 20), rng.choice((40.0, 55.0)) + rng.gauss(0, 1), 12.0)
     return usual[place]
 
@@ -146,7 +146,7 @@ def random_difference(folder: Path, seed: int) -> str:
     pairs = list(itertools.zip_longest(bearing.events, session_events(config, messages).found))
     if all(a and b and a.after is b.after and abs(a.time_ns - b.time_ns) <= LATE_NS for a, b in pairs):
         return ''
-    shown = [
+    event_texts = [
         ', '.join(event_text(event, START_NS) for event in side if event) for side in zip(*pairs, strict=True)
     ]
-    return f'check {shown[0]}; session {shown[1]}'
+    return f'check {event_texts[0]}; session {event_texts[1]}'

@@ -21,11 +21,11 @@ from fuzz.files import (
     STEP,
     Piece,
     channel,
-    encoded,
+    encode_record,
     file,
     message,
     messages,
-    raw,
+    raw_record,
     schema,
     sound,
 )
@@ -41,20 +41,20 @@ class Odd:
     load: int = 0
 
 
-def _pieces(*middle: Piece) -> list[Piece]:
+def _surround_pieces(*middle: Piece) -> list[Piece]:
     return [Piece([*DEFINITIONS, *messages(0)]), *middle, Piece(messages(40))]
 
 
-def _bomb(compression: str, size: int, declared: int | None = None) -> bytes:
+def _make_bomb(compression: str, size: int, declared: int | None = None) -> bytes:
     """Return a chunk of a few kilobytes that decompresses to one large record of an unknown kind."""
     head, zeros = HEAD.pack(0x80, size - HEAD.size), bytes(1 << 20)
-    rest = [zeros] * ((size - HEAD.size) // len(zeros)) + [zeros[: (size - HEAD.size) % len(zeros)]]
+    blocks = [zeros] * ((size - HEAD.size) // len(zeros)) + [zeros[: (size - HEAD.size) % len(zeros)]]
     if compression == 'zstd':
         packer = zstandard.ZstdCompressor(level=1).compressobj()
-        data = b''.join([packer.compress(part) for part in (head, *rest)] + [packer.flush()])
+        data = b''.join([packer.compress(part) for part in (head, *blocks)] + [packer.flush()])
     else:
         frame = lz4.frame.LZ4FrameCompressor()
-        parts = [frame.begin(), *(frame.compress(part) for part in (head, *rest)), frame.flush()]
+        parts = [frame.begin(), *(frame.compress(part) for part in (head, *blocks)), frame.flush()]
         data = b''.join(parts)
     chunk = Chunk(
         compression=compression,
@@ -64,22 +64,22 @@ def _bomb(compression: str, size: int, declared: int | None = None) -> bytes:
         uncompressed_crc=0,
         uncompressed_size=size if declared is None else declared,
     )
-    return encoded(chunk)
+    return encode_record(chunk)
 
 
 def _with_chunk(record: bytes) -> bytes:
     """Return a sound file without a summary, with one more chunk in front of its data's end."""
     data = sound(summary=False)
-    end = data.index(raw(0x0F, bytes(4)))
+    end = data.index(raw_record(0x0F, bytes(4)))
     return data[:end] + record + data[end:]
 
 
-def _tiny() -> bytes:
-    """Ten million messages without data in one chunk of some kilobytes."""
-    return _with_chunk(_grown((raw(5, struct.pack('<HIQQ', 1, 0, START, START)) * 100_000, 100)))
+def _tiny_messages() -> bytes:
+    """Return ten million messages without data in one chunk of some kilobytes."""
+    return _with_chunk(_grow_chunk((raw_record(5, struct.pack('<HIQQ', 1, 0, START, START)) * 100_000, 100)))
 
 
-def _grown(*parts: tuple[bytes, int]) -> bytes:
+def _grow_chunk(*parts: tuple[bytes, int]) -> bytes:
     """Return a chunk of records, each repeated so often, that takes some kilobytes in the file."""
     size = sum(len(data) * count for data, count in parts)
     packer = zstandard.ZstdCompressor(level=1).compressobj(size=size)
@@ -92,14 +92,14 @@ def _grown(*parts: tuple[bytes, int]) -> bytes:
         uncompressed_crc=0,
         uncompressed_size=size,
     )
-    return encoded(chunk)
+    return encode_record(chunk)
 
 
 def _long_record(kind: int, head: bytes, text: bytes, tail: bytes = b'') -> bytes:
     """Return a definition of 100 MiB in a chunk; its text is repeated."""
     count = (100 << 20) // len(text)
     size = len(head) + count * len(text) + len(tail)
-    return _grown((HEAD.pack(kind, size) + head, 1), (text, count), (tail, 1))
+    return _grow_chunk((HEAD.pack(kind, size) + head, 1), (text, count), (tail, 1))
 
 
 def _long_schema(number: int) -> bytes:
@@ -114,9 +114,9 @@ def _long_name(number: int) -> bytes:
     return _long_record(4, head, b'/abc', struct.pack('<I', 3) + b'cdr' + bytes(4))
 
 
-def _equal(payload: bytes) -> bytes:
-    """Three million messages of one time."""
-    return _grown((raw(5, struct.pack('<HIQQ', 1, 0, START, START) + payload) * 3000, 1000))
+def _equal_times(payload: bytes) -> bytes:
+    """Return three million messages of one time."""
+    return _grow_chunk((raw_record(5, struct.pack('<HIQQ', 1, 0, START, START) + payload) * 3000, 1000))
 
 
 def _redefined_often() -> bytes:
@@ -134,20 +134,20 @@ def _late_redefinition(record: bytes) -> bytes:
 
 def _many_indexes() -> bytes:
     data = sound(summary=False)
-    end = data.index(raw(0x0F, bytes(4)))
-    index = encoded(MessageIndex(channel_id=1, records=[]))
+    end = data.index(raw_record(0x0F, bytes(4)))
+    index = encode_record(MessageIndex(channel_id=1, records=[]))
     return data[:end] + index * 400_000 + data[end:]
 
 
 def _many_channels() -> bytes:
     more = [channel(number, f'/topic{number}') for number in range(3, 40_003)]
-    some = [message(number, START, 0.0) for number in range(3, 40_003)]
-    first = Piece([*DEFINITIONS, *messages(0), *more, *some])
+    odd_messages = [message(number, START, 0.0) for number in range(3, 40_003)]
+    first = Piece([*DEFINITIONS, *messages(0), *more, *odd_messages])
     return file([first, Piece(messages(20, 40))], summary=False)
 
 
 def _many_schemas() -> bytes:
-    """Long definitions of topics that nobody asks for, and one line of 5,000 digits."""
+    """Return long definitions of unused topics, and one line of 5,000 digits."""
     long = b''.join(b'float64 field_%d\n' % k for k in range(100_000))
     records = [schema(9, 'a/msg/Long', long), channel(9, '/long', 9)]
     records += [
@@ -159,22 +159,22 @@ def _many_schemas() -> bytes:
 
 def _long_definition() -> bytes:
     long = b'float64 data\n' + b''.join(b'float64 field_%d\n' % k for k in range(100_000))
-    own = (schema(1, 'std_msgs/msg/Float64', long), *DEFINITIONS[1:])
-    return file([Piece([*own, *messages(0, 60)])], own)
+    definitions = (schema(1, 'std_msgs/msg/Float64', long), *DEFINITIONS[1:])
+    return file([Piece([*definitions, *messages(0, 60)])], definitions)
 
 
-def _definition(text: bytes) -> bytes:
-    own = (schema(1, 'std_msgs/msg/Float64', text), *DEFINITIONS[1:])
-    return file([Piece([*own, *messages(0, 60)])], own)
+def _with_definition(text: bytes) -> bytes:
+    definitions = (schema(1, 'std_msgs/msg/Float64', text), *DEFINITIONS[1:])
+    return file([Piece([*definitions, *messages(0, 60)])], definitions)
 
 
 def _bad_name() -> bytes:
     """Return a channel whose name is not UTF-8, in the middle of a chunk."""
     broken = channel(7, 'xyz').replace(b'xyz', b'\xff\xfe\xfd')
-    return file(_pieces(Piece([*messages(20, 10), broken, *messages(30, 10)])), summary=False)
+    return file(_surround_pieces(Piece([*messages(20, 10), broken, *messages(30, 10)])), summary=False)
 
 
-def _damaged() -> bytes:
+def _damaged_chunk() -> bytes:
     data = bytearray(sound('zstd'))
     spot = data.index(b'zstd') + 60
     data[spot] ^= 0xFF
@@ -186,20 +186,20 @@ def _all_damaged() -> bytes:
     return file([piece])
 
 
-def _at(time_ns: int) -> bytes:
+def _messages_at(time_ns: int) -> bytes:
     middle = [*messages(20), message(1, time_ns, 30.0), message(2, time_ns, 1000.0)]
-    return file(_pieces(Piece(middle)))
+    return file(_surround_pieces(Piece(middle)))
 
 
-def _encapsulated(kind: int) -> bytes:
+def _with_encapsulation(kind: int) -> bytes:
     head = struct.pack('>H', kind) + b'\0\0'
     middle = [message(1, START + k * STEP, 30.0, head) for k in range(20, 40)]
-    return file(_pieces(Piece(middle)))
+    return file(_surround_pieces(Piece(middle)))
 
 
 def _moved_summary() -> bytes:
     """Return a footer that says that the summary begins at the first chunk, which is damaged."""
-    data = bytearray(_damaged())
+    data = bytearray(_damaged_chunk())
     first = data.index(b'zstd') - 45
     footer = len(data) - 8 - 20
     data[footer : footer + 8] = struct.pack('<Q', first)
@@ -217,31 +217,33 @@ ODD: dict[str, Odd] = {
     'sound lz4': Odd(lambda: sound('lz4'), _ALL, 30, 30),
     'no summary': Odd(lambda: sound(summary=False), _ALL, 30, 30),
     'index lacks a channel': Odd(
-        lambda: file(_pieces(Piece(messages(20), left_out=frozenset({1})))), _ALL, 30, 30
+        lambda: file(_surround_pieces(Piece(messages(20), left_out=frozenset({1})))), _ALL, 30, 30
     ),
-    'index lacks entries': Odd(lambda: file(_pieces(Piece(messages(20), most_entries=5))), _ALL, 30, 30),
+    'index lacks entries': Odd(
+        lambda: file(_surround_pieces(Piece(messages(20), most_entries=5))), _ALL, 30, 30
+    ),
     'index and statistics lack entries': Odd(
-        lambda: file(_pieces(Piece(messages(20), most_entries=5)), counts={1: 25, 2: 25}),
+        lambda: file(_surround_pieces(Piece(messages(20), most_entries=5)), counts={1: 25, 2: 25}),
         "its statistics count 25 messages of '" + SPEED,
         30,
         30,
     ),
     'statistics count more': Odd(
-        lambda: file(_pieces(Piece(messages(20))), counts={1: 31, 2: 30}),
+        lambda: file(_surround_pieces(Piece(messages(20))), counts={1: 31, 2: 30}),
         f"its statistics count 31 messages of '{SPEED}', and 30 can be read",
         30,
         30,
     ),
     'name that is no UTF-8': Odd(_bad_name, 'has 1 record that cannot be read: skipped', 30, 30),
     'record of kind 0 in a chunk': Odd(
-        lambda: file(_pieces(Piece([*messages(20, 10), raw(0, b'odd'), *messages(30, 10)]))),
+        lambda: file(_surround_pieces(Piece([*messages(20, 10), raw_record(0, b'odd'), *messages(30, 10)]))),
         'has 1 record that cannot be read: skipped',
         30,
         30,
     ),
     'record of kind 0 in a bare run': Odd(
         lambda: file(
-            [Piece([*DEFINITIONS, *messages(0, 30), raw(0, b'odd'), *messages(30, 30)], is_bare=True)],
+            [Piece([*DEFINITIONS, *messages(0, 30), raw_record(0, b'odd'), *messages(30, 30)], is_bare=True)],
             summary=False,
         ),
         'has 1 record with the invalid opcode 0: skipped',
@@ -249,13 +251,13 @@ ODD: dict[str, Odd] = {
         30,
     ),
     'message shorter than its head': Odd(
-        lambda: file(_pieces(Piece([*messages(20, 10), raw(5, b'odd'), *messages(30, 10)]))),
+        lambda: file(_surround_pieces(Piece([*messages(20, 10), raw_record(5, b'odd'), *messages(30, 10)]))),
         'has 1 record that cannot be read: skipped',
         30,
         30,
     ),
     'bytes at the end of a chunk': Odd(
-        lambda: file(_pieces(Piece([*messages(20), b'\x05' + b'\xff' * 20]))),
+        lambda: file(_surround_pieces(Piece([*messages(20), b'\x05' + b'\xff' * 20]))),
         'has 21 bytes at its end, no record',
         30,
         30,
@@ -277,13 +279,17 @@ ODD: dict[str, Odd] = {
     ),
     'bytes behind the end': Odd(lambda: sound() + b'something else', 'has 14 bytes behind its end', 30, 30),
     'channels that change their meaning': Odd(
-        lambda: file(_pieces(Piece([channel(1, LOAD), channel(2, SPEED), *messages(20, 40, True)]))[:2]),
+        lambda: file(
+            _surround_pieces(Piece([channel(1, LOAD), channel(2, SPEED), *messages(20, 40, True)]))[:2]
+        ),
         f"defines channel 1 {_OTHERWISE} '{SPEED}'",
         10,
         10,
     ),
     'channels that change inside a chunk': Odd(
-        lambda: file(_pieces(Piece([*messages(20, 10), *_SWAPPED[1:], *messages(30, 10, True)]))[:2]),
+        lambda: file(
+            _surround_pieces(Piece([*messages(20, 10), *_SWAPPED[1:], *messages(30, 10, True)]))[:2]
+        ),
         f"defines channel 1 {_OTHERWISE} '{SPEED}'",
         15,
         15,
@@ -308,13 +314,15 @@ ODD: dict[str, Odd] = {
         20,
     ),
     'a channel that nothing defines': Odd(
-        lambda: file(_pieces(Piece([*messages(20), message(7, START + 20 * STEP, 1.0)])), summary=False),
+        lambda: file(
+            _surround_pieces(Piece([*messages(20), message(7, START + 20 * STEP, 1.0)])), summary=False
+        ),
         '1 message of channel 7, which is defined nowhere, were not read',
         30,
         30,
     ),
     'an index that names a message twice': Odd(
-        lambda: file(_pieces(Piece(messages(20), repeated=True))), _ALL, 30, 30
+        lambda: file(_surround_pieces(Piece(messages(20), repeated=True))), _ALL, 30, 30
     ),
     'a late definition of another type': Odd(
         lambda: _late_redefinition(schema(1, 'std_msgs/msg/Float32', b'float32 data\n')),
@@ -329,22 +337,26 @@ ODD: dict[str, Odd] = {
         20,
     ),
     'a chunk that is older than it says': Odd(
-        lambda: file(_pieces(Piece(messages(20), changes={'message_start_time': START + 10**12}))),
+        lambda: file(_surround_pieces(Piece(messages(20), changes={'message_start_time': START + 10**12}))),
         _ALL,
         30,
         30,
     ),
-    'damaged chunk': Odd(_damaged, 'is damaged', 20, 20),
+    'damaged chunk': Odd(_damaged_chunk, 'is damaged', 20, 20),
     'only chunk damaged': Odd(_all_damaged, 'nothing is known of aft_stern', 0, 0),
     'no message': Odd(lambda: file([], DEFINITIONS), 'nothing is known of aft_stern', 0, 0),
     'summary in a damaged chunk': Odd(_moved_summary, 'is damaged', 20, 20),
-    'log time 0 among dates': Odd(lambda: _at(0), 'have log time 0 (clock not set?)', 30, 30),
-    'log time beyond 2^63': Odd(lambda: _at(1 << 63), 'an impossible log time (2^63 ns or more)', 30, 30),
-    'log time 2^64 - 1': Odd(lambda: _at((1 << 64) - 1), 'an impossible log time (2^63 ns or more)', 30, 30),
-    'a clock that began at 0': Odd(lambda: _at(5 * 10**9), '62 messages', 31, 31),
+    'log time 0 among dates': Odd(lambda: _messages_at(0), 'have log time 0 (clock not set?)', 30, 30),
+    'log time beyond 2^63': Odd(
+        lambda: _messages_at(1 << 63), 'an impossible log time (2^63 ns or more)', 30, 30
+    ),
+    'log time 2^64 - 1': Odd(
+        lambda: _messages_at((1 << 64) - 1), 'an impossible log time (2^63 ns or more)', 30, 30
+    ),
+    'a clock that began at 0': Odd(lambda: _messages_at(5 * 10**9), '62 messages', 31, 31),
     **{
         f'encapsulation {name}': Odd(
-            lambda kind=kind: _encapsulated(kind),
+            lambda kind=kind: _with_encapsulation(kind),
             f"20 of 40 messages of '{SPEED}' are in the encapsulation 0x{kind:04x}",
             40,
             20,
@@ -352,13 +364,13 @@ ODD: dict[str, Odd] = {
         for kind, name in ((3, 'PL_CDR_LE'), (7, 'CDR2_LE'), (0x1234, 'of no known name'))
     },
     'bound without a number': Odd(
-        lambda: _definition(b'float64 data\nfloat64[<=] y\n'), 'a bound without a number'
+        lambda: _with_definition(b'float64 data\nfloat64[<=] y\n'), 'a bound without a number'
     ),
     'array of 5,000 digits': Odd(
-        lambda: _definition(b'float64 data\nfloat64[' + b'9' * 5000 + b'] y\n'), 'is too long'
+        lambda: _with_definition(b'float64 data\nfloat64[' + b'9' * 5000 + b'] y\n'), 'is too long'
     ),
     'array of 2^32 - 1': Odd(
-        lambda: _definition(b'float64 data\nfloat64[4294967295] y\n'),
+        lambda: _with_definition(b'float64 data\nfloat64[4294967295] y\n'),
         'cannot be decoded as std_msgs/msg/Float64',
     ),
     'a thousand beginnings': Odd(lambda: MAGIC * 2000, 'can be read: file'),
@@ -377,16 +389,20 @@ ODD: dict[str, Odd] = {
 LARGE: dict[str, Odd] = {
     'definition that is too long': Odd(_long_definition, 'its definition is longer than'),
     'definitions of no concern': Odd(_many_schemas, _ALL, 30, 30),
-    'zstd bomb': Odd(lambda: _with_chunk(_bomb('zstd', 1 << 30)), 'and more than 134217728 are not', 30, 30),
+    'zstd bomb': Odd(
+        lambda: _with_chunk(_make_bomb('zstd', 1 << 30)), 'and more than 134217728 are not', 30, 30
+    ),
     'zstd bomb that hides': Odd(
-        lambda: _with_chunk(_bomb('zstd', 1 << 30, 1000)), 'it holds more bytes', 30, 30
+        lambda: _with_chunk(_make_bomb('zstd', 1 << 30, 1000)), 'it holds more bytes', 30, 30
     ),
     'zstd bomb that claims': Odd(
-        lambda: _with_chunk(_bomb('zstd', 1 << 20, 1 << 62)), 'and more than 134217728', 30, 30
+        lambda: _with_chunk(_make_bomb('zstd', 1 << 20, 1 << 62)), 'and more than 134217728', 30, 30
     ),
-    'lz4 bomb': Odd(lambda: _with_chunk(_bomb('lz4', 200 << 20)), 'and more than 134217728 are not', 30, 30),
+    'lz4 bomb': Odd(
+        lambda: _with_chunk(_make_bomb('lz4', 200 << 20)), 'and more than 134217728 are not', 30, 30
+    ),
     'lz4 bomb that hides': Odd(
-        lambda: _with_chunk(_bomb('lz4', 200 << 20, 1000)), 'it holds more bytes', 30, 30
+        lambda: _with_chunk(_make_bomb('lz4', 200 << 20, 1000)), 'it holds more bytes', 30, 30
     ),
     'twelve schemas of 100 MiB': Odd(
         lambda: _with_chunk(b''.join(map(_long_schema, range(9, 21)))), _LIMIT, 30, 30
@@ -394,14 +410,18 @@ LARGE: dict[str, Odd] = {
     'eight names of 100 MiB': Odd(
         lambda: _with_chunk(b''.join(map(_long_name, range(9, 17)))), _LIMIT, 30, 30
     ),
-    'messages of equal time': Odd(lambda: _with_chunk(_equal(b'\0\1\0\0' + bytes(8)) * 4), _LIMIT, 3_000_000),
-    'messages without data': Odd(lambda: _with_chunk(_equal(b'') * 4), _LIMIT, 3_000_000),
-    'messages that are too short': Odd(lambda: _with_chunk(_equal(b'\0\1\0\0\0') * 4), _LIMIT, 3_000_000),
+    'messages of equal time': Odd(
+        lambda: _with_chunk(_equal_times(b'\0\1\0\0' + bytes(8)) * 4), _LIMIT, 3_000_000
+    ),
+    'messages without data': Odd(lambda: _with_chunk(_equal_times(b'') * 4), _LIMIT, 3_000_000),
+    'messages that are too short': Odd(
+        lambda: _with_chunk(_equal_times(b'\0\1\0\0\0') * 4), _LIMIT, 3_000_000
+    ),
     'records of no known kind': Odd(
-        lambda: _with_chunk(_grown((raw(0x80, b'') * 10_000, 1400)) * 4), _LIMIT, 30, 30
+        lambda: _with_chunk(_grow_chunk((raw_record(0x80, b'') * 10_000, 1400)) * 4), _LIMIT, 30, 30
     ),
     'a channel redefined in 300 chunks': Odd(_redefined_often, 'more findings are not listed', 30, 30),
-    'ten million messages': Odd(_tiny, 'and more than 134217728 are not restored', 30, 30),
+    'ten million messages': Odd(_tiny_messages, 'and more than 134217728 are not restored', 30, 30),
     '400,000 message indexes': Odd(_many_indexes, _ALL, 30, 30),
     '40,000 channels': Odd(_many_channels, '40060 messages in 5.9 s', 30, 30),
     'one chunk 20,000 times': Odd(

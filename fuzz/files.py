@@ -34,7 +34,7 @@ START, STEP = 1_777_874_400 * 10**9, 10**8
 HEAD = struct.Struct('<BQ')
 
 
-def encoded(record: McapRecord) -> bytes:
+def encode_record(record: McapRecord) -> bytes:
     """Return a record as it lies in a file."""
     builder = RecordBuilder()
     record.write(builder)
@@ -42,32 +42,36 @@ def encoded(record: McapRecord) -> bytes:
     return data
 
 
-def raw(opcode: int, body: bytes) -> bytes:
+def raw_record(opcode: int, body: bytes) -> bytes:
     """Return a record of any kind and content."""
     return HEAD.pack(opcode, len(body)) + body
 
 
 def schema(number: int = 1, name: str = FLOAT64, text: bytes = b'float64 data\n') -> bytes:
     """Return a definition of messages."""
-    return encoded(Schema(id=number, name=name, encoding='ros2msg', data=text))
+    return encode_record(Schema(id=number, name=name, encoding='ros2msg', data=text))
 
 
 def channel(number: int, topic: str, schema_id: int = 1) -> bytes:
     """Return a definition of a channel."""
-    return encoded(Channel(id=number, topic=topic, message_encoding='cdr', metadata={}, schema_id=schema_id))
+    return encode_record(
+        Channel(id=number, topic=topic, message_encoding='cdr', metadata={}, schema_id=schema_id)
+    )
 
 
 def message(number: int, time_ns: int, value: float, head: bytes = b'\0\1\0\0') -> bytes:
     """Return a Float64."""
     data = head + struct.pack('<d', value)
-    return encoded(Message(channel_id=number, data=data, log_time=time_ns, publish_time=time_ns, sequence=0))
+    return encode_record(
+        Message(channel_id=number, data=data, log_time=time_ns, publish_time=time_ns, sequence=0)
+    )
 
 
 DEFINITIONS = (schema(), *(channel(i + 1, topic) for i, topic in enumerate(TOPICS)))
 
 
 def messages(first: int = 0, count: int = 20, swapped: bool = False) -> list[bytes]:
-    """Speed and load in turns, near the fold of the reference bearing."""
+    """Return speed and load in turns, near the fold of the reference bearing."""
     numbers = (2, 1) if swapped else (1, 2)
     return [
         message(numbers[k % 2], START + (first + k) * STEP, 1000.0 if k % 2 else 30.0 + 0.01 * k)
@@ -102,14 +106,14 @@ class Piece:
 
     def entries(self) -> dict[int, list[tuple[int, int]]]:
         """Log time and offset of the messages of each channel."""
-        found: dict[int, list[tuple[int, int]]] = {}
+        entries_by_channel: dict[int, list[tuple[int, int]]] = {}
         offset = 0
         for record in self.records:
             if record[:1] == b'\5' and len(record) >= 31:
                 number, _, time_ns = struct.unpack_from('<HIQ', record, 9)
-                found.setdefault(number, []).append((time_ns, offset))
+                entries_by_channel.setdefault(number, []).append((time_ns, offset))
             offset += len(record)
-        return found
+        return entries_by_channel
 
     def record(self) -> bytes:
         """Return the chunk as it lies in a file."""
@@ -124,18 +128,18 @@ class Piece:
             uncompressed_crc=zlib.crc32(self.data) if self.checked else 0,
             uncompressed_size=len(self.data),
         )
-        return encoded(replace(chunk, **self.changes))
+        return encode_record(replace(chunk, **self.changes))
 
-    def _listed(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    def _listed_entries(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
         """Return the entries of an index: all, the first few, or one of them twice."""
         return [pairs[0], *pairs[:-1]] if self.repeated else pairs[: self.most_entries]
 
     def indexes(self) -> dict[int, bytes]:
-        """Its message indexes, but those that are left out."""
+        """Return the message indexes of the chunk, but those that are left out."""
         if self.is_bare:
             return {}
         return {
-            number: encoded(MessageIndex(channel_id=number, records=self._listed(pairs)))
+            number: encode_record(MessageIndex(channel_id=number, records=self._listed_entries(pairs)))
             for number, pairs in self.entries().items()
             if number not in self.left_out
         }
@@ -155,8 +159,8 @@ def file(
         summary: Whether there is one.
         counts: Messages of each channel after the statistics, if not the truth.
     """
-    out = bytearray(MAGIC + encoded(Header(profile='ros2', library='fuzz')))
-    chunks, found, times = [], Counter[int](), []
+    out = bytearray(MAGIC + encode_record(Header(profile='ros2', library='fuzz')))
+    chunks, message_counts, times = [], Counter[int](), []
     for piece in pieces:
         begin, record, indexes = len(out), piece.record(), piece.indexes()
         offsets, end = {}, begin + len(record)
@@ -165,9 +169,9 @@ def file(
             end += len(index)
         out += record + b''.join(indexes.values())
         entries = piece.entries()
-        found.update({number: len(pairs) for number, pairs in entries.items()})
-        own = [time for pairs in entries.values() for time, _ in pairs]
-        times += own
+        message_counts.update({number: len(pairs) for number, pairs in entries.items()})
+        piece_times = [time for pairs in entries.values() for time, _ in pairs]
+        times += piece_times
         if not piece.is_bare:
             chunks.append(
                 ChunkIndex(
@@ -175,17 +179,17 @@ def file(
                     chunk_start_offset=begin,
                     compression=piece.compression,
                     compressed_size=len(record),
-                    message_end_time=max(own, default=0),
-                    message_start_time=min(own, default=0),
+                    message_end_time=max(piece_times, default=0),
+                    message_start_time=min(piece_times, default=0),
                     message_index_length=end - begin - len(record),
                     message_index_offsets=offsets,
                     uncompressed_size=len(piece.data),
                 )
             )
-    out += encoded(DataEnd(0))
+    out += encode_record(DataEnd(0))
     start = len(out) if summary else 0
     if summary:
-        stated = dict(found if counts is None else counts)
+        stated = dict(message_counts if counts is None else counts)
         names = [record for record in definitions if record[:1] == b'\4']
         statistics = Statistics(
             attachment_count=0,
@@ -198,9 +202,9 @@ def file(
             metadata_count=0,
             schema_count=1,
         )
-        parts = [*definitions, encoded(statistics), *map(encoded, chunks)]
+        parts = [*definitions, encode_record(statistics), *map(encode_record, chunks)]
         out += b''.join(parts)
-    out += encoded(Footer(summary_start=start, summary_offset_start=0, summary_crc=0))
+    out += encode_record(Footer(summary_start=start, summary_offset_start=0, summary_crc=0))
     return bytes(out + MAGIC)
 
 

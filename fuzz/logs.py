@@ -105,7 +105,7 @@ _STAMPS = [f'2026-05-04T06:00:{second:06.3f}Z' for second in _SECONDS]
 
 
 def tables() -> list[bytes]:
-    """Tables of some dialects."""
+    """Return tables of some dialects."""
     rows = list(zip(_SECONDS, _SPEEDS, strict=True))
     plain = 'time [s],speed [rpm],load [N]\n' + ''.join(f'{t},{v},1000\n' for t, v in rows)
     dated = 'Date;Drehzahl rpm;Last (kN)\n' + ''.join(
@@ -120,16 +120,16 @@ def tables() -> list[bytes]:
 
 
 def parquets() -> list[bytes]:
-    """Parquet with seconds, and with stamps in groups of rows."""
+    """Return Parquet with seconds, and with stamps in groups of rows."""
     seconds = pa.table({'time': _SECONDS, 'speed [rpm]': _SPEEDS})
     stamps = pa.array([START + k * STEP for k in range(_COUNT)], pa.timestamp('ns', 'UTC'))
     dated = pa.table({'time': stamps, 'name': ['speed'] * _COUNT, 'value': _SPEEDS, 'unit': ['rpm'] * _COUNT})
-    found = []
+    files = []
     for table, options in ((seconds, {}), (dated, {'row_group_size': 20, 'write_page_checksum': True})):
         file = io.BytesIO()
         pq.write_table(table, file, **options)
-        found.append(file.getvalue())
-    return found
+        files.append(file.getvalue())
+    return files
 
 
 def sentence_of(body: str) -> str:
@@ -138,17 +138,17 @@ def sentence_of(body: str) -> str:
 
 
 def nmea_logs() -> list[bytes]:
-    """Sentences with ISO times, with tag blocks, and with ZDA between them."""
-    own = [sentence_of(f'ERRPM,S,1,{v},10.5,A') for v in _SPEEDS]
-    iso = [f'{stamp} {line}' for stamp, line in zip(_STAMPS, own, strict=True)]
-    tagged = [f'\\c:{(START + k * STEP) / 1e9:.1f}*00\\{line}' for k, line in enumerate(own)]
+    """Return sentences with ISO times, with tag blocks, and with ZDA between them."""
+    sentences = [sentence_of(f'ERRPM,S,1,{v},10.5,A') for v in _SPEEDS]
+    iso = [f'{stamp} {line}' for stamp, line in zip(_STAMPS, sentences, strict=True)]
+    tagged = [f'\\c:{(START + k * STEP) / 1e9:.1f}*00\\{line}' for k, line in enumerate(sentences)]
     zda = [sentence_of(f'GPZDA,06000{t:04.2f},04,05,2026,00,00') for t in _SECONDS]
-    paired = [line for pair in zip(zda, own, strict=True) for line in pair]
+    paired = [line for pair in zip(zda, sentences, strict=True) for line in pair]
     return ['\r\n'.join([*lines, '']).encode() for lines in (iso, tagged, paired)]
 
 
 def signalk_logs() -> list[bytes]:
-    """Deltas, one a line, bare and behind the time of a logger."""
+    """Return deltas, one a line, bare and behind the time of a logger."""
     lines = [
         json.dumps(
             {
@@ -161,7 +161,7 @@ def signalk_logs() -> list[bytes]:
         for stamp, v in zip(_STAMPS, _SPEEDS, strict=True)
     ]
     logged = [f'{(START + k * STEP) // 10**6};N;{line}' for k, line in enumerate(lines)]
-    return ['\n'.join([*own, '']).encode() for own in (lines, logged)]
+    return ['\n'.join([*log_lines, '']).encode() for log_lines in (lines, logged)]
 
 
 def databases() -> list[bytes]:
@@ -173,7 +173,7 @@ def databases() -> list[bytes]:
 def database_of(page: int, rows: Sequence[tuple[int, int, float]]) -> bytes:
     """Return a recording of pages of that size: log times [ns], numbers of topics from 1 on, and values."""
     with _folder_file() as path:
-        _fill(path, page, rows)
+        _fill_database(path, page, rows)
         return path.read_bytes()
 
 
@@ -184,7 +184,7 @@ def _folder_file() -> Iterator[Path]:
         yield Path(folder) / 'database'
 
 
-def _fill(path: Path, page: int, rows: Sequence[tuple[int, int, float]]) -> None:
+def _fill_database(path: Path, page: int, rows: Sequence[tuple[int, int, float]]) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
         database.execute(f'PRAGMA page_size={page}')
         database.executescript(_DATABASE)
@@ -242,23 +242,23 @@ def _change_member(rng: random.Random, delta: Any) -> None:
     places = [delta]
     for place in places:
         inner = place.values() if isinstance(place, dict) else place
-        places += [each for each in inner if isinstance(each, dict | list)]
+        places += [member for member in inner if isinstance(member, dict | list)]
     place = rng.choice(places)
     key = rng.choice(list(place)) if isinstance(place, dict) else rng.randrange(len(place))
-    odd = (None, True, 1e308, -1, 1 << 70, 'x', '', [], {}, [[]], 'revolutions', *_CELLS)
+    odd_values = (None, True, 1e308, -1, 1 << 70, 'x', '', [], {}, [[]], 'revolutions', *_CELLS)
     match rng.randrange(4):
         case 0:
             del place[key]
         case 1:
             place[key] = rng.choice(places[:1] if place is not delta else [[]])
         case _:
-            place[key] = rng.choice(odd)
+            place[key] = rng.choice(odd_values)
 
 
 def change_value(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     """Return a database with a value changed, rows dropped, or a table gone."""
     table, columns = rng.choice(_COLUMNS)
-    column, value, some = rng.choice(columns), rng.choice(_VALUES), rng.choice((1, 2, 7))
+    column, value, divisor = rng.choice(columns), rng.choice(_VALUES), rng.choice((1, 2, 7))
     with _folder_file() as path:
         path.write_bytes(data)
         try:
@@ -267,12 +267,12 @@ def change_value(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
                     case 0:
                         database.execute(f'DROP TABLE {table}')
                     case 1:
-                        database.execute(f'DELETE FROM {table} WHERE rowid % {some} = 0')
+                        database.execute(f'DELETE FROM {table} WHERE rowid % {divisor} = 0')
                     case 2:
                         database.execute(f'ALTER TABLE {table} RENAME COLUMN {column} TO odd')
                     case _:
                         database.execute(
-                            f'UPDATE OR IGNORE {table} SET {column} = ? WHERE rowid % {some} = 0', (value,)
+                            f'UPDATE OR IGNORE {table} SET {column} = ? WHERE rowid % {divisor} = 0', (value,)
                         )
                 database.commit()
             return path.read_bytes()
@@ -281,27 +281,27 @@ def change_value(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
 
 
 def numbers_of(kind: str, data: bytes) -> Counter[float]:
-    """Speeds [rpm] of the lines of a mutant that are as they were, or that another reader finds in it."""
+    """Return the speeds [rpm] of lines of a mutant that are unchanged, or that another reader finds in it."""
     if kind == 'parquet':
         return _of_parquet(data)
     with contextlib.suppress(OSError, EOFError, zlib.error):
         data = gzip.decompress(data) if data.startswith(b'\x1f\x8b') else data
     text = data.decode('utf-16', 'replace') if data[:2] == b'\xff\xfe' else data.decode('latin-1')
-    known = _lines_of(kind)
-    return Counter(known[line] for line in text.split('\n') if line in known)
+    speeds = _lines_of(kind)
+    return Counter(speeds[line] for line in text.split('\n') if line in speeds)
 
 
 @functools.cache
 def _lines_of(kind: str) -> dict[str, float]:
     """Return the lines of sources with a speed, and the speed."""
-    found = {}
+    speed_by_line = {}
     for data in SOURCES[kind]():
         speeds = iter(_SPEEDS)
         speed = next(speeds)
         for line in data.decode('latin-1').split('\n'):
             if any(text in line for text in (f'{speed}', f'{speed}'.replace('.', ','), f'{speed / 60.0}}}')):
-                found[line], speed = speed, next(speeds, -1.0)
-    return found
+                speed_by_line[line], speed = speed, next(speeds, -1.0)
+    return speed_by_line
 
 
 def _of_parquet(data: bytes) -> Counter[float]:

@@ -15,7 +15,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.records import Chunk
 
-from fuzz.files import HEAD, MAGIC, compressed, encoded
+from fuzz.files import HEAD, MAGIC, compressed, encode_record
 from fuzz.logs import change_cell, change_delta, change_sentence, change_value
 from fuzz.rewriting import rewrite
 
@@ -35,17 +35,17 @@ def mutant(seed: int, sources: Sequence[bytes], kind: str = 'mcap') -> bytes:
 
 def records_of(data: bytes, start: int = 0) -> Records:
     """Split data into its records; what is left is the last one."""
-    found, offset = [], start
+    records, offset = [], start
     while offset + HEAD.size <= len(data):
         end = offset + HEAD.size + HEAD.unpack_from(data, offset)[1]
         if end > len(data):
             break
-        found.append(data[offset:end])
+        records.append(data[offset:end])
         offset = end
-    return [*found, data[offset:]]
+    return [*records, data[offset:]]
 
 
-def _flip(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
+def _flip_bits(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     out = bytearray(data)
     for _ in range(rng.choice((1, 1, 3, 10))):
         if out:
@@ -53,28 +53,28 @@ def _flip(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     return bytes(out)
 
 
-def _overwrite(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
+def _overwrite_part(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     begin = rng.randrange(len(data) + 1)
     size = rng.choice((1, 8, 40, 400))
     new = rng.choice((bytes(size), b'\xff' * size, rng.randbytes(size), MAGIC))
     return data[:begin] + new + data[begin + len(new) :]
 
 
-def _cut(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
+def _cut_part(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     begin, end = sorted(rng.randrange(len(data) + 1) for _ in range(2))
     return rng.choice((data[:begin], data[:begin] + data[end:], data[:end] + data[begin:]))
 
 
-def _join(rng: random.Random, data: bytes, sources: Sequence[bytes]) -> bytes:
-    other = rng.choice(sources)
-    return data[: rng.randrange(len(data) + 1)] + other if rng.random() < 0.5 else data + other
+def _join_sources(rng: random.Random, data: bytes, sources: Sequence[bytes]) -> bytes:
+    source = rng.choice(sources)
+    return data[: rng.randrange(len(data) + 1)] + source if rng.random() < 0.5 else data + source
 
 
-def _records(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
-    return data[: len(MAGIC)] + b''.join(_changed(rng, records_of(data, len(MAGIC))))
+def _change_records(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
+    return data[: len(MAGIC)] + b''.join(_change_one_record(rng, records_of(data, len(MAGIC))))
 
 
-def _inside(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
+def _change_chunk(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     """Change records inside a chunk and mend what the chunk says of itself."""
     records = records_of(data, len(MAGIC))
     chunks = [k for k, record in enumerate(records) if record[:1] == b'\6']
@@ -83,23 +83,23 @@ def _inside(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     k = rng.choice(chunks)
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(records[k][HEAD.size :])))
-        plain = _plain(chunk)
+        plain = _decompress_chunk(chunk)
     except Exception:  # A mutant of a mutant may be anything.
         return data
-    plain = b''.join(_changed(rng, records_of(plain)))
+    plain = b''.join(_change_one_record(rng, records_of(plain)))
     crc = zlib.crc32(plain) if rng.random() < 0.5 else 0
     body = compressed(plain, chunk.compression)
-    records[k] = encoded(replace(chunk, data=body, uncompressed_crc=crc, uncompressed_size=len(plain)))
+    records[k] = encode_record(replace(chunk, data=body, uncompressed_crc=crc, uncompressed_size=len(plain)))
     return data[: len(MAGIC)] + b''.join(records)
 
 
-def _plain(chunk: Chunk) -> bytes:
+def _decompress_chunk(chunk: Chunk) -> bytes:
     if chunk.compression == 'zstd':
         return zstandard.decompress(chunk.data, max_output_size=1 << 20)
     return bytes(lz4.frame.decompress(chunk.data)) if chunk.compression else chunk.data
 
 
-def _changed(rng: random.Random, records: Records) -> Records:
+def _change_one_record(rng: random.Random, records: Records) -> Records:
     """Return records with one of them changed, dropped, repeated, moved or swapped."""
     records = list(records)
     i, j = rng.randrange(len(records)), rng.randrange(len(records))
@@ -118,12 +118,12 @@ def _changed(rng: random.Random, records: Records) -> Records:
         case 5:
             records[i] = _with_number(rng, records[i])
         case _:
-            records[i] = records[i][:9] + _flip(rng, records[i][9:], ())
+            records[i] = records[i][:9] + _flip_bits(rng, records[i][9:], ())
     return records
 
 
 def _with_number(rng: random.Random, record: bytes) -> bytes:
-    """One field of a record as an odd number; in a message a channel or a time, by preference."""
+    """Set one field of a record to an odd number; in a message a channel or a time, by preference."""
     places = ((9, '<H'), (15, '<Q'), (23, '<Q')) if record[:1] == b'\5' else ()
     place, code = rng.choice(places) if places else (9 + rng.randrange(60), rng.choice(('<I', '<Q')))
     size = struct.calcsize(code)
@@ -134,9 +134,9 @@ def _with_number(rng: random.Random, record: bytes) -> bytes:
 
 
 _Way = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
-_BYTES: tuple[_Way, ...] = (_flip, _overwrite, _cut, _join)
+_BYTES: tuple[_Way, ...] = (_flip_bits, _overwrite_part, _cut_part, _join_sources)
 _WAYS: dict[str, tuple[_Way, ...]] = {
-    'mcap': (*_BYTES, _records, _records, _inside, _inside, _inside),
+    'mcap': (*_BYTES, _change_records, _change_records, _change_chunk, _change_chunk, _change_chunk),
     'csv': (*_BYTES, *[change_cell] * 6, *[rewrite] * 10),
     'db3': (*_BYTES, *[change_value] * 6),
     'parquet': _BYTES,

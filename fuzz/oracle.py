@@ -29,24 +29,24 @@ Sample = tuple[str, int, bytes]
 
 
 def messages_of(data: bytes) -> Counter[Sample]:
-    """Topic, log time and data of what MCAP's reader finds before it fails, if it does.
+    """Return topic, log time and data of what MCAP's reader finds before it fails, if it does.
 
     It takes the records in the order of the file, each channel as it was last defined.
     """
-    found: Counter[Sample] = Counter()
+    samples: Counter[Sample] = Counter()
     channels: dict[int, Channel] = {}
     reader = StreamReader(BytesIO(data), emit_chunks=True, record_size_limit=1 << 24)
     try:
         for record in reader.records:
-            for part in _parts(record):
+            for part in _records_in(record):
                 if isinstance(part, Channel):
                     channels[part.id] = part
                 elif isinstance(part, Message) and part.channel_id in channels:
                     topic = channels[part.channel_id].topic
-                    found[topic, part.log_time, bytes(part.data)] += 1
+                    samples[topic, part.log_time, bytes(part.data)] += 1
     except Exception:  # What it raises on damage is not ours to judge.
         pass
-    return found
+    return samples
 
 
 def rows_of(path: Path) -> Counter[Sample]:
@@ -62,7 +62,7 @@ def rows_of(path: Path) -> Counter[Sample]:
         return Counter()
 
 
-def _parts(record: McapRecord) -> list[McapRecord]:
+def _records_in(record: McapRecord) -> list[McapRecord]:
     if not isinstance(record, Chunk):
         return [record]
     if record.uncompressed_size > 1 << 24:
@@ -74,7 +74,7 @@ def _parts(record: McapRecord) -> list[McapRecord]:
 
 
 def difference(path: Path) -> str:
-    """Describe what our reader loses or invents without a word; return an empty text if nothing.
+    """Describe what our reader loses or invents without a warning; return an empty text if nothing.
 
     Differences that are meant, each told to the user:
 
@@ -90,37 +90,37 @@ def difference(path: Path) -> str:
     except BagError:
         # Told as an error: nothing is read, and nobody believes it was.
         return ''
-    series = {topic: _numbers(bag, topic) for topic in TOPICS}
-    found = Counter((m.topic, m.log_time_ns, m.data) for m in bag.messages())
+    series = {topic: _read_numbers(bag, topic) for topic in TOPICS}
+    samples = Counter((m.topic, m.log_time_ns, m.data) for m in bag.messages())
     is_told = bool(bag.warnings or bag.cuts)
     missing = sum(
-        count - found[sample]
+        count - samples[sample]
         for sample, count in expected.items()
-        if count > found[sample] and _has_time(sample[1], expected)
+        if count > samples[sample] and _has_time(sample[1], expected)
     )
     if missing and not is_told:
         return f'{missing} of {expected.total()} messages are missing without a word'
     for topic, text in ((t, s) for t, s in series.items() if isinstance(s, str)):
         return f'{topic}: {text}'
-    return '' if is_told else _wrong_numbers(series, found)
+    return '' if is_told else _wrong_numbers(series, samples)
 
 
 def left_out(path: Path, config: MonitorConfig) -> str:
-    """Describe what our reader loses of a log without a word; return an empty text if nothing."""
+    """Describe what our reader loses of a log without a warning; return an empty text if nothing."""
     expected = numbers_of(path.suffix[1:], path.read_bytes())
     try:
         log = open_bag(path)
-        found = bind(log, config)
-        if found.absent.keys() - {('aft_stern', 'load')}:
+        bound = bind(log, config)
+        if bound.absent.keys() - {('aft_stern', 'load')}:
             return ''
-        speed = found.config.bearings[0].speed
+        speed = bound.config.bearings[0].speed
         request = Request(speed.topic, speed.field_text, speed.type)
         series = log.read([request])[request]
     except BagError:
         return ''
-    found = Counter(f'{value:.6g}' for value in series.value.tolist())
-    wanted = Counter(f'{value:.6g}' for value in expected.elements())
-    missing = (wanted - found).total()
+    bound = Counter(f'{value:.6g}' for value in series.value.tolist())
+    expected_texts = Counter(f'{value:.6g}' for value in expected.elements())
+    missing = (expected_texts - bound).total()
     is_told = bool(log.losses or series.faults or any('matched from the left' in w for w in log.warnings))
     # One line above a table may be its preamble.
     text = f'{missing} of {expected.total()} numbers are missing without a word'
@@ -132,7 +132,7 @@ def _has_time(time_ns: int, expected: Counter[Sample]) -> bool:
     return (0 if dated else -1) < time_ns < _NO_TIME
 
 
-def _numbers(bag: Recording, topic: str) -> dict[str, object] | str | None:
+def _read_numbers(bag: Recording, topic: str) -> dict[str, object] | str | None:
     """Return the numbers of a topic, or None where an error names why there are none."""
     request = Request(topic, 'data')
     try:
@@ -142,12 +142,14 @@ def _numbers(bag: Recording, topic: str) -> dict[str, object] | str | None:
     return {'time': series.log_time_ns.tolist(), 'value': series.value, 'told': bool(series.faults)}
 
 
-def _wrong_numbers(series: dict[str, object], found: Counter[Sample]) -> str:
-    """Whether numbers are other than those in the messages, by a decoder of one line."""
+def _wrong_numbers(series: dict[str, object], samples_found: Counter[Sample]) -> str:
+    """Return which numbers differ from those in the messages, by a decoder of one line; empty if none."""
     for topic, numbers in series.items():
         if not isinstance(numbers, dict) or numbers['told']:
             continue
-        samples = sorted((time, data) for own, time, data in found.elements() if own == topic)
+        samples = sorted(
+            (time, data) for sample_topic, time, data in samples_found.elements() if sample_topic == topic
+        )
         if [time for time, _ in samples] != sorted(numbers['time']):
             return f'{topic}: other messages are read than there are'
         if all(data[:4] == b'\0\1\0\0' and len(data) >= 12 for _, data in samples):

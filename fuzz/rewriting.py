@@ -67,7 +67,7 @@ _PATTERNS: tuple[tuple[str, tuple[str, ...]], ...] = (
 )
 
 
-def unpacked(data: bytes) -> tuple[bytes, Callable[[bytes], bytes]]:
+def unpack_text(data: bytes) -> tuple[bytes, Callable[[bytes], bytes]]:
     """Return a text, of a damaged packed one as much as can be unpacked, and what packs it again."""
     for magic, make, pack in _PACKINGS:
         if data.startswith(magic):
@@ -81,14 +81,14 @@ def unpacked(data: bytes) -> tuple[bytes, Callable[[bytes], bytes]]:
     return data, bytes
 
 
-def packings(text: bytes) -> list[bytes]:
+def pack_in_all_ways(text: bytes) -> list[bytes]:
     """Return a text packed in each way."""
     return [pack(text) for _, _, pack in _PACKINGS]
 
 
 def rewrite(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     """Return a text with some of its lines rewritten, moved, repeated or dropped."""
-    plain, pack = unpacked(data)
+    plain, pack = unpack_text(data)
     encoding = 'utf-16' if plain[:2] == b'\xff\xfe' else 'latin-1'
     lines = plain.decode(encoding, 'replace').split('\n')
     begin, end = sorted(rng.randrange(len(lines) + 1) for _ in range(2))
@@ -96,25 +96,25 @@ def rewrite(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
         ((begin, end), (begin, end), (begin, len(lines)), (0, len(lines)), (0, 1), (begin, begin + 1))
     )
     run = lines[begin:end]
-    run = _rewritten(rng, run) if rng.random() < 0.7 else _moved(rng, run, lines)
+    run = _rewrite_lines(rng, run) if rng.random() < 0.7 else _move_lines(rng, run, lines)
     text = '\n'.join([*lines[:begin], *run, *lines[end:]])
     return pack(text.encode(encoding, 'replace'))
 
 
-def _rewritten(rng: random.Random, lines: list[str]) -> list[str]:
+def _rewrite_lines(rng: random.Random, lines: list[str]) -> list[str]:
     """Return lines with the matches of a pattern replaced, in each the first or all; checksums are mended."""
     text = '\n'.join(lines)
-    able = [(pattern, new) for pattern, new in _PATTERNS if re.search(pattern, text, re.M)]
-    if not able:
+    candidates = [(pattern, new) for pattern, new in _PATTERNS if re.search(pattern, text, re.M)]
+    if not candidates:
         return lines
-    pattern, news = rng.choice(able)
+    pattern, news = rng.choice(candidates)
     new, count = rng.choice(news), rng.choice((0, 1, 1))
     share = rng.choice((1.0, 1.0, 0.5))
-    found = [re.sub(pattern, new, line, count=count) if rng.random() < share else line for line in lines]
-    return [_mended(line) for line in found] if rng.random() < 0.9 else found
+    rewritten = [re.sub(pattern, new, line, count=count) if rng.random() < share else line for line in lines]
+    return [_mend_checksums(line) for line in rewritten] if rng.random() < 0.9 else rewritten
 
 
-def _mended(line: str) -> str:
+def _mend_checksums(line: str) -> str:
     """Return a line with the right checksums of sentences of NMEA 0183."""
 
     def sentence(match: re.Match[str]) -> str:
@@ -124,7 +124,7 @@ def _mended(line: str) -> str:
     return _SENTENCE.sub(sentence, line)
 
 
-def _moved(rng: random.Random, run: list[str], lines: list[str]) -> list[str]:
+def _move_lines(rng: random.Random, run: list[str], lines: list[str]) -> list[str]:
     """Return a run of lines in another order, with others between them, or without some."""
     place = rng.randrange(len(run) + 1)
     match rng.randrange(12):
@@ -157,13 +157,13 @@ def _moved(rng: random.Random, run: list[str], lines: list[str]) -> list[str]:
                 else [*run[:place], ''.join(run[place : place + 2]), *run[place + 2 :]]
             )
         case 10:
-            other = lines[: len(run)]
-            return [line for pair in zip(run, other, strict=False) for line in pair]
+            inserted = lines[: len(run)]
+            return [line for pair in zip(run, inserted, strict=False) for line in pair]
         case _:
             # A frozen clock, or a frozen value: what the first line of the run begins or ends with.
             size = len(run[0]) // 2 if run else 0
             keeps_head = rng.random() < 0.5
             return [
-                _mended(run[0][:size] + line[size:] if keeps_head else line[:size] + run[0][size:])
+                _mend_checksums(run[0][:size] + line[size:] if keeps_head else line[:size] + run[0][size:])
                 for line in run
             ]

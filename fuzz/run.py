@@ -61,7 +61,7 @@ def sources() -> list[bytes]:
 
     No large ones: MCAP's reader has no limits, and what it takes would be laid to our account.
     """
-    return [odd.make() for odd in ODD.values()]
+    return [case.make() for case in ODD.values()]
 
 
 SOURCES = {'mcap': sources, **LOGS}
@@ -71,10 +71,10 @@ SOURCES = {'mcap': sources, **LOGS}
 def judge(path: Path) -> str:
     """Describe what is wrong with how a recording is read; return an empty text if nothing."""
     try:
-        with _limited(SECONDS):
+        with _limit_time(SECONDS):
             if path.suffix in ('.mcap', '.db3'):
-                return difference(path) or _command(path)
-            return left_out(path, load_config(CONFIG)) or _command(path)
+                return difference(path) or _run_check(path)
+            return left_out(path, load_config(CONFIG)) or _run_check(path)
     except _TooSlow:
         return f'not done in {SECONDS} s'
     except Exception:  # Any is a finding: no traceback may reach a user.
@@ -84,7 +84,7 @@ def judge(path: Path) -> str:
 def judge_voyage(path: Path) -> str:
     """Describe what is wrong with how a voyage with stick-slip is read; return an empty text if nothing."""
     try:
-        with _limited(SECONDS):
+        with _limit_time(SECONDS):
             code = check_voyage(path)
             is_clear = code == 0 and sticking_share(path, path.suffix[1:]) >= ENOUGH
             return 'its stick-slip is an all-clear' if is_clear else ''
@@ -103,15 +103,15 @@ def check_voyage(path: Path) -> int:
 def _config_of(kind: str) -> MonitorConfig:
     """Return the configuration of the reference bearing, with the columns of a bus."""
     text = CONFIG.read_text()
-    for before, after in _WRITTEN.get(kind, {}).items():
-        text = text.replace(before, after)
+    for default, replacement in _WRITTEN.get(kind, {}).items():
+        text = text.replace(default, replacement)
     with tempfile.NamedTemporaryFile('w', suffix='.yaml') as file:
         file.write(text)
         file.flush()
         return load_config(file.name)
 
 
-def _command(path: Path) -> str:
+def _run_check(path: Path) -> str:
     output, errors = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
         code = stickslip(['check', str(path), '--config', str(CONFIG), '--traceback'])
@@ -124,30 +124,30 @@ def _command(path: Path) -> str:
 
 
 @contextlib.contextmanager
-def _limited(seconds: int) -> Iterator[None]:
-    def late(_: int, __: FrameType | None) -> None:
+def _limit_time(seconds: int) -> Iterator[None]:
+    def raise_too_slow(_: int, __: FrameType | None) -> None:
         raise _TooSlow
 
     # Of the processor, so that a busy machine fails nothing.
-    before = signal.signal(signal.SIGPROF, late)
+    old_handler = signal.signal(signal.SIGPROF, raise_too_slow)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.signal(signal.SIGPROF, before)
+        signal.signal(signal.SIGPROF, old_handler)
 
 
 def live_batch(seed: int, first: int, count: int, kind: str) -> list[tuple[int, str]]:
-    """Compare some random ships or recordings live and in bulk; the number of each that differs, and how."""
+    """Compare some random ships or recordings live and in bulk; return number and text of each difference."""
     failed = []
     with tempfile.TemporaryDirectory() as folder:
         for number in range(first, first + count):
-            own = (seed << 32) + number
+            case_seed = (seed << 32) + number
             texts = (
-                [random_difference(Path(folder), own)]
+                [random_difference(Path(folder), case_seed)]
                 if kind == 'mcap'
-                else random_differences(Path(folder), kind, own)
+                else random_differences(Path(folder), kind, case_seed)
             )
             failed += [(number, '; '.join(texts))] if any(texts) else []
     return failed
@@ -156,13 +156,13 @@ def live_batch(seed: int, first: int, count: int, kind: str) -> list[tuple[int, 
 def batch(
     seed: int, first: int, count: int, kind: str = 'mcap', is_voyage: bool = False
 ) -> list[tuple[int, str]]:
-    """Judge some mutants; the number of each that fails, and why."""
+    """Judge some mutants; return number and reason of each that fails."""
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
-    made, failed = VOYAGES[kind](STICKING_RPM) if is_voyage else SOURCES[kind](), []
+    originals, failed = VOYAGES[kind](STICKING_RPM) if is_voyage else SOURCES[kind](), []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f'mutant.{kind}'
         for number in range(first, first + count):
-            data = mutant((seed << 32) + number, made, kind)
+            data = mutant((seed << 32) + number, originals, kind)
             path.write_bytes(data)
             text = judge_voyage(path) if is_voyage else judge(path)
             used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
@@ -175,20 +175,20 @@ def batch(
     return failed
 
 
-def _batch(call: tuple[int, int, int, str, str]) -> list[tuple[int, str]]:
-    *numbers, kind, what = call
-    return live_batch(*numbers, kind) if what == 'live' else batch(*numbers, kind, what == 'voyages')
+def _run_batch(call: tuple[int, int, int, str, str]) -> list[tuple[int, str]]:
+    *numbers, kind, mode = call
+    return live_batch(*numbers, kind) if mode == 'live' else batch(*numbers, kind, mode == 'voyages')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the fuzzer; 1 if anything failed."""
+    """Run the fuzzer; return 1 if anything failed."""
     parser = argparse.ArgumentParser(prog='python -m fuzz', description=__doc__)
     parser.add_argument('--seed', type=int, default=int(time.time()), help='default: the time')
     parser.add_argument('--count', type=int, default=5000, help='mutants of each kind (default 5000)')
     parser.add_argument('--kind', choices=VOYAGES, help='default: all')
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument('--voyages', action='store_true', help='of a voyage with stick-slip, to be noticed')
-    what.add_argument(
+    modes = parser.add_mutually_exclusive_group()
+    modes.add_argument('--voyages', action='store_true', help='of a voyage with stick-slip, to be noticed')
+    modes.add_argument(
         '--live', action='store_true', help='random voyages, to be judged live as from their logs'
     )
     args = parser.parse_args(argv)
@@ -203,7 +203,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     count = 0
     # A process for each batch: what one takes in memory is not the next one's.
     with multiprocessing.get_context('spawn').Pool(2, maxtasksperchild=1) as pool:
-        for call, failed in zip(calls, pool.imap(_batch, calls), strict=True):
+        for call, failed in zip(calls, pool.imap(_run_batch, calls), strict=True):
             sys.stdout.write(f'{call[3]} {call[1] + call[2]} of {args.count}\n')
             for number, text in failed:
                 count += 1

@@ -103,7 +103,7 @@ def random_ship(rng: random.Random, bus: str) -> tuple[Document, list[Signal]]:
     bearings, links, signals = dict[str, Any](), dict[str, Any](LISTEN[bus]), list[Signal]()
     unit, turn = ('rpm', 1.0) if bus == 'nmea' else ('Hz', 60.0)
     for k, name in enumerate(names):
-        own = {'speed': Signal(False, k % shafts)}
+        signals_of_bearing = {'speed': Signal(False, k % shafts)}
         inputs: dict[str, dict[str, Any]] = {'speed': {'unit': unit}, 'load': {'unit': 'N'}}
         match rng.choice(_LOADS):
             case 'constant':
@@ -111,15 +111,15 @@ def random_ship(rng: random.Random, bus: str) -> tuple[Document, list[Signal]]:
             case 'over_speed':
                 inputs['load']['over_speed'] = [[0.0, 1500.0], [60.0 / turn, 1000.0], [150.0 / turn, 700.0]]
             case _:
-                own['load'] = Signal(True, k if rng.random() < 0.8 else 0)
-        for quantity, signal in own.items():
+                signals_of_bearing['load'] = Signal(True, k if rng.random() < 0.8 else 0)
+        for quantity, signal in signals_of_bearing.items():
             links[f'{name}.{quantity}'] = signal.link(bus)
             inputs[quantity]['column'] = signal.column[bus]
             if rng.random() < 0.3:
                 inputs[quantity]['timeout'] = rng.choice((2.0, 8.0, 15.0))
             if rng.random() < 0.15:
                 inputs[quantity]['hold'] = rng.choice((20.0, 60.0, 600.0))
-        signals += own.values()
+        signals += signals_of_bearing.values()
         bearings[name] = {**BEARING, **inputs}
     document = {
         '/**': {'ros__parameters': {'bearings': names, **bearings}},
@@ -265,8 +265,8 @@ def live_events(ship: Path, bus: str, lines: Lines, log: Callable[[str], object]
             signalk = SignalKInputs(links.of('signalk'), log)
             signalk.greet(frame, time)
             continue
-        for own in signalk.take(frame, time):
-            live.take(*own)
+        for bus_sample in signalk.take(frame, time):
+            live.take(*bus_sample)
     return sink.found
 
 
@@ -288,9 +288,9 @@ def differences(folder: Path, ship: Path, bus: str, lines: Lines) -> tuple[list[
     Raises:
         BagError: The log cannot be checked.
     """
-    log, said, result = folder / 'bus.log', list[str](), list[str]()
+    log, texts, result = folder / 'bus.log', list[str](), list[str]()
     log.write_text(''.join(line for _, line in lines), newline='')
-    events = live_events(ship, bus, lines, said.append)
+    events = live_events(ship, bus, lines, texts.append)
     report = check_recording(log, load_config(str(ship)))
     for name, bearing in report.bearings.items():
         if any(item.fault and not item.messages for item in bearing.inputs):
@@ -300,12 +300,12 @@ def differences(folder: Path, ship: Path, bus: str, lines: Lines) -> tuple[list[
         if not all(
             a and b and a.after is b.after and abs(a.time_ns - b.time_ns) <= LATE_NS for a, b in pairs
         ):
-            shown = [', '.join(map(event_text, side)) for side in (bearing.events, live)]
-            result.append(f'{name}: check {shown[0]}; watch {shown[1]}')
+            event_texts = [', '.join(map(event_text, side)) for side in (bearing.events, live)]
+            result.append(f'{name}: check {event_texts[0]}; watch {event_texts[1]}')
     checked = {_plain_text(text) for text in report.bag.warnings if ': source ' in text}
-    watched = {_plain_text(text) for text in said if ': source ' in text}
+    watched = {_plain_text(text) for text in texts if ': source ' in text}
     result += [f'only one says: {text}' for text in sorted(checked ^ watched)]
-    return result, report, said
+    return result, report, texts
 
 
 def event_text(event: Event, start_ns: int = T0_NS) -> str:

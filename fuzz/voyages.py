@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from fuzz.files import DEFINITIONS, START, TOPICS, Piece, file, message
 from fuzz.logs import database_of, sentence_of
 from fuzz.oracle import messages_of, rows_of
-from fuzz.rewriting import packings, unpacked
+from fuzz.rewriting import pack_in_all_ways, unpack_text
 
 _SECOND = 10**9
 _LOAD_N = 1000.0
@@ -37,10 +37,10 @@ QUIET_RPM = [60.0 + 0.01 * k for k in range(60)]
 
 def _with_packed(texts: list[bytes]) -> list[bytes]:
     """Return texts, and the first of them packed in each way."""
-    return [*texts, *packings(texts[0])]
+    return [*texts, *pack_in_all_ways(texts[0])]
 
 
-def _tables(speeds: Sequence[float]) -> list[bytes]:
+def _make_tables(speeds: Sequence[float]) -> list[bytes]:
     wide = 'time,shaft speed [rpm],bearing load [N]\n' + ''.join(
         f'{t},{v:.3f},{_LOAD_N}\n' for t, v in zip(_STAMPS, speeds, strict=True)
     )
@@ -52,15 +52,15 @@ def _tables(speeds: Sequence[float]) -> list[bytes]:
     return _with_packed([text.encode() for text in texts])
 
 
-def _parquets(speeds: Sequence[float]) -> list[bytes]:
+def _make_parquets(speeds: Sequence[float]) -> list[bytes]:
     times = pa.array([START + k * _SECOND for k in range(60)], pa.timestamp('ns', 'UTC'))
     table = pa.table({'time': times, 'shaft speed [rpm]': speeds, 'bearing load [N]': [_LOAD_N] * 60})
-    found = []
+    files = []
     for size in (60, 15):
         out = io.BytesIO()
         pq.write_table(table, out, row_group_size=size)
-        found.append(out.getvalue())
-    return found
+        files.append(out.getvalue())
+    return files
 
 
 def _nmea_logs(speeds: Sequence[float]) -> list[bytes]:
@@ -108,7 +108,7 @@ def _canboat_logs(speeds: Sequence[float]) -> list[bytes]:
     return _with_packed(['\n'.join([*lines, '']).encode()])
 
 
-def _databases(speeds: Sequence[float]) -> list[bytes]:
+def _make_databases(speeds: Sequence[float]) -> list[bytes]:
     rows = [
         (START + k * _SECOND, number, value)
         for k, v in enumerate(speeds)
@@ -117,7 +117,7 @@ def _databases(speeds: Sequence[float]) -> list[bytes]:
     return [database_of(page, rows) for page in (512, 4096)]
 
 
-def _mcaps(speeds: Sequence[float]) -> list[bytes]:
+def _make_mcaps(speeds: Sequence[float]) -> list[bytes]:
     records = [
         message(number, START + k * _SECOND, value)
         for k, v in enumerate(speeds)
@@ -137,10 +137,10 @@ def _mcaps(speeds: Sequence[float]) -> list[bytes]:
 
 
 VOYAGES: dict[str, Callable[[Sequence[float]], list[bytes]]] = {
-    'mcap': _mcaps,
-    'db3': _databases,
-    'csv': _tables,
-    'parquet': _parquets,
+    'mcap': _make_mcaps,
+    'db3': _make_databases,
+    'csv': _make_tables,
+    'parquet': _make_parquets,
     'nmea': _nmea_logs,
     'signalk': _signalk_logs,
     'canboat': _canboat_logs,
@@ -156,31 +156,31 @@ def sticking_share(path: Path, kind: str) -> float:
     data = path.read_bytes()
     if kind in ('mcap', 'db3'):
         samples = messages_of(data) if kind == 'mcap' else rows_of(path)
-        wanted = [
+        sticking_samples = [
             (topic, START + k * _SECOND, b'\0\1\0\0' + struct.pack('<d', value))
             for k in _STICKS
             for topic, value in zip(TOPICS, (STICKING_RPM[k], _LOAD_N), strict=True)
         ]
-        return sum(sample in samples for sample in wanted) / len(wanted)
+        return sum(sample in samples for sample in sticking_samples) / len(sticking_samples)
     if kind == 'parquet':
         return _share_of_parquet(data)
-    text, _ = unpacked(data)
-    return max(_share_of_lines(text, unpacked(source)[0]) for source in VOYAGES[kind](STICKING_RPM))
+    text, _ = unpack_text(data)
+    return max(_share_of_lines(text, unpack_text(source)[0]) for source in VOYAGES[kind](STICKING_RPM))
 
 
 def _share_of_parquet(data: bytes) -> float:
     try:
         table = pq.read_table(io.BytesIO(data))
         columns = (table['time'].cast(pa.int64()), table['shaft speed [rpm]'], table['bearing load [N]'])
-        found = set(zip(*(column.to_pylist() for column in columns), strict=True))
+        rows = set(zip(*(column.to_pylist() for column in columns), strict=True))
     except Exception:  # What it raises on damage is not ours to judge.
         return 0.0
-    wanted = [(START + k * _SECOND, STICKING_RPM[k], _LOAD_N) for k in _STICKS]
-    return sum(row in found for row in wanted) / len(wanted)
+    sticking_rows = [(START + k * _SECOND, STICKING_RPM[k], _LOAD_N) for k in _STICKS]
+    return sum(row in rows for row in sticking_rows) / len(sticking_rows)
 
 
 def _share_of_lines(text: bytes, source: bytes) -> float:
-    lines, known = Counter(text.splitlines()), source.splitlines()
-    has_heading = b'time' not in known[0] or text.splitlines()[:1] == known[:1]
-    wanted = known[-2 * len(known) // 3 :]
-    return sum(line in lines for line in wanted) / len(wanted) if has_heading else 0.0
+    lines, source_lines = Counter(text.splitlines()), source.splitlines()
+    has_heading = b'time' not in source_lines[0] or text.splitlines()[:1] == source_lines[:1]
+    sticking_lines = source_lines[-2 * len(source_lines) // 3 :]
+    return sum(line in lines for line in sticking_lines) / len(sticking_lines) if has_heading else 0.0

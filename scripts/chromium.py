@@ -21,7 +21,7 @@ PATIENCE = 30.0
 
 
 @contextmanager
-def program(command: list[str], **options: Any) -> Iterator[subprocess.Popen[str]]:
+def run_program(command: list[str], **options: Any) -> Iterator[subprocess.Popen[str]]:
     """Run a program that ends with the block."""
     started = subprocess.Popen(command, text=True, **options)
     try:
@@ -32,11 +32,11 @@ def program(command: list[str], **options: Any) -> Iterator[subprocess.Popen[str
 
 
 @contextmanager
-def chromium() -> Iterator[int]:
+def run_chromium() -> Iterator[int]:
     """Run a browser until the block ends and yield the port of its protocol."""
     with (
         tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
-        program([*COMMAND, f'--user-data-dir={folder}'], stderr=subprocess.PIPE) as browser,
+        run_program([*COMMAND, f'--user-data-dir={folder}'], stderr=subprocess.PIPE) as browser,
     ):
         assert browser.stderr is not None
         ready = (re.search(r'DevTools listening on ws://[^:]+:(\d+)', line) for line in browser.stderr)
@@ -67,8 +67,8 @@ class Page:
 
     async def js(self, expression: str) -> Any:
         """Return the value of an expression after waiting for its promise."""
-        wanted = {'expression': expression, 'returnByValue': True, 'awaitPromise': True}
-        answer = await self.call('Runtime.evaluate', **wanted)
+        request = {'expression': expression, 'returnByValue': True, 'awaitPromise': True}
+        answer = await self.call('Runtime.evaluate', **request)
         assert 'exceptionDetails' not in answer, answer
         return answer['result'].get('value')
 

@@ -60,7 +60,7 @@ COLOURS = {'OK': 'green', 'WARN': 'yellow', 'ERROR': 'red'}
 console = Console()
 
 
-def prepare() -> None:
+def write_inputs() -> None:
     """Write the recording as stamped messages, and the configuration that reads them."""
     shutil.rmtree(FOLDER, ignore_errors=True)
     inputs = (Request('/shaft/speed', 'data'), Request('/bearing/aft_stern/load', 'data'))
@@ -81,7 +81,7 @@ def prepare() -> None:
     CONFIG.write_text(yaml.safe_dump(config), 'utf-8')
 
 
-def stickslip(*arguments: str) -> list[str]:
+def stickslip_command(*arguments: str) -> list[str]:
     """Return the command line of a stickslip command in this environment."""
     return [sys.executable, '-m', 'stickslip_monitor.cli', *arguments]
 
@@ -90,7 +90,7 @@ def check_offline() -> tuple[list[dict[str, Any]], str]:
     """Check the bag without ROS: its events, and how long that took."""
     begin = time.monotonic()
     answer = subprocess.run(
-        stickslip('check', str(BAG), '--config', str(CONFIG), '--json'),
+        stickslip_command('check', str(BAG), '--config', str(CONFIG), '--json'),
         capture_output=True,
         check=False,
         text=True,
@@ -119,29 +119,30 @@ def listen(count: int) -> list[dict[str, Any]]:
         depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
     )
     topic = '/stickslip_monitor/warnings'
-    node.create_subscription(String, topic, lambda message: hear(events, message.data), latched)
+    node.create_subscription(String, topic, lambda message: take_warning(events, message.data), latched)
     console.print(
         f'[bold]2. A player[/], {RATE} times faster than it happened:'
         f'  stickslip play {BAG.relative_to(ROOT)} --rate {RATE}'
     )
     console.print(f'[bold]3. Warnings as they come[/] on {topic}:')
     player = subprocess.Popen(
-        stickslip('play', str(BAG), '--rate', str(RATE), '--wait', str(PATIENCE)), stderr=subprocess.DEVNULL
+        stickslip_command('play', str(BAG), '--rate', str(RATE), '--wait', str(PATIENCE)),
+        stderr=subprocess.DEVNULL,
     )
     end = math.inf
     while time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.1)
         if player.poll() is not None:
             # One warning too many must be heard as well.
-            late = PATIENCE if len(events) < count else 1.0
-            end = min(end, time.monotonic() + late)
+            patience = PATIENCE if len(events) < count else 1.0
+            end = min(end, time.monotonic() + patience)
     node.destroy_node()
     if player.returncode:
         raise SystemExit(f'the player failed with code {player.returncode}')
     return events
 
 
-def hear(events: list[dict[str, Any]], text: str) -> None:
+def take_warning(events: list[dict[str, Any]], text: str) -> None:
     """Show one warning."""
     event = json.loads(text)
     events.append(event)
@@ -149,7 +150,7 @@ def hear(events: list[dict[str, Any]], text: str) -> None:
     console.print(f'   [{colour}]{event["severity"]:5}[/] {event["text"]}')
 
 
-def compare(live: list[dict[str, Any]], offline: list[dict[str, Any]]) -> bool:
+def compare_events(live: list[dict[str, Any]], offline: list[dict[str, Any]]) -> bool:
     """Show both lists side by side and say whether they are equal, every field of every event."""
     table = Table('from', 'to', 'live [s]', 'offline [s]', 'difference [s]')
     start = open_bag(BAG).start_ns or 0
@@ -171,7 +172,7 @@ def compare(live: list[dict[str, Any]], offline: list[dict[str, Any]]) -> bool:
 def main() -> int:
     """Run the demonstration."""
     rclpy.init()
-    prepare()
+    write_inputs()
     offline, took = check_offline()
     node = start_node()
     try:
@@ -187,7 +188,7 @@ def main() -> int:
         f' --config {config}\n   {took}',
         soft_wrap=True,
     )
-    agree = compare(live, offline) and code == 0
+    agree = compare_events(live, offline) and code == 0
     console.print('[bold green]PASS[/]' if agree else '[bold red]FAIL[/]')
     console.print(
         'Next: [bold]make dashboard[/] shows the recording in a browser;'

@@ -20,7 +20,7 @@ import aiohttp
 import yaml
 from rich.console import Console
 
-from benchmarks.signalk_servers import RealServer, SmallServer, missing
+from benchmarks.signalk_servers import RealServer, SmallServer, missing_program
 
 ROOT = Path(__file__).resolve().parents[1]
 SHIP = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
@@ -44,8 +44,8 @@ class Ship:
     async def meter(self, stream: aiohttp.ClientWebSocketResponse) -> None:
         """Tell speed and load five times a second."""
         while True:
-            told = {'revolutions': self.rpm / 60.0, 'shaft.aftStern.load': 1000.0}
-            values = [{'path': f'propulsion.port.{k}', 'value': v} for k, v in told.items()]
+            readings = {'revolutions': self.rpm / 60.0, 'shaft.aftStern.load': 1000.0}
+            values = [{'path': f'propulsion.port.{k}', 'value': v} for k, v in readings.items()]
             await stream.send_json({'updates': [{'$source': 'shaft meter', 'values': values}]})
             await asyncio.sleep(0.2)
 
@@ -55,11 +55,11 @@ class Ship:
         async for message in stream:
             for update in message.json().get('updates', ()):
                 value = update['values'][0]['value']
-                shown = (value['state'], value['method'])
-                if shown != (self.seen.get('state'), self.seen.get('method')):
-                    how = ' and '.join(value['method']) or 'quiet'
+                sign = (value['state'], value['method'])
+                if sign != (self.seen.get('state'), self.seen.get('method')):
+                    signals = ' and '.join(value['method']) or 'quiet'
                     text = value['message'].partition('.')[0]
-                    self.say(f'[bold]display:[/] {value["state"]}, {how}  {text}')
+                    self.say(f'[bold]display:[/] {value["state"]}, {signals}  {text}')
                 self.seen = value
 
     async def until(self, state: str, sound: bool | None = None) -> None:
@@ -75,7 +75,7 @@ class Ship:
             await asyncio.sleep(0.05)
 
 
-async def acknowledge(session: aiohttp.ClientSession, url: str, token: str) -> None:
+async def acknowledge_alarm(session: aiohttp.ClientSession, url: str, token: str) -> None:
     """Acknowledge as a person does at a display of the real server."""
     api = f'{url}/signalk/v2/api/notifications'
     async with session.get(api) as answer:
@@ -85,7 +85,7 @@ async def acknowledge(session: aiohttp.ClientSession, url: str, token: str) -> N
         answer.raise_for_status()
 
 
-async def sail(url: str, small: SmallServer | None) -> None:
+async def sail_voyage(url: str, small: SmallServer | None) -> None:
     """Sail the voyage."""
     ship = Ship(url)
     async with AsyncExitStack() as stack:
@@ -100,7 +100,7 @@ async def sail(url: str, small: SmallServer | None) -> None:
             await ship.until('alarm', sound=True)
             ship.say('Somebody acknowledges at the display.')
             if small is None:
-                await acknowledge(session, url, ship.seen['data']['occurrence'])
+                await acknowledge_alarm(session, url, ship.seen['data']['occurrence'])
             else:
                 await small.act(STICK, acknowledged=True)
             await ship.until('alarm', sound=False)
@@ -113,7 +113,7 @@ async def sail(url: str, small: SmallServer | None) -> None:
             await asyncio.gather(*work, return_exceptions=True)
 
 
-def configuration(folder: Path, url: str) -> Path:
+def write_configuration(folder: Path, url: str) -> Path:
     """Return the example of the docs for this server; it accepts actions, being on this machine."""
     document = yaml.safe_load(SHIP.read_text(encoding='utf-8'))
     links = document['/stickslip_links']['ros__parameters']
@@ -126,9 +126,9 @@ def configuration(folder: Path, url: str) -> Path:
 
 async def demo(folder: Path) -> None:
     """Start everything, show it, and stop everything."""
-    why, small, real = missing(), None, None
-    if why:
-        console.print(f"[bold]1. The tests' own Signal K server[/] ({why})")
+    reason, small, real = missing_program(), None, None
+    if reason:
+        console.print(f"[bold]1. The tests' own Signal K server[/] ({reason})")
         small = SmallServer()
         await small.start()
     else:
@@ -137,12 +137,12 @@ async def demo(folder: Path) -> None:
     url = real.url if real else f'http://127.0.0.1:{small.port}'
     console.print('[bold]2. The monitor[/], without ROS:  stickslip watch --config ship.yaml --port 0')
     command = [sys.executable, '-m', 'stickslip_monitor.cli', 'watch', '--port', '0']
-    command += ['--config', str(configuration(folder, url))]
+    command += ['--config', str(write_configuration(folder, url))]
     log = folder / 'watch.log'
     with log.open('wb') as file:
         watch = subprocess.Popen(command, stderr=file)
     try:
-        await sail(url, small)
+        await sail_voyage(url, small)
     except TimeoutError:
         console.print(log.read_text(encoding='utf-8'))
         raise

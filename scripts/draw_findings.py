@@ -141,8 +141,8 @@ def over_speed(bearing: Bearing, load: float, points: int = 120) -> Sweep:
     """Amplitude against belt speed [m/s], in so many even steps, at a load with a fold [N]."""
     ends = [float(at(bearing, load)) for at in (hopf_speed, exact_fold_speed, fold_speed)]
     highest = _SPEED_ROOM * float(np.fmax(ends[1], ends[2]))
-    speed = _grid(highest / points, highest, ends, points)
-    return Sweep(speed, *_amplitudes(bearing, speed, load), *ends)
+    speed = _make_grid(highest / points, highest, ends, points)
+    return Sweep(speed, *_all_amplitudes(bearing, speed, load), *ends)
 
 
 def over_load(bearing: Bearing, speed: float, load: float, points: int = 100) -> Sweep:
@@ -151,8 +151,8 @@ def over_load(bearing: Bearing, speed: float, load: float, points: int = 100) ->
     fold = _exact_fold(lambda n: exact_fold_speed(bearing, n), speed, averaged_fold)
     ends = hopf, fold, averaged_fold
     highest = max(_LOAD_ROOM * averaged_fold, load)
-    loads = _grid(highest / points, highest, ends, points)
-    return Sweep(loads, *_amplitudes(bearing, speed, loads), *ends)
+    loads = _make_grid(highest / points, highest, ends, points)
+    return Sweep(loads, *_all_amplitudes(bearing, speed, loads), *ends)
 
 
 def over_kinetic(bearing: Bearing, speed: float, load: float, points: int = 40) -> Sweep:
@@ -174,13 +174,13 @@ def over_kinetic(bearing: Bearing, speed: float, load: float, points: int = 40) 
     fold = _exact_fold(lambda x: exact_fold_speed(with_fall(x), load), speed, averaged_fold)
     lowest = _FALL_ROOM * averaged_fold
     ends = np.array([hopf, fold, averaged_fold])
-    falls = _grid(lowest, law.static, ends, points)[::-1]
-    rows = [_amplitudes(with_fall(fall), speed, load) for fall in falls.tolist()]
+    falls = _make_grid(lowest, law.static, ends, points)[::-1]
+    rows = [_all_amplitudes(with_fall(fall), speed, load) for fall in falls.tolist()]
     return Sweep(law.static - falls, *np.array(rows).T, *(law.static - ends).tolist())
 
 
-def _amplitudes(bearing: Bearing, speed: Any, load: Any) -> tuple[Any, Any, Any, Any]:
-    """Exact and unstable amplitude, and the same under KBM [m]."""
+def _all_amplitudes(bearing: Bearing, speed: Any, load: Any) -> tuple[Any, Any, Any, Any]:
+    """Return exact and unstable amplitude, and the same under KBM [m]."""
     averaged = assess(bearing, speed, load)
     return (
         exact_cycle(bearing, speed, load).amplitude,
@@ -190,15 +190,15 @@ def _amplitudes(bearing: Bearing, speed: Any, load: Any) -> tuple[Any, Any, Any,
     )
 
 
-def _grid(low: float, high: float, ends: Sequence[float] | FloatArray, points: int) -> FloatArray:
-    """Even values, and more beside each bifurcation, where the branches bend."""
+def _make_grid(low: float, high: float, ends: Sequence[float] | FloatArray, points: int) -> FloatArray:
+    """Return even values, and more beside each bifurcation, where the branches bend."""
     near = np.outer(ends, np.concatenate([1.0 - _NEAR_AN_END, 1.0 + _NEAR_AN_END])).ravel()
     inside = near[(near > low) & (near < high)]
     return np.union1d(np.linspace(low, high, points), inside)
 
 
 def _exact_fold(speed_at: Callable[[float], Any], speed: float, averaged: float) -> float:
-    """Where the exact fold is at a speed [m/s], near its place by averaging; ``nan`` if it is not.
+    """Return where the exact fold is at a speed [m/s], near its place by averaging; ``nan`` if there is none.
 
     The fold speed rises with the parameter; where there is no fold it counts as 0.
     """
@@ -252,17 +252,17 @@ def draw_amplitudes(
         axes = figure.add_axes((0.085, 0.335, 0.89, 0.465))
         below = figure.add_axes((0.085, 0.105, 0.89, 0.185))
         value = sweep.value / scale
-        _frames(axes, below, sweep, value)
+        _set_frames(axes, below, sweep, value)
         below.set_xlabel(label)
-        _bands(axes, below, sweep, scale)
-        _branches(axes, sweep, value)
-        _marks(axes, sweep, scale, unit)
-        _errors(below, sweep, value)
+        _draw_bands(axes, below, sweep, scale)
+        _draw_branches(axes, sweep, value)
+        _draw_marks(axes, sweep, scale, unit)
+        _draw_errors(below, sweep, value)
         canvas.legend_above(axes, 4)
         return figure
 
 
-def _frames(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
+def _set_frames(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
     top = float(np.nanmax([sweep.exact, sweep.averaged], initial=0.0)) * 1e3 or 1.0
     low = 0.0 if value[0] < _FROM_ZERO * value[-1] else float(value[0])
     for panel, name in ((axes, 'amplitude [mm]'), (below, 'KBM error [%]')):
@@ -273,8 +273,8 @@ def _frames(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, value: FloatArr
     axes.tick_params(labelbottom=False)
 
 
-def _bands(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, scale: float) -> None:
-    """Which regime holds where, by the exact boundaries, and steady sliding along zero."""
+def _draw_bands(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, scale: float) -> None:
+    """Draw the regimes by the exact boundaries, and steady sliding along zero."""
     low, high = axes.get_xlim()
     rising = sweep.hopf < sweep.exact_fold
     ends = sorted((sweep.hopf / scale, sweep.exact_fold / scale))
@@ -297,7 +297,7 @@ def _bands(axes: canvas.Axes, below: canvas.Axes, sweep: Sweep, scale: float) ->
         canvas.draw_regime_bands(panel, spans)
 
 
-def _branches(axes: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
+def _draw_branches(axes: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
     thick: dict[str, Any] = {'color': EXACT, 'lw': 3.0, 'zorder': 4}
     thin: dict[str, Any] = {'color': canvas.INK, 'lw': 1.3, 'zorder': 5}
     for y, name, look in (
@@ -309,7 +309,7 @@ def _branches(axes: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
         axes.plot(value, y * 1e3, label=name, **look)
 
 
-def _marks(axes: canvas.Axes, sweep: Sweep, scale: float, unit: str) -> None:
+def _draw_marks(axes: canvas.Axes, sweep: Sweep, scale: float, unit: str) -> None:
     hopf, fold = sweep.hopf / scale, sweep.exact_fold / scale
     error = 100.0 * (sweep.averaged_fold / sweep.exact_fold - 1.0)
     look: dict[str, Any] = {'ls': 'none', 'ms': 7.5, 'mew': 1.4, 'zorder': 7, 'clip_on': False}
@@ -320,13 +320,13 @@ def _marks(axes: canvas.Axes, sweep: Sweep, scale: float, unit: str) -> None:
     axes.plot(fold, height, marker='D', mec=canvas.FOLD, mfc=canvas.FOLD, label=name, **look)
 
 
-def _errors(below: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
+def _draw_errors(below: canvas.Axes, sweep: Sweep, value: FloatArray) -> None:
     below.axhline(0.0, color=canvas.MUTED, lw=0.8, zorder=2)
     errors = 100.0 * sweep.error, 100.0 * sweep.unstable_error
     for error, line in zip(errors, ('-', canvas.DASHES), strict=True):
         below.plot(value, error, color=canvas.INK, lw=1.8, ls=line, zorder=4)
-    shown = max(1.08 * float(np.nanmin(errors, initial=-0.1)), _WORST_SHOWN)
-    below.set_ylim(shown, -0.16 * shown)
+    lowest = max(1.08 * float(np.nanmin(errors, initial=-0.1)), _WORST_SHOWN)
+    below.set_ylim(lowest, -0.16 * lowest)
 
 
 _PERIODS_SHOWN = 3.0
@@ -338,13 +338,13 @@ def draw_motion(history: History, statement: str, footnote: str) -> canvas.Figur
     """Draw the growth, the last periods and the phase portrait, from steady sliding."""
     with canvas.style():
         figure = _stated_figure(statement, footnote)
-        _growth(figure.add_axes((0.085, 0.615, 0.89, 0.235)), history)
+        _draw_growth(figure.add_axes((0.085, 0.615, 0.89, 0.235)), history)
         _last_periods(figure.add_axes((0.085, 0.105, 0.385, 0.345)), history)
-        _portrait(figure.add_axes((0.575, 0.105, 0.40, 0.345)), history)
+        _draw_portrait(figure.add_axes((0.575, 0.105, 0.40, 0.345)), history)
         return figure
 
 
-def _growth(axes: canvas.Axes, history: History) -> None:
+def _draw_growth(axes: canvas.Axes, history: History) -> None:
     offset = (history.motion.displacement - history.equilibrium) * 1e3
     scale = _MARGIN * float(np.max(np.abs(offset)))
     axes.set_xlim(0.0, float(history.time[-1]))
@@ -366,7 +366,7 @@ def _velocity_axis(axes: canvas.Axes, velocity: FloatArray, belt: float) -> None
     axes.axhline(belt, color=canvas.MUTED, lw=1.0, ls=':')
 
 
-def _stick(axes: canvas.Axes, x: FloatArray, velocity: FloatArray, sticking: BoolArray) -> None:
+def _draw_sticking(axes: canvas.Axes, x: FloatArray, velocity: FloatArray, sticking: BoolArray) -> None:
     axes.plot(
         x,
         np.where(sticking, velocity, np.nan),
@@ -380,9 +380,9 @@ def _stick(axes: canvas.Axes, x: FloatArray, velocity: FloatArray, sticking: Boo
 
 def _last_periods(axes: canvas.Axes, history: History) -> None:
     begin = float(history.time[-1]) - _PERIODS_SHOWN * float(history.cycle.period)
-    shown = history.time >= begin
-    time, velocity = (history.time[shown] - begin) * 1e3, history.motion.velocity[shown] * 1e3
-    sticking = history.motion.sticking[shown]
+    is_shown = history.time >= begin
+    time, velocity = (history.time[is_shown] - begin) * 1e3, history.motion.velocity[is_shown] * 1e3
+    sticking = history.motion.sticking[is_shown]
     axes.set_xlim(0.0, float(time[-1]))
     axes.set_xlabel('time, last three periods [ms]')
     _velocity_axis(axes, velocity, history.speed * 1e3)
@@ -397,11 +397,11 @@ def _last_periods(axes: canvas.Axes, history: History) -> None:
         lw=0.0,
         zorder=0,
     )
-    _stick(axes, time, velocity, sticking)
+    _draw_sticking(axes, time, velocity, sticking)
     canvas.legend_above(axes, 1)
 
 
-def _portrait(axes: canvas.Axes, history: History) -> None:
+def _draw_portrait(axes: canvas.Axes, history: History) -> None:
     _, displacement, velocity, *_ = history.cycle.waveform(_CYCLE_POINTS)
     x, velocity = (displacement - history.equilibrium) * 1e3, velocity * 1e3
     belt = history.speed * 1e3
@@ -411,7 +411,7 @@ def _portrait(axes: canvas.Axes, history: History) -> None:
     offset = (history.motion.displacement - history.equilibrium) * 1e3
     axes.plot(offset, history.motion.velocity * 1e3, color=EXACT, lw=0.5, alpha=0.45)
     axes.plot(x, velocity, color=EXACT, lw=2.4, zorder=4)
-    _stick(axes, x, velocity, np.abs(velocity - belt) <= _AT_BELT * belt)
+    _draw_sticking(axes, x, velocity, np.abs(velocity - belt) <= _AT_BELT * belt)
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
     a = history.averaged_amplitude * 1e3
     ellipse = a * np.cos(turn), -a * history.bearing.natural_frequency * np.sin(turn)

@@ -46,13 +46,13 @@ def main() -> None:
         axes.axvline(hopf, color=canvas.HOPF, lw=1.4, label=f'our Hopf speed {hopf:.3f}')
         axes.axvline(fold, color=canvas.FOLD, lw=1.4, ls=canvas.DASHES, label=f'our fold {fold:.3f}')
         cycling, resting = SPEEDS < LAST_CYCLE + 1e-9, SPEEDS > FIRST_REST - 1e-9
-        for where, height, marker, regime, label in (
+        for is_outcome, height, marker, regime, label in (
             (cycling, exact_cycle(BLOCK, SPEEDS, 1.0).amplitude, 'o', Regime.UNSTABLE, 'a cycle'),
             (resting, np.zeros(SPEEDS.size), 's', Regime.STABLE, 'steady sliding'),
         ):
             look: canvas.Look = {'ms': 6.0, 'color': canvas.REGIME_COLOUR[regime], 'zorder': 10}
             name = f'bSTAB: some starts end in {label}'
-            axes.plot(SPEEDS[where], height[where], marker, label=name, clip_on=False, **look)
+            axes.plot(SPEEDS[is_outcome], height[is_outcome], marker, label=name, clip_on=False, **look)
         axes.set_xlim(0.45, 2.0)
         axes.set_ylim(0.0, 2.2)
         spans = (0.45, hopf, Regime.UNSTABLE), (hopf, fold, Regime.BISTABLE)

@@ -93,7 +93,7 @@ def expected_events(scene: Scene, bag: Recording) -> list[ExpectedEvent]:
 
 
 def boundaries(config: BearingConfig) -> dict[str, Inside]:
-    """By name, functions of speed [m/s] and load [N] that are above 0 inside a boundary."""
+    """Return functions of speed [m/s] and load [N] that are above 0 inside a boundary, by its name."""
     bearing, alarm, law = config.bearing, config.alarm, config.bearing.friction
     if not isinstance(law, Stribeck) or law.viscous:
         raise ValueError(f'{config.name}: closed forms need a Stribeck law without viscous rise')
@@ -113,7 +113,7 @@ def boundaries(config: BearingConfig) -> dict[str, Inside]:
         def inside(speed: float, load: float) -> float:
             if fold(0.0)(speed, load) <= 0.0:
                 return -1.0
-            return _amplitude(bearing, speed, load) / limit - 1.0
+            return _cycle_amplitude(bearing, speed, load) / limit - 1.0
 
         return inside
 
@@ -135,8 +135,8 @@ def boundaries(config: BearingConfig) -> dict[str, Inside]:
 
 
 @lru_cache(4096)
-def _amplitude(bearing: Bearing, speed: float, load: float) -> float:
-    """Half the stroke of the slip phase of a stick-slip cycle [m]."""
+def _cycle_amplitude(bearing: Bearing, speed: float, load: float) -> float:
+    """Return half the stroke of the slip phase of a stick-slip cycle [m]."""
     law, m, c, k = bearing.friction, bearing.mass, bearing.damping, bearing.stiffness
 
     def motion(_: float, state: FloatArray) -> list[float]:
@@ -187,7 +187,7 @@ def read_track(bag: Recording, bearing: str, start_ns: int) -> Track:
     return Track(time, np.abs(speed.value), load.value)
 
 
-def noise(scene: Scene, config: BearingConfig) -> tuple[float, float]:
+def noise_of(scene: Scene, config: BearingConfig) -> tuple[float, float]:
     """Return the standard deviations of a bearing's speed [m/s] and load [N]."""
     deviation = {'speed': 0.0, 'load': 0.0}
     factors = {'kN': 1000.0, 'N': 1.0}
@@ -205,39 +205,39 @@ def noise(scene: Scene, config: BearingConfig) -> tuple[float, float]:
     return deviation['speed'], deviation['load']
 
 
-def _shifted(inside: Inside, speed_error: float, load_error: float) -> Inside:
+def _shift_inputs(inside: Inside, speed_error: float, load_error: float) -> Inside:
     return lambda speed, load: inside(speed + speed_error, load + load_error)
 
 
-def _roots(inside: Inside, track: Track) -> list[tuple[float, bool]]:
-    """Where a track crosses a boundary, and whether it is inside from there on."""
+def _find_crossings(inside: Inside, track: Track) -> list[tuple[float, bool]]:
+    """Return where a track crosses a boundary, and whether it is inside from there on."""
     points = zip(track.time.tolist(), track.speed.tolist(), track.load.tolist(), strict=True)
     values = [(time, inside(speed, load)) for time, speed, load in points]
     return [
-        (float(brentq(lambda t: inside(*track.at(t)), first, second, xtol=1e-9)), after > 0.0)
-        for (first, before), (second, after) in pairwise(values)
-        if (before > 0.0) != (after > 0.0)
+        (float(brentq(lambda t: inside(*track.at(t)), first, second, xtol=1e-9)), new_value > 0.0)
+        for (first, old_value), (second, new_value) in pairwise(values)
+        if (old_value > 0.0) != (new_value > 0.0)
     ]
 
 
 def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[ExpectedEvent]:
     """Follow the rule without noise, and with it at its worst on both signals."""
     rates = [channel.rate for channel in scene.channels if config in channel.bearings]
-    spread = noise(scene, config)
-    nominal = _follow(config, track, rates, 0.0, 0.0)
+    spread = noise_of(scene, config)
+    nominal = _follow_track(config, track, rates, 0.0, 0.0)
     shifted = [
-        _follow(config, track, rates, up * spread[0], more * spread[1])
+        _follow_track(config, track, rates, up * spread[0], more * spread[1])
         for up, more in product((-SIGMAS, SIGMAS), repeat=2)
     ]
     if any([row[1:] for row in variant] != [row[1:] for row in nominal] for variant in shifted):
         raise ValueError(f'{config.name}: noise decides which alarms are due')
-    for k, (time, before, after) in enumerate(nominal):
+    for k, (time, old_rung, new_rung) in enumerate(nominal):
         times = [time, *(variant[k][0] for variant in shifted)]
-        boundary, crossing = _crossing(config, track, time, before, after)
+        boundary, crossing = _nearest_crossing(config, track, time, old_rung, new_rung)
         yield ExpectedEvent(
             bearing=config.name,
-            before=_LADDER[before],
-            after=_LADDER[after],
+            before=_LADDER[old_rung],
+            after=_LADDER[new_rung],
             boundary=boundary,
             crossing=crossing,
             time=time,
@@ -246,29 +246,31 @@ def _of_bearing(scene: Scene, config: BearingConfig, track: Track) -> Iterator[E
         )
 
 
-def _crossing(config: BearingConfig, track: Track, time: float, before: int, after: int) -> tuple[str, float]:
+def _nearest_crossing(
+    config: BearingConfig, track: Track, time: float, old_rung: int, new_rung: int
+) -> tuple[str, float]:
     """Return the boundary that a change is about, and where the track crosses it nearest in time."""
-    raised = after > before
-    name = (None, 'caution', 'fold', 'hopf', 'amplitude')[after] if raised else 'fold'
-    name = 'caution_clear' if not raised and after == 0 else name
+    raised = new_rung > old_rung
+    name = (None, 'caution', 'fold', 'hopf', 'amplitude')[new_rung] if raised else 'fold'
+    name = 'caution_clear' if not raised and new_rung == 0 else name
     assert name is not None
     near = np.abs(track.time - time) < 60.0
     track = Track(track.time[near], track.speed[near], track.load[near])
-    roots = [at for at, is_in in _roots(boundaries(config)[name], track) if is_in is raised]
+    roots = [at for at, is_in in _find_crossings(boundaries(config)[name], track) if is_in is raised]
     return name, min(roots, key=lambda at: abs(at - time), default=0.0)
 
 
-def _follow(
+def _follow_track(
     config: BearingConfig, track: Track, rates: list[float], speed_error: float, load_error: float
 ) -> list[tuple[float, int, int]]:
-    """Yield the changes of rung of a track sampled at two rates [Hz]: time [s], before, after."""
+    """Return the changes of rung of a track sampled at two rates [Hz]: time [s], before, after."""
     rate = max(rates)
     rule = _Rule(config, 1.0 / rate, 1.0 / min(rates), speed_error, load_error)
     changes, rung = [], 0
     for k in range(math.floor(float(track.time[-1]) * rate + 1e-9) + 1):
-        before, rung = rung, rule.take(*track.at(k / rate))
-        if rung != before:
-            changes.append((k / rate, before, rung))
+        old_rung, rung = rung, rule.take(*track.at(k / rate))
+        if rung != old_rung:
+            changes.append((k / rate, old_rung, rung))
     return changes
 
 
@@ -313,7 +315,8 @@ class _Rule:
         self.alarm, self.period, self.rhythm = alarm, period, rhythm
         self.half = bearing.damping / (2.0 * bearing.mass)
         self.inside = {
-            name: _shifted(boundary, speed_error, load_error) for name, boundary in boundaries(config).items()
+            name: _shift_inputs(boundary, speed_error, load_error)
+            for name, boundary in boundaries(config).items()
         }
         self.speed_error = speed_error
         on, off = alarm.on_delay_ns * 1e-9, alarm.off_delay_ns * 1e-9
@@ -340,7 +343,7 @@ class _Rule:
         self._follow_speed(median_speed)
         if self.now < self.rhythm - 0.5 * self.period:
             return 0  # the slower input has not come yet
-        self._pass()
+        self._pass_period()
         # Errors are in the boundaries already.
         self.depths = {
             name: inside(median_speed - self.speed_error, median_load)
@@ -357,14 +360,14 @@ class _Rule:
             }
         self.depths |= self.sizes
         self.rate = self.half * self.inside['hopf'](median_speed - self.speed_error, median_load)
-        self._latch()
-        wanted = self._asks(median_load)
-        self.asks = [by_state[counter.on] for counter, by_state in zip(self.counters, wanted, strict=True)]
+        self._update_sticking()
+        requests = self._requested_changes(median_load)
+        self.asks = [by_state[counter.on] for counter, by_state in zip(self.counters, requests, strict=True)]
         for counter, asks in zip(self.counters, self.asks, strict=True):
             counter.look(asks, self.now)
         self.asks = [
             by_state[counter.on] and asks
-            for counter, by_state, asks in zip(self.counters, wanted, self.asks, strict=True)
+            for counter, by_state, asks in zip(self.counters, requests, self.asks, strict=True)
         ]
         on = [counter.on for counter in self.counters]
         on[3] = on[3] and on[2]
@@ -376,7 +379,7 @@ class _Rule:
         self.fast += (speed - self.fast) * -math.expm1(-self.period / _FAST)
         self.slow += (speed - self.slow) * -math.expm1(-self.period / _SLOW)
 
-    def _pass(self) -> None:
+    def _pass_period(self) -> None:
         """End the period after the previous point."""
         if not self.depths:
             return
@@ -387,7 +390,7 @@ class _Rule:
         for counter, asks in zip(self.counters, self.asks, strict=True):
             counter.count(asks, self.period)
 
-    def _latch(self) -> None:
+    def _update_sticking(self) -> None:
         if self.sticking:
             over = self.gone >= _DECAY / self.half - 1e-9
             self.sticking = self.depths['fold'] > 0.0 or not over
@@ -396,21 +399,21 @@ class _Rule:
         elif self.rate > 0.0 and self.grown >= self.alarm.onset_growth:
             self.sticking, self.gone = True, 0.0
 
-    def _asks(self, load: float) -> list[tuple[bool, bool]]:
-        """For each condition whether it holds, and whether it is clear of it."""
+    def _requested_changes(self, load: float) -> list[tuple[bool, bool]]:
+        """Return for each condition whether it holds, and whether it is clear of it."""
         sticking, depths = self.sticking, self.depths
-        coming = sticking or self._coming(load)
+        coming = sticking or self._is_approaching_fold(load)
         inside = sticking or depths['fold'] > 0.0
         over = sticking and depths.get('amplitude', -1.0) > 0.0
         small = not sticking or depths.get('amplitude_clear', -1.0) <= 0.0
         near, wide = (coming or depths[n] > 0.0 for n in ('caution', 'caution_clear'))
         return [(near, not wide), (inside, not inside), (sticking, not sticking), (over, small)]
 
-    def _coming(self, load: float) -> bool:
-        """Whether the slope of the speed leads below the fold within the time looked ahead."""
+    def _is_approaching_fold(self, load: float) -> bool:
+        """Return whether the slope of the speed leads below the fold within the time looked ahead."""
         slope = (self.fast - self.slow) / (_SLOW - _FAST)
-        future = self._middle() + slope * self.alarm.look_ahead_ns * 1e-9
+        future = self._median_speed() + slope * self.alarm.look_ahead_ns * 1e-9
         return self.inside['fold'](max(future, 1e-9) - self.speed_error, load) > 0.0
 
-    def _middle(self) -> float:
+    def _median_speed(self) -> float:
         return sorted(self.speeds)[1] if len(self.speeds) > 2 else self.speeds[-1]

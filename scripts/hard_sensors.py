@@ -14,20 +14,20 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.voyages import Sent
+from benchmarks.voyages import SensorRecord
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor.signals import LEVEL, Stream
 
-Spoil = Callable[[Sent, np.random.Generator], Sent]
+Spoil = Callable[[SensorRecord, np.random.Generator], SensorRecord]
 SECOND = 10**9
 
 
-def without_level(case: Sent, _: np.random.Generator) -> Sent:
-    """No level at all."""
-    return replace(_kept(case, case.stream.inputs != LEVEL), config=replace(case.config, level=None))
+def without_level(case: SensorRecord, _: np.random.Generator) -> SensorRecord:
+    """Remove the level."""
+    return replace(_keep_rows(case, case.stream.inputs != LEVEL), config=replace(case.config, level=None))
 
 
-def in_bursts(case: Sent, _: np.random.Generator) -> Sent:
+def in_bursts(case: SensorRecord, _: np.random.Generator) -> SensorRecord:
     """Speed and load are handed over once a second, stamped within milliseconds of each other."""
     stamp = case.stream.time_ns.copy()
     for place in range(LEVEL):
@@ -35,20 +35,20 @@ def in_bursts(case: Sent, _: np.random.Generator) -> Sent:
         second = stamp[rows] // SECOND + 1
         nth = np.arange(rows.size) - np.searchsorted(second, second)
         stamp[rows] = second * SECOND + (nth * 3 + place) * 10**6
-    return _sorted(case, stamp)
+    return _sort_by_stamp(case, stamp)
 
 
-def oddly_stamped(case: Sent, random: np.random.Generator, off: float, share: float) -> Sent:
+def oddly_stamped(case: SensorRecord, random: np.random.Generator, off: float, share: float) -> SensorRecord:
     """Move a share of the stamps of speed and load by some seconds, either way."""
     stream = case.stream
     replaced = (stream.inputs != LEVEL) & (random.random(stream.time_ns.size) < share)
-    way = random.choice([-1, 1], stream.time_ns.size)
-    stamp = stream.time_ns + replaced * way * int(off * SECOND)
+    sign = random.choice([-1, 1], stream.time_ns.size)
+    stamp = stream.time_ns + replaced * sign * int(off * SECOND)
     return replace(case, stream=replace(stream, time_ns=stamp))
 
 
-def unevenly(case: Sent, gaps: Callable[[int], FloatArray]) -> Sent:
-    """Speed and load are sent at uneven times, some of their values only."""
+def send_unevenly(case: SensorRecord, gaps: Callable[[int], FloatArray]) -> SensorRecord:
+    """Send some values of speed and load only, at uneven times."""
     stream = case.stream
     is_level = stream.inputs == LEVEL
     for place in range(LEVEL):
@@ -56,13 +56,13 @@ def unevenly(case: Sent, gaps: Callable[[int], FloatArray]) -> Sent:
         time = (stream.arrival_ns[rows] - stream.arrival_ns[0]) / SECOND
         sent = np.cumsum(gaps(rows.size))
         is_level[np.unique(rows[np.searchsorted(time, sent[sent < time[-1]])])] = True
-    return _kept(case, is_level)
+    return _keep_rows(case, is_level)
 
 
-def without_values(case: Sent, random: np.random.Generator) -> Sent:
-    """For two to ten seconds at a time both inputs say that they have no value."""
+def without_values(case: SensorRecord, random: np.random.Generator) -> SensorRecord:
+    """Send that there is no value, for two to ten seconds at a time, on both inputs."""
     stream = case.stream
-    begin, end = _times(case, random, (20.0, 100.0), (2.0, 10.0))
+    begin, end = _draw_intervals(case, random, (20.0, 100.0), (2.0, 10.0))
     time = (stream.arrival_ns - stream.arrival_ns[0]) / SECOND
     which = np.searchsorted(begin, time, 'right') - 1
     none = (which >= 0) & (time < end[which]) & (stream.inputs != LEVEL)
@@ -70,18 +70,18 @@ def without_values(case: Sent, random: np.random.Generator) -> Sent:
     return replace(case, stream=replace(stream, value=np.where(none, means[which], stream.value)))
 
 
-def stopping(case: Sent, random: np.random.Generator) -> Sent:
-    """All senders are away for five to sixty seconds at a time."""
-    begin, end = _times(case, random, (100.0, 500.0), (5.0, 60.0))
+def stop_senders(case: SensorRecord, random: np.random.Generator) -> SensorRecord:
+    """Silence all senders for five to sixty seconds at a time."""
+    begin, end = _draw_intervals(case, random, (100.0, 500.0), (5.0, 60.0))
     time = (case.stream.arrival_ns - case.stream.arrival_ns[0]) / SECOND
     which = np.searchsorted(begin, time, 'right') - 1
-    return _kept(case, (which < 0) | (time >= end[which]))
+    return _keep_rows(case, (which < 0) | (time >= end[which]))
 
 
-def _times(
-    case: Sent, random: np.random.Generator, apart: tuple[float, float], lasting: tuple[float, float]
+def _draw_intervals(
+    case: SensorRecord, random: np.random.Generator, apart: tuple[float, float], lasting: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Begin and end of stretches that are so far apart and last so long, at random [s]."""
+    """Return begins and ends of intervals at random [s], given their distances and lengths."""
     seconds = float(case.stream.arrival_ns[-1] - case.stream.arrival_ns[0]) / SECOND
     count = int(seconds / apart[0]) + 1
     pause, long = random.uniform(*apart, count), random.uniform(*lasting, count)
@@ -89,7 +89,7 @@ def _times(
     return end - long, end
 
 
-def with_threshold(case: Sent, _: np.random.Generator, factor: float) -> Sent:
+def with_threshold(case: SensorRecord, _: np.random.Generator, factor: float) -> SensorRecord:
     """Set another threshold; nan leaves it out, so that it is learned."""
     level = case.config.level
     assert level is not None
@@ -97,30 +97,30 @@ def with_threshold(case: Sent, _: np.random.Generator, factor: float) -> Sent:
     return replace(case, config=replace(case.config, level=level))
 
 
-def amplified(case: Sent, _: np.random.Generator, gain: float) -> Sent:
+def amplify_level(case: SensorRecord, _: np.random.Generator, gain: float) -> SensorRecord:
     """Multiply the level by a factor."""
-    return _levelled(case, lambda _, level: gain * level)
+    return _change_level(case, lambda _, level: gain * level)
 
 
-def blind(case: Sent, random: np.random.Generator) -> Sent:
+def blind_level(case: SensorRecord, random: np.random.Generator) -> SensorRecord:
     """Reduce the level to its background, as in the wrong place or with its cable off."""
-    return _levelled(case, lambda _, level: 1.0 + 0.1 * random.standard_normal(level.size))
+    return _change_level(case, lambda _, level: 1.0 + 0.1 * random.standard_normal(level.size))
 
 
-def stuck(case: Sent, _: np.random.Generator) -> Sent:
+def freeze_level(case: SensorRecord, _: np.random.Generator) -> SensorRecord:
     """Freeze the level after the first minute."""
-    return _levelled(case, lambda t, level: np.where(t < 60.0, level, level[np.argmax(t >= 60.0) - 1]))
+    return _change_level(case, lambda t, level: np.where(t < 60.0, level, level[np.argmax(t >= 60.0) - 1]))
 
 
-def with_engine_order(case: Sent, _: np.random.Generator) -> Sent:
+def with_engine_order(case: SensorRecord, _: np.random.Generator) -> SensorRecord:
     """Raise the background to one and a half times the threshold at all times."""
     assert case.config.level is not None
     loud = 1.5 * case.config.level.threshold
-    return _levelled(case, lambda _, level: np.hypot(level, loud))
+    return _change_level(case, lambda _, level: np.hypot(level, loud))
 
 
-def with_bursts(case: Sent, random: np.random.Generator) -> Sent:
-    """For two to four seconds of each minute something else is three times the threshold."""
+def with_bursts(case: SensorRecord, random: np.random.Generator) -> SensorRecord:
+    """Add something else at three times the threshold for two to four seconds of each minute."""
     assert case.config.level is not None
     loud = 3.0 * case.config.level.threshold
 
@@ -131,31 +131,31 @@ def with_bursts(case: Sent, random: np.random.Generator) -> Sent:
         since = t % 60.0 - begin[minute]
         return np.hypot(level, loud * ((since >= 0.0) & (since < lasting[minute])))
 
-    return _levelled(case, spoilt)
+    return _change_level(case, spoilt)
 
 
-def with_pump(case: Sent, random: np.random.Generator) -> Sent:
+def with_pump(case: SensorRecord, random: np.random.Generator) -> SensorRecord:
     """Add a pump, three times the threshold, that runs for 20 to 60 s after 2 to 10 minutes of rest."""
     assert case.config.level is not None
     loud = 3.0 * case.config.level.threshold
-    begin, end = _times(case, random, (120.0, 600.0), (20.0, 60.0))
+    begin, end = _draw_intervals(case, random, (120.0, 600.0), (20.0, 60.0))
 
     def spoilt(t: FloatArray, level: FloatArray) -> FloatArray:
         which = np.searchsorted(begin, t, 'right') - 1
         return np.hypot(level, loud * ((which >= 0) & (t < end[which])))
 
-    return _levelled(case, spoilt)
+    return _change_level(case, spoilt)
 
 
-def with_other_bearing(case: Sent, _: np.random.Generator) -> Sent:
+def with_other_bearing(case: SensorRecord, _: np.random.Generator) -> SensorRecord:
     """Add, at half its level, another bearing: the same one half a voyage later."""
-    return _levelled(case, lambda _, level: np.hypot(level, 0.5 * np.roll(level, level.size // 2)))
+    return _change_level(case, lambda _, level: np.hypot(level, 0.5 * np.roll(level, level.size // 2)))
 
 
-def half_lost(case: Sent, _: np.random.Generator) -> Sent:
+def half_lost(case: SensorRecord, _: np.random.Generator) -> SensorRecord:
     """Drop the level in half of each minute."""
     stream = case.stream
-    return _kept(case, (stream.inputs != LEVEL) | (stream.arrival_ns // (30 * SECOND) % 2 == 0))
+    return _keep_rows(case, (stream.inputs != LEVEL) | (stream.arrival_ns // (30 * SECOND) % 2 == 0))
 
 
 LEVELS: Mapping[str, Spoil] = {
@@ -163,10 +163,10 @@ LEVELS: Mapping[str, Spoil] = {
     "good, threshold a fifth of the cycle's": lambda case, _: case,
     'good, two fifths': partial(with_threshold, factor=2.0),
     'good, threshold learned': partial(with_threshold, factor=math.nan),
-    'alive but blind': blind,
-    'stuck': stuck,
+    'alive but blind': blind_level,
+    'stuck': freeze_level,
     'lost half of the time': half_lost,
-    'gain × 3': partial(amplified, gain=3.0),
+    'gain × 3': partial(amplify_level, gain=3.0),
     'strong engine order': with_engine_order,
     'bursts of 2 to 4 s each minute': with_bursts,
     'a pump that runs for 20 to 60 s': with_pump,
@@ -178,32 +178,32 @@ STAMPS: Mapping[str, Spoil] = {
     'one stamp in twenty off by an hour': lambda case, r: oddly_stamped(
         without_level(case, r), r, 3600.0, 0.05
     ),
-    'sent on change, after 0.2 or 4 s': lambda case, r: unevenly(
+    'sent on change, after 0.2 or 4 s': lambda case, r: send_unevenly(
         without_level(case, r), lambda count: r.choice([0.2, 4.0], count)
     ),
-    'at random, once a second': lambda case, r: unevenly(
+    'at random, once a second': lambda case, r: send_unevenly(
         without_level(case, r), lambda count: r.exponential(1.0, count)
     ),
     '"no value" for a tenth of the time': lambda case, r: without_values(without_level(case, r), r),
-    'senders that stop and start': lambda case, r: stopping(without_level(case, r), r),
+    'senders that stop and start': lambda case, r: stop_senders(without_level(case, r), r),
 }
 
 
-def _kept(case: Sent, rows: BoolArray) -> Sent:
+def _keep_rows(case: SensorRecord, rows: BoolArray) -> SensorRecord:
     stream = case.stream
     names = ('time_ns', 'inputs', 'value', 'arrival_ns')
     columns = {name: getattr(stream, name)[rows] for name in names}
     return replace(case, stream=replace(stream, **columns))
 
 
-def _sorted(case: Sent, stamp: IntArray) -> Sent:
+def _sort_by_stamp(case: SensorRecord, stamp: IntArray) -> SensorRecord:
     """Return the samples with other stamps, which are also when they arrive."""
     order = np.argsort(stamp, kind='stable')
     stream = case.stream
     return replace(case, stream=Stream(stamp[order], stream.inputs[order], stream.value[order]))
 
 
-def _levelled(case: Sent, change: Callable[[FloatArray, FloatArray], FloatArray]) -> Sent:
+def _change_level(case: SensorRecord, change: Callable[[FloatArray, FloatArray], FloatArray]) -> SensorRecord:
     """Return the voyage with another level, made of its times [s] and values."""
     stream = case.stream
     rows = stream.inputs == LEVEL

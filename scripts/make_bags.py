@@ -52,10 +52,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         for scene in sorted(SCENES.glob('*.yaml')):
             begin = time.perf_counter()
-            bags[scene.stem] = made = make(scene, output)
+            bags[scene.stem] = entry = make_bag(scene, output)
             console.print(
-                f'{scene.stem}: {made["messages"]} messages, {made["bytes"]} bytes,'
-                f' {len(made["episodes"])} episodes, {time.perf_counter() - begin:.1f} s'
+                f'{scene.stem}: {entry["messages"]} messages, {entry["bytes"]} bytes,'
+                f' {len(entry["episodes"])} episodes, {time.perf_counter() - begin:.1f} s'
             )
     except StickslipError as error:
         console.print(f'ERROR: {error}', markup=False)
@@ -66,14 +66,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def make(scene_path: Path, output: Path) -> dict[str, Any]:
+def make_bag(scene_path: Path, output: Path) -> dict[str, Any]:
     """Make one bag in place of the old one; return its entry in the manifest."""
     scene = load_scene(scene_path)
     with tempfile.TemporaryDirectory(dir=output, prefix='.') as folder:
         fresh = Path(folder) / scene_path.stem
         write_bag(scene, fresh)
         target = output / scene_path.stem
-        _remove(target)
+        _remove_bag(target)
         fresh.rename(target)
     (recording,) = target.glob('*.mcap')
     data = recording.read_bytes()
@@ -89,12 +89,12 @@ def make(scene_path: Path, output: Path) -> dict[str, Any]:
         'messages': bag.message_count,
         'duration': scene.duration,
         'start_ns': scene.start_ns,
-        'episodes': _episodes(scene, bag),
-        'events': _events(scene, bag),
+        'episodes': _true_episodes(scene, bag),
+        'events': _due_events(scene, bag),
     }
 
 
-def _remove(bag: Path) -> None:
+def _remove_bag(bag: Path) -> None:
     """Remove a recording made before, and nothing else.
 
     Raises:
@@ -108,7 +108,7 @@ def _remove(bag: Path) -> None:
         shutil.rmtree(bag)
 
 
-def _episodes(scene: Scene, bag: Recording) -> list[dict[str, Any]]:
+def _true_episodes(scene: Scene, bag: Recording) -> list[dict[str, Any]]:
     """Return the true episodes of stick-slip of every bearing, in seconds since the scene's start."""
     return [
         {
@@ -122,7 +122,7 @@ def _episodes(scene: Scene, bag: Recording) -> list[dict[str, Any]]:
     ]
 
 
-def _events(scene: Scene, bag: Recording) -> list[dict[str, Any]] | None:
+def _due_events(scene: Scene, bag: Recording) -> list[dict[str, Any]] | None:
     """Return the alarms that are due, or None where no closed form knows them, or noise decides."""
     if not {settings.name for settings in scene.effects} <= PLAIN:
         return None

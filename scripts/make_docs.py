@@ -155,11 +155,11 @@ CELL = re.compile(r'^```python\n(?P<code>.*?)^```\n(?:\n```text\n.*?```\n)?', re
 SIZE = re.compile(r'^\| `([\w/]+)` \| (\d+) \| ([\d,]+) \|$', re.MULTILINE)
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return '.inf' if math.isinf(value) else f'{value:g}'.replace('e+0', 'e').replace('e+', 'e')
 
 
-def _default(row: Parameter) -> str:
+def _format_default(row: Parameter) -> str:
     if row.default is REQUIRED:
         return '*required*'
     if row.is_optional:
@@ -174,25 +174,25 @@ def _default(row: Parameter) -> str:
         return f'`{str(row.default).lower()}`'
     if row.default == '':
         return '*none*'
-    return f'`{row.default if isinstance(row.default, str) else _number(row.default)}`'
+    return f'`{row.default if isinstance(row.default, str) else _format_number(row.default)}`'
 
 
-def _values(row: Parameter) -> str:
+def _format_values(row: Parameter) -> str:
     """Return the default of a parameter with its choices or unit, else its kind or a bare number's range."""
-    default = _default(row)
+    default = _format_default(row)
     if row.choices:
         choices = [f'`{choice}`' for choice in row.choices]
         others = ', '.join(choice for choice in choices if choice != default)
         return f'{default}, or {others}' if default in choices else f'{default}: {others}'
     if row.unit:
         return f'{default}, {row.unit}' if default.startswith('*') else f'{default} {row.unit}'
-    kind = KINDS.get(row.kind, f'{_number(row.minimum)} to {_number(row.maximum)}')
+    kind = KINDS.get(row.kind, f'{_format_number(row.minimum)} to {_format_number(row.maximum)}')
     return f'{default}, {kind}' if kind else default
 
 
-def _cells(row: Parameter) -> tuple[str, ...]:
+def _format_cells(row: Parameter) -> tuple[str, ...]:
     live = 'live' if row.live else 'fixed' if row.fixed else ''
-    return (f'`{row.name}`', _values(row), live, row.text.replace('|', '\\|'))
+    return (f'`{row.name}`', _format_values(row), live, row.text.replace('|', '\\|'))
 
 
 def _shared_rows() -> Iterator[tuple[Parameter, ...]]:
@@ -202,21 +202,22 @@ def _shared_rows() -> Iterator[tuple[Parameter, ...]]:
             yield rows
 
 
-def _inputs() -> Iterator[tuple[str, ...]]:
+def _input_rows() -> Iterator[tuple[str, ...]]:
     """Return a row for the parameters that all inputs have."""
     for rows in _shared_rows():
         name = rows[0].name.partition('.')[2]
         cells = [
-            tuple(dict.fromkeys(filter(None, column))) for column in zip(*map(_cells, rows), strict=True)
+            tuple(dict.fromkeys(filter(None, column)))
+            for column in zip(*map(_format_cells, rows), strict=True)
         ]
         text = rows[0].text.replace('the speed', 'the quantity')
         joined = (' / '.join(cell) for cell in cells[1:-1])
         yield (f'`{INPUT}.{name}`', *joined, text)
 
 
-def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
+def _format_table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
     """Return a table of parameters; where all can be set at any time a sentence says so."""
-    cells = [row if isinstance(row, tuple) else _cells(row) for row in rows]
+    cells = [row if isinstance(row, tuple) else _format_cells(row) for row in rows]
     are_all_live = {row[2] for row in cells} == {'live'}
     lines = ['All are live.\n'] if are_all_live else []
     lines += ['| name | default | meaning |', '|---|---|---|']
@@ -225,13 +226,13 @@ def _table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
     return '\n'.join(lines)
 
 
-def _group(row: Parameter) -> str:
+def _group_of(row: Parameter) -> str:
     return row.name.rpartition('.')[0]
 
 
-def render() -> str:
+def render_page() -> str:
     """Return the whole page."""
-    parts = [INTRO, '## The node\n', _table(NODE_PARAMETERS)]
+    parts = [INTRO, '## The node\n', _format_table(NODE_PARAMETERS)]
     parts.append('\n## A bearing\n\nIn the section of that name.')
     shared = [row for rows in _shared_rows() for row in rows]
     for group, title, text in GROUPS:
@@ -239,8 +240,8 @@ def render() -> str:
         if text:
             parts.append(f'{text}\n')
         inputs = ('speed', 'load') if group == INPUT else (group,)
-        rows = [row for row in BEARING_PARAMETERS if _group(row) in inputs and row not in shared]
-        parts.append(_table([*_inputs(), *rows] if group == INPUT else rows))
+        rows = [row for row in BEARING_PARAMETERS if _group_of(row) in inputs and row not in shared]
+        parts.append(_format_table([*_input_rows(), *rows] if group == INPUT else rows))
     return '\n'.join(parts) + '\n'
 
 
@@ -272,7 +273,7 @@ def with_life(page: str) -> str:
 
 def with_links(page: str) -> str:
     """Return the page on the ship's buses with its tables made anew."""
-    tables = f'\n{_table(LINK_PARAMETERS)}\n\n{_table(INPUT_PARAMETERS)}\n\n'
+    tables = f'\n{_format_table(LINK_PARAMETERS)}\n\n{_format_table(INPUT_PARAMETERS)}\n\n'
     return LINKS.sub(lambda _: tables, page, count=1)
 
 
@@ -291,7 +292,7 @@ def _diagnostic_key(row: RecordField) -> str:
     return f'`{row.key}`' if words == row.name else f'`{row.key}` (`{row.name}`)'
 
 
-def rooms() -> dict[str, tuple[int, int]]:
+def measure_rooms() -> dict[str, tuple[int, int]]:
     """Return modules and lines of each room; what stands beside the rooms of a package bears its name."""
     sizes: dict[str, tuple[int, int]] = {}
     for path in sorted(path for package in PACKAGES for path in (ROOT / package).rglob('*.py')):
@@ -302,23 +303,23 @@ def rooms() -> dict[str, tuple[int, int]]:
     return sizes
 
 
-def undecided(row: tuple[int, int], now: tuple[int, int]) -> bool:
-    """Whether a room has a module or 3 % of lines more than its row, or 5 % less than it."""
+def is_undecided(row: tuple[int, int], now: tuple[int, int]) -> bool:
+    """Return whether a room has a module or 3 % of lines more than its row, or 5 % less than it."""
     return now[0] > row[0] or not 0.95 * row[1] <= now[1] <= 1.03 * row[1]
 
 
-def decided(page: str) -> dict[str, tuple[int, int]]:
-    """Modules and lines of each room, as the page on design has them."""
+def decided_sizes(page: str) -> dict[str, tuple[int, int]]:
+    """Return modules and lines of each room, as the page on design has them."""
     return {room: (int(modules), int(lines.replace(',', ''))) for room, modules, lines in SIZE.findall(page)}
 
 
 def with_rooms(page: str) -> str:
     """Return the page on design with the rows of rooms brought up to date."""
-    now, rows = rooms(), decided(page)
+    now, rows = measure_rooms(), decided_sizes(page)
 
     def row(match: re.Match[str]) -> str:
         room = match[1]
-        if room not in now or not undecided(rows[room], now[room]):
+        if room not in now or not is_undecided(rows[room], now[room]):
             return match[0]
         return f'| `{room}` | {now[room][0]} | {now[room][1]:,} |'
 
@@ -336,15 +337,15 @@ def run_tutorial(page: str, folder: Path) -> str:
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
             exec(compile(block['code'], TUTORIAL.name, 'exec'), names)
-        shown = f'\n```text\n{printed.getvalue()}```\n' if printed.getvalue() else ''
-        return f'```python\n{block["code"]}```\n{shown}'
+        output = f'\n```text\n{printed.getvalue()}```\n' if printed.getvalue() else ''
+        return f'```python\n{block["code"]}```\n{output}'
 
-    here = Path.cwd()
+    previous = Path.cwd()
     os.chdir(folder)
     try:
         return CELL.sub(run, page)
     finally:
-        os.chdir(here)
+        os.chdir(previous)
         names['plt'].close()
 
 
@@ -363,16 +364,16 @@ def with_schema(text: str, fields: tuple[RecordField, ...], place: tuple[str, ..
     node = document
     for name in at:
         node = node[name]
-    made = schema_of(fields, () if at else ('measured',))
+    schema = schema_of(fields, () if at else ('measured',))
     old = node['properties']
-    more = {name: value for name, value in old.items() if name not in made['properties']}
+    more = {name: value for name, value in old.items() if name not in schema['properties']}
     head = {name: more.pop(name) for name in ('schema',) if name in more}
-    node['required'] = [*head, *made['required'], *more]
-    node['properties'] = head | made['properties'] | more
-    return _indented(document) + '\n'
+    node['required'] = [*head, *schema['required'], *more]
+    node['properties'] = head | schema['properties'] | more
+    return _indent_json(document) + '\n'
 
 
-def _indented(value: Any, depth: int = 0) -> str:
+def _indent_json(value: Any, depth: int = 0) -> str:
     """Return JSON with a line for each property that has objects, and one for each that has none."""
     is_deep = isinstance(value, dict) and (
         not depth or any(isinstance(item, dict) for item in value.values())
@@ -380,7 +381,7 @@ def _indented(value: Any, depth: int = 0) -> str:
     if not is_deep:
         return json.dumps(value, ensure_ascii=False)
     pad = ' ' * (depth + 1)
-    rows = [f'{pad}{json.dumps(name)}: {_indented(item, depth + 1)}' for name, item in value.items()]
+    rows = [f'{pad}{json.dumps(name)}: {_indent_json(item, depth + 1)}' for name, item in value.items()]
     return '{\n' + ',\n'.join(rows) + '\n' + ' ' * depth + '}'
 
 
@@ -395,7 +396,7 @@ def main() -> int:
         shutil.copy(Path(folder, PICTURE.name), PICTURE)
     SHIP.write_text(with_links(SHIP.read_text(encoding='utf-8')), encoding='utf-8')
     INTERFACES.write_text(with_diagnostics(INTERFACES.read_text('utf-8')), 'utf-8')
-    PAGE.write_text(render(), encoding='utf-8')
+    PAGE.write_text(render_page(), encoding='utf-8')
     RULE.write_text(with_life(RULE.read_text(encoding='utf-8')), encoding='utf-8')
     return 0
 

@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--examples', type=int, default=3, help='of each kind of difference')
     args = parser.parse_args(argv)
     cases = dict(all_cases(args.only))
-    lines = list(differences(read_golden(), cases, args.examples)) if GOLDEN.exists() else []
+    lines = list(list_differences(read_golden(), cases, args.examples)) if GOLDEN.exists() else []
     print('\n'.join(lines) or 'no difference')
     if args.compare:
         return int(bool(lines))
@@ -89,8 +89,8 @@ def of_bag(name: str) -> Iterator[tuple[str, Case]]:
     report = check_recording(ROOT / 'bags' / name, config)
     for bearing, bearing_report in report.bearings.items():
         counts = {item.quantity: [item.messages, item.used] for item in bearing_report.inputs}
-        changes = [_change(event) for event in bearing_report.events]
-        yield f'bag {name} {bearing}', _case(changes, counts, report.end_ns or 0, b'')
+        changes = [_change_row(event) for event in bearing_report.events]
+        yield f'bag {name} {bearing}', _make_case(changes, counts, report.end_ns or 0, b'')
 
 
 def of_sequence(number: int) -> Case:
@@ -109,21 +109,21 @@ def of_sequence(number: int) -> Case:
         quantity: np.bincount(statuses[voyage.messages.quantity == k], minlength=_STATUSES).tolist()
         for k, quantity in enumerate(QUANTITIES)
     }
-    changes = [_change(event) for event in events]
-    return _case(changes, counts, int(voyage.messages.arrival_ns.max()), statuses.tobytes())
+    changes = [_change_row(event) for event in events]
+    return _make_case(changes, counts, int(voyage.messages.arrival_ns.max()), statuses.tobytes())
 
 
-def _change(event: Any) -> Change:
+def _change_row(event: Any) -> Change:
     return event.time_ns, str(event.before), str(event.after), bool(event.standing.sticking)
 
 
-def _case(changes: list[Change], counts: Any, end_ns: int, statuses: bytes) -> Case:
-    made = {'changes': [list(change) for change in changes], 'counts': counts, 'end_ns': end_ns}
-    digest = hashlib.sha256(json.dumps(made).encode('utf-8') + statuses).hexdigest()[:16]
-    return {**made, 'digest': digest}
+def _make_case(changes: list[Change], counts: Any, end_ns: int, statuses: bytes) -> Case:
+    content = {'changes': [list(change) for change in changes], 'counts': counts, 'end_ns': end_ns}
+    digest = hashlib.sha256(json.dumps(content).encode('utf-8') + statuses).hexdigest()[:16]
+    return {**content, 'digest': digest}
 
 
-def differences(golden: dict[str, Case], current: dict[str, Case], examples: int) -> Iterator[str]:
+def list_differences(golden: dict[str, Case], current: dict[str, Case], examples: int) -> Iterator[str]:
     """List every kind of difference with how often it occurs and where, most frequent first."""
     kinds: dict[str, list[str]] = defaultdict(list)
     for name, new in current.items():
@@ -131,8 +131,8 @@ def differences(golden: dict[str, Case], current: dict[str, Case], examples: int
         if old is None:
             kinds['a case that the file does not have'].append(name)
         elif old['digest'] != new['digest']:
-            for kind, where in _of_case(old, new):
-                kinds[kind].append(f'{name} {where}')
+            for kind, place in _of_case(old, new):
+                kinds[kind].append(f'{name} {place}')
     for kind, places in sorted(kinds.items(), key=lambda item: -len(item[1])):
         cases = len({place.split(' at ')[0] for place in places})
         yield f'{len(places):5d} in {cases:3d} cases  {kind}'
@@ -154,22 +154,26 @@ def _of_case(old: Case, new: Case) -> Iterator[tuple[str, str]]:
 
 def _of_changes(old: list[Any], new: list[Any]) -> Iterator[tuple[str, int, str]]:
     common = Counter(map(tuple, old)) & Counter(map(tuple, new))
-    gone, came = (_without(changes, common.copy()) for changes in (old, new))
-    for before, after in _pairs(gone, came, SAME_NS, same_kind=True):
-        off = (after[0] - before[0]) / 1e9
-        if before[0] == after[0]:
-            yield f'{_kind(before)}: growth {before[3]} is now {after[3]}', before[0], ''
+    removed, added = (_remove_common(changes, common.copy()) for changes in (old, new))
+    for old_change, new_change in _pair_changes(removed, added, SAME_NS, same_kind=True):
+        off = (new_change[0] - old_change[0]) / 1e9
+        if old_change[0] == new_change[0]:
+            yield (
+                f'{_change_kind(old_change)}: growth {old_change[3]} is now {new_change[3]}',
+                old_change[0],
+                '',
+            )
         else:
-            size = 'by more than 1 s' if abs(after[0] - before[0]) > MOVED_NS else 'by up to 1 s'
-            way = 'later' if off > 0 else 'earlier'
-            yield f'{_kind(before)}: {way} {size}', before[0], f'{off:+.3f} s'
-    for before, after in _pairs(gone, came, MOVED_NS, same_kind=False):
-        yield f'{_kind(before)}: renamed {_kind(after)}', before[0], ''
-    yield from ((f'{_kind(change)}: gone', change[0], '') for change in gone)
-    yield from ((f'{_kind(change)}: new', change[0], '') for change in came)
+            size = 'by more than 1 s' if abs(new_change[0] - old_change[0]) > MOVED_NS else 'by up to 1 s'
+            direction = 'later' if off > 0 else 'earlier'
+            yield f'{_change_kind(old_change)}: {direction} {size}', old_change[0], f'{off:+.3f} s'
+    for old_change, new_change in _pair_changes(removed, added, MOVED_NS, same_kind=False):
+        yield f'{_change_kind(old_change)}: renamed {_change_kind(new_change)}', old_change[0], ''
+    yield from ((f'{_change_kind(change)}: gone', change[0], '') for change in removed)
+    yield from ((f'{_change_kind(change)}: new', change[0], '') for change in added)
 
 
-def _without(changes: list[Any], common: Counter[Any]) -> list[Any]:
+def _remove_common(changes: list[Any], common: Counter[Any]) -> list[Any]:
     """Return the changes that are not common to both."""
     remaining = []
     for change in map(tuple, changes):
@@ -180,18 +184,20 @@ def _without(changes: list[Any], common: Counter[Any]) -> list[Any]:
     return remaining
 
 
-def _pairs(gone: list[Any], came: list[Any], within_ns: int, *, same_kind: bool) -> Iterator[tuple[Any, Any]]:
+def _pair_changes(
+    removed: list[Any], added: list[Any], within_ns: int, *, same_kind: bool
+) -> Iterator[tuple[Any, Any]]:
     """Take out of both lists what belongs together, nearest in time; yield the pairs."""
-    for one in list(gone):
-        near = [c for c in came if not same_kind or c[1:3] == one[1:3]]
-        nearest = min(near, key=lambda c: abs(c[0] - one[0]), default=None)
-        if nearest is not None and abs(nearest[0] - one[0]) <= within_ns:
-            gone.remove(one)
-            came.remove(nearest)
-            yield one, nearest
+    for change in list(removed):
+        near = [c for c in added if not same_kind or c[1:3] == change[1:3]]
+        nearest = min(near, key=lambda c: abs(c[0] - change[0]), default=None)
+        if nearest is not None and abs(nearest[0] - change[0]) <= within_ns:
+            removed.remove(change)
+            added.remove(nearest)
+            yield change, nearest
 
 
-def _kind(change: Any) -> str:
+def _change_kind(change: Any) -> str:
     return f'{change[1]} > {change[2]}'
 
 
@@ -199,23 +205,23 @@ def _times_apart(golden: dict[str, Case], current: dict[str, Case]) -> Iterator[
     """List for how long which condition stands where another stood."""
     apart: Counter[tuple[str, str]] = Counter()
     for name in current.keys() & golden.keys():
-        apart.update(_apart(golden[name], current[name]))
-    for (before, now), lasting in apart.most_common():
-        yield f'{lasting / 3.6e12:8.3f} h  {before} is now {now}'
+        apart.update(_time_apart(golden[name], current[name]))
+    for (old_condition, new_condition), lasting in apart.most_common():
+        yield f'{lasting / 3.6e12:8.3f} h  {old_condition} is now {new_condition}'
 
 
-def _apart(old: Case, new: Case) -> Counter[tuple[str, str]]:
+def _time_apart(old: Case, new: Case) -> Counter[tuple[str, str]]:
     """Return the time [ns] by the condition of both, where they differ; clock jumps end it."""
     edges = sorted({c[0] for c in chain(old['changes'], new['changes'])} | {old['end_ns']})
     spent: Counter[tuple[str, str]] = Counter()
     for begin, end in pairwise(edges):
-        pair = _at(old['changes'], begin), _at(new['changes'], begin)
+        pair = _condition_at(old['changes'], begin), _condition_at(new['changes'], begin)
         if pair[0] != pair[1]:
             spent[pair] += end - begin
     return spent
 
 
-def _at(changes: list[Any], time_ns: int) -> str:
+def _condition_at(changes: list[Any], time_ns: int) -> str:
     last = 'normal'
     for change in changes:
         if change[0] > time_ns:

@@ -21,7 +21,7 @@ from PIL.PngImagePlugin import PngInfo
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from scripts.chromium import Page, chromium, first_page, program
+from scripts.chromium import Page, first_page, run_chromium, run_program
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / 'docs' / 'images'
@@ -37,7 +37,7 @@ AFTERWARDS = 2.5
 SAID = "[...document.querySelectorAll('#log small')].map((e) => e.textContent)"
 
 
-async def picture(page: Page, width: int, height: int = 0, dark: bool = False) -> Image.Image:
+async def take_picture(page: Page, width: int, height: int = 0, dark: bool = False) -> Image.Image:
     """Return the page at a size, from its top; height 0 for all of it."""
     await page.show_as(width, height or 900, dark=dark)
     await asyncio.sleep(0.5)
@@ -47,7 +47,7 @@ async def picture(page: Page, width: int, height: int = 0, dark: bool = False) -
     return Image.open(io.BytesIO(base64.b64decode(shot['data']))).convert('RGB')
 
 
-async def take(port: int, page_url: str, report_url: str) -> None:
+async def take_all(port: int, page_url: str, report_url: str) -> None:
     """Take page and report in the browser at a port."""
     async with first_page(port) as page:
         await page.call('Page.navigate', url=page_url)
@@ -59,16 +59,16 @@ async def take(port: int, page_url: str, report_url: str) -> None:
         texts = json.dumps(await page.js(SAID))
         await page.choose('.charts select', '180')
         await page.choose('#theme', 'day')
-        desk = await picture(page, DESK)
+        desk = await take_picture(page, DESK)
         await page.choose('#theme', 'night')
-        save(desk, await picture(page, PHONE, desk.height), 'dashboard.png', texts)
+        save_pair(desk, await take_picture(page, PHONE, desk.height), 'dashboard.png', texts)
         await page.call('Page.navigate', url=report_url)
-        desk = await picture(page, REPORT_DESK, REPORT_HEIGHT)
-        save(desk, await picture(page, REPORT_PHONE, REPORT_HEIGHT, dark=True), 'report.png')
+        desk = await take_picture(page, REPORT_DESK, REPORT_HEIGHT)
+        save_pair(desk, await take_picture(page, REPORT_PHONE, REPORT_HEIGHT, dark=True), 'report.png')
 
 
-def save(desk: Image.Image, phone: Image.Image, name: str, texts: str = '') -> None:
-    """Save two views side by side, with what is said on them."""
+def save_pair(desk: Image.Image, phone: Image.Image, name: str, texts: str = '') -> None:
+    """Save two views side by side, with the texts on them."""
     combined = Image.new('RGB', (desk.width + GAP + phone.width, desk.height), 'white')
     combined.paste(desk, (0, 0))
     combined.paste(phone, (desk.width + GAP, 0))
@@ -78,7 +78,7 @@ def save(desk: Image.Image, phone: Image.Image, name: str, texts: str = '') -> N
     print(f'docs/images/{name} is new')
 
 
-def run(*command: str) -> None:
+def run_command(*command: str) -> None:
     """Run a command that ends; it may find what warns, which is what is shown."""
     done = subprocess.run([sys.executable, '-m', *command], cwd=ROOT, stdout=subprocess.DEVNULL)
     if done.returncode not in (0, 1):
@@ -87,17 +87,17 @@ def run(*command: str) -> None:
 
 def main() -> int:
     """Run the commands, start the dashboard and the browser, and take the pictures."""
-    run(STICKSLIP, 'map', *CONFIG, '--track', BAG, '--output', str(IMAGES / 'coast_down_map.png'))
+    run_command(STICKSLIP, 'map', *CONFIG, '--track', BAG, '--output', str(IMAGES / 'coast_down_map.png'))
     for bag, name in (('manoeuvring', 'manoeuvring'), ('bistable_knock', 'score')):
-        run('benchmarks.score', f'bags/{bag}', *CONFIG, '--picture', str(IMAGES / f'{name}.png'))
+        run_command('benchmarks.score', f'bags/{bag}', *CONFIG, '--picture', str(IMAGES / f'{name}.png'))
     page = [sys.executable, '-m', STICKSLIP, 'dashboard', *CONFIG, '--bag', BAG, *PACE]
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / 'report.html'
-        run(STICKSLIP, 'check', BAG, *CONFIG, '--report', str(report))
-        with chromium() as port, program(page, stdout=subprocess.PIPE, cwd=ROOT) as dashboard:
+        run_command(STICKSLIP, 'check', BAG, *CONFIG, '--report', str(report))
+        with run_chromium() as port, run_program(page, stdout=subprocess.PIPE, cwd=ROOT) as dashboard:
             assert dashboard.stdout is not None
             url = dashboard.stdout.readline().split()[-1]
-            asyncio.run(take(port, url, report.as_uri()))
+            asyncio.run(take_all(port, url, report.as_uri()))
     return 0
 
 

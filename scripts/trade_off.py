@@ -62,16 +62,16 @@ def draw_trade_offs(panels: Sequence[TradeOff]) -> Figure:
         figure.subplots(1, len(panels))
         figure.subplots_adjust(left=0.075, right=0.985, top=0.82, bottom=0.12, wspace=0.22)
         for axes, panel in zip(figure.axes, panels, strict=True):
-            _panel(axes, panel)
+            _draw_panel(axes, panel)
     return figure
 
 
-def _panel(axes: Axes, panel: TradeOff) -> None:
+def _draw_panel(axes: Axes, panel: TradeOff) -> None:
     look: dict[str, Any] = {'ls': '', 'clip_on': False, 'zorder': 5}
     for curve, (colour, marker, _) in zip(panel.curves, _LOOKS, strict=False):
         axes.plot(
             curve.false,
-            _percent(curve.lost),
+            _to_percent(curve.lost),
             color=colour,
             marker=marker,
             ms=6.0,
@@ -81,7 +81,7 @@ def _panel(axes: Axes, panel: TradeOff) -> None:
             zorder=3,
         )
     for number, curve in enumerate(panel.curves):
-        at = curve.false[curve.default], _percent(curve.lost)[curve.default]
+        at = curve.false[curve.default], _to_percent(curve.lost)[curve.default]
         label = 'default' if not number else '_'
         axes.plot(*at, 'o', ms=13.0, mfc='none', mec=INK, mew=1.2, label=label, **look)
     for (label, x, y), marker in zip(panel.rules, ('x', '+'), strict=False):
@@ -98,7 +98,7 @@ def _panel(axes: Axes, panel: TradeOff) -> None:
     axes.spines[['top', 'right']].set_visible(False)
 
 
-def _percent(shares: Sequence[float]) -> list[float]:
+def _to_percent(shares: Sequence[float]) -> list[float]:
     return [100.0 * share for share in shares]
 
 
@@ -106,10 +106,10 @@ def _name_values(axes: Axes, curve: Curve, colour: str, height: float) -> None:
     """Write the values beside the points, those of points that are close together in one label."""
     from matplotlib.patheffects import withStroke
 
-    points = axes.transData.transform(list(zip(curve.false, _percent(curve.lost), strict=True)))
+    points = axes.transData.transform(list(zip(curve.false, _to_percent(curve.lost), strict=True)))
     groups: list[list[int]] = []
     for k in sorted(range(len(points)), key=lambda k: tuple(points[k])):
-        room = _LETTER * len(_joined(curve, groups[-1])) + 10.0 if groups else 0.0
+        room = _LETTER * len(_join_values(curve, groups[-1])) + 10.0 if groups else 0.0
         if groups and np.all(np.abs(points[k] - points[groups[-1][0]]) < (room, 2.0 * _LETTER)):
             groups[-1].append(k)
         else:
@@ -117,7 +117,7 @@ def _name_values(axes: Axes, curve: Curve, colour: str, height: float) -> None:
     for group in groups:
         place = curve.false[group[0]], 100.0 * curve.lost[group[0]]
         axes.annotate(
-            _joined(curve, group),
+            _join_values(curve, group),
             place,
             (4.0, height),
             textcoords='offset points',
@@ -130,5 +130,5 @@ def _name_values(axes: Axes, curve: Curve, colour: str, height: float) -> None:
         )
 
 
-def _joined(curve: Curve, group: Sequence[int]) -> str:
+def _join_values(curve: Curve, group: Sequence[int]) -> str:
     return ', '.join(curve.values[k] for k in sorted(group))

@@ -21,8 +21,18 @@ from hard_sensors import LEVELS, STAMPS
 from trade_off import Curve, TradeOff, draw_trade_offs
 
 from benchmarks.score import RULES, judge_all
-from benchmarks.voyages import BELOW_FOLD, BELOW_HOPF, OURS, Call, Sailed, Sent, Voyage, cases_of, output_of
-from benchmarks.warning_quality import FIGURES, Quality, pooled, quality_of, written
+from benchmarks.voyages import (
+    BELOW_FOLD,
+    BELOW_HOPF,
+    OURS,
+    Call,
+    Sailed,
+    SensorRecord,
+    Voyage,
+    cases_of,
+    output_of,
+)
+from benchmarks.warning_quality import FIGURES, Quality, format_figure, pool_qualities, quality_of
 from stickslip_lab.scenes.scene import load_scene
 from stickslip_lab.scenes.truth import TruthRecord
 from stickslip_monitor.drawing.canvas import save_figure
@@ -71,7 +81,7 @@ _OF_MANOEUVRES = ('episodes', 'warned', 'missed', 'false_per_100h', 'sounds', 'u
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the evaluation; returns the exit code."""
+    """Run the evaluation; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seeds', type=int, default=SEEDS, help='seeds of each scene')
     parser.add_argument('--first-seed', type=int, default=FIRST_SEED, help='the first of them')
@@ -79,21 +89,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--print', action='store_true', help='print, and write nothing')
     args = parser.parse_args(argv)
     seeds = range(args.first_seed, args.first_seed + args.seeds)
-    voyages = judge_all(_calls(seeds), args.jobs)
+    voyages = judge_all(_make_calls(seeds), args.jobs)
     changed = _judged_changed(seeds, args.jobs)
     manoeuvres = judge_all(_manoeuvre_calls(seeds), args.jobs)
-    tables = [*_page(voyages, seeds), '', *_spoilt_table(changed), '', *_manoeuvre_table(manoeuvres)]
+    tables = [*_page_lines(voyages, seeds), '', *_spoilt_table(changed), '', *_manoeuvre_table(manoeuvres)]
     text = '\n'.join(tables)
     if args.print:
         print(text)
         return 0
-    save_figure(draw_trade_offs(_panels(voyages, changed)), PICTURE, force=True)
+    save_figure(draw_trade_offs(_make_panels(voyages, changed)), PICTURE, force=True)
     head, _, _ = PAGE.read_text('utf-8').partition(MARK)
     PAGE.write_text(f'{head}{MARK}\n{text}\n', 'utf-8')
     return 0
 
 
-def _known() -> dict[str, tuple[float, ...]]:
+def _varied_values() -> dict[str, tuple[float, ...]]:
     """Return the parameters to vary that there are, with their values and, among these, the default."""
     rows = {parameter.name: parameter for parameter in BEARING_PARAMETERS}
     return {
@@ -103,14 +113,14 @@ def _known() -> dict[str, tuple[float, ...]]:
     }
 
 
-def _field(name: str, value: float) -> dict[str, Any]:
+def _alarm_field(name: str, value: float) -> dict[str, Any]:
     """Return the field of the alarm's configuration that a parameter sets."""
-    own = name.removeprefix('alarm.')
-    timed = own not in AlarmConfig.__dataclass_fields__
-    return {f'{own}_ns': nanoseconds(value)} if timed else {own: value}
+    field = name.removeprefix('alarm.')
+    timed = field not in AlarmConfig.__dataclass_fields__
+    return {f'{field}_ns': nanoseconds(value)} if timed else {field: value}
 
 
-def _calls(seeds: Iterable[int]) -> list[Call]:
+def _make_calls(seeds: Iterable[int]) -> list[Call]:
     # What the lining does is followed with the first of them.
     sensors = tuple(map(str, (WITH_LEVEL, *SENSORS)))
     return [Call(str(scene), seed, sensors) for scene in sorted(SCENES.glob('*.yaml')) for seed in seeds]
@@ -120,32 +130,37 @@ def _is_main(voyage: Voyage) -> bool:
     return Path(voyage.scene).stem != WRONG_SOURCE
 
 
-def _page(voyages: Sequence[Voyage], seeds: range) -> Iterable[str]:
-    own = [voyage for voyage in voyages if _is_main(voyage)]
-    one = pooled(v.rules[OURS] for v in own if v.sensors == str(ORDINARY)).figures()
-    long = f'{written("hours", one["hours"])} h with {written("episodes", one["episodes"])} episodes'
-    yield f'Seeds {seeds[0]} to {seeds[-1]} of each scene, {long}; the bare rules with ordinary sensors.'
+def _page_lines(voyages: Sequence[Voyage], seeds: range) -> Iterable[str]:
+    main_voyages = [voyage for voyage in voyages if _is_main(voyage)]
+    figures = pool_qualities(v.rules[OURS] for v in main_voyages if v.sensors == str(ORDINARY)).figures()
+    hours, episodes = (format_figure(name, figures[name]) for name in ('hours', 'episodes'))
+    yield (
+        f'Seeds {seeds[0]} to {seeds[-1]} of each scene, {hours} h with {episodes} episodes;'
+        ' the bare rules with ordinary sensors.'
+    )
     yield ''
-    yield from _totals(own)
+    yield from _total_lines(main_voyages)
     yield ''
     yield from _wrong_source(voyages)
 
 
-def _row(*cells: str) -> str:
+def _format_row(*cells: str) -> str:
     return f'| {" | ".join(cells)} |'
 
 
-def _totals(voyages: Sequence[Voyage]) -> Iterable[str]:
+def _total_lines(voyages: Sequence[Voyage]) -> Iterable[str]:
     columns = {path.stem.replace('_', ', '): (OURS, path) for path in (*SENSORS, WITH_LEVEL)}
     columns |= {f'`{RULES[rule]}`': (rule, ORDINARY) for rule in (BELOW_FOLD, BELOW_HOPF)}
-    yield _row('', *columns)
-    yield _row('---', *('---:' for _ in columns))
-    found = [
-        pooled(v.rules[rule] for v in voyages if v.sensors == str(path)).figures()
+    yield _format_row('', *columns)
+    yield _format_row('---', *('---:' for _ in columns))
+    figures_of_columns = [
+        pool_qualities(v.rules[rule] for v in voyages if v.sensors == str(path)).figures()
         for rule, path in columns.values()
     ]
     for name in _SHOWN:
-        yield _row(FIGURES[name][0], *(written(name, figures[name]) for figures in found))
+        yield _format_row(
+            FIGURES[name][0], *(format_figure(name, figures[name]) for figures in figures_of_columns)
+        )
 
 
 def _wrong_source(voyages: Sequence[Voyage]) -> Iterable[str]:
@@ -156,9 +171,9 @@ def _wrong_source(voyages: Sequence[Voyage]) -> Iterable[str]:
             continue
         kind = name if name in (WRONG_SOURCE, ODD_SAMPLES) else ''
         reported.setdefault(kind, []).append(voyage.rules[OURS].wrong_source)
-    for kind, found in sorted(reported.items(), reverse=True):
+    for kind, counts in sorted(reported.items(), reverse=True):
         label = f'`{kind}`' if kind else 'the other scenes'
-        yield f'- {label}: reported on {sum(found)} of {len(found)} voyages'
+        yield f'- {label}: reported on {sum(counts)} of {len(counts)} voyages'
 
 
 def judge_changed(scene: str, seed: int) -> dict[str, Quality]:
@@ -167,53 +182,53 @@ def judge_changed(scene: str, seed: int) -> dict[str, Quality]:
     With ordinary sensors: a level and stamps spoilt in every way, by the way's name, and each
     parameter at each of its values, by both.
     """
-    found: dict[str, list[Quality]] = {}
+    qualities: dict[str, list[Quality]] = {}
     truths: dict[str, TruthRecord] = {}
     for case in cases_of(load_scene(scene, seed, str(WITH_LEVEL)), truths):
         if case.sent.config.level is None:
             continue
         for number, (name, spoil) in enumerate((LEVELS | STAMPS).items()):
             random = np.random.default_rng([seed, number])
-            found.setdefault(name, []).append(_heard(spoil(case.sent, random), case))
+            qualities.setdefault(name, []).append(_judge_sensors(spoil(case.sent, random), case))
     for case in cases_of(load_scene(scene, seed, str(ORDINARY)), truths):
         config = case.sent.config
-        for name, values in _known().items():
+        for name, values in _varied_values().items():
             for value in values:
-                alarm = replace(config.alarm, **_field(name, value))
+                alarm = replace(config.alarm, **_alarm_field(name, value))
                 sent = replace(case.sent, config=replace(config, alarm=alarm))
-                found.setdefault(_variant(name, value), []).append(_heard(sent, case))
-    return {name: pooled(parts) for name, parts in found.items()}
+                qualities.setdefault(_variant_name(name, value), []).append(_judge_sensors(sent, case))
+    return {name: pool_qualities(parts) for name, parts in qualities.items()}
 
 
-def _heard(sent: Sent, case: Sailed) -> Quality:
+def _judge_sensors(sent: SensorRecord, case: Sailed) -> Quality:
     """Judge the monitor by the clock of the samples."""
     return quality_of(output_of(sent.scan, case.truth), case.truth, case.plain)
 
 
-def _variant(name: str, value: float) -> str:
+def _variant_name(name: str, value: float) -> str:
     return f'{name} = {value:g}'
 
 
 def _judged_changed(seeds: range, jobs: int) -> dict[str, Quality]:
     scenes = [str(scene) for scene in sorted(SCENES.glob('*.yaml')) if scene.stem != WRONG_SOURCE]
     calls = [(scene, seed) for scene in scenes for seed in seeds]
-    found: dict[str, list[Quality]] = {}
+    qualities: dict[str, list[Quality]] = {}
     for _, outcome in run_in_processes(judge_changed, dict(enumerate(calls)), jobs):
         if isinstance(outcome, BaseException):
             raise outcome
         for name, quality in outcome.items():
-            found.setdefault(name, []).append(quality)
-    return {name: pooled(parts) for name, parts in found.items()}
+            qualities.setdefault(name, []).append(quality)
+    return {name: pool_qualities(parts) for name, parts in qualities.items()}
 
 
-def _spoilt_table(found: Mapping[str, Quality]) -> Iterable[str]:
+def _spoilt_table(by_name: Mapping[str, Quality]) -> Iterable[str]:
     """Return a row for each way in which a level, or the stamps of speed and load, can be spoilt."""
-    yield _row('ordinary sensors', *(FIGURES[name][0] for name in _OF_SPOILT))
-    yield _row('---', *('---:' for _ in _OF_SPOILT))
-    for kinds, what in ((LEVELS, 'level'), (STAMPS, 'no level')):
+    yield _format_row('ordinary sensors', *(FIGURES[name][0] for name in _OF_SPOILT))
+    yield _format_row('---', *('---:' for _ in _OF_SPOILT))
+    for kinds, input_label in ((LEVELS, 'level'), (STAMPS, 'no level')):
         for name in kinds:
-            figures = found[name].figures()
-            yield _row(f'{what}: {name}', *(written(f, figures[f]) for f in _OF_SPOILT))
+            figures = by_name[name].figures()
+            yield _format_row(f'{input_label}: {name}', *(format_figure(f, figures[f]) for f in _OF_SPOILT))
 
 
 def _manoeuvre_calls(seeds: Iterable[int]) -> list[Call]:
@@ -223,19 +238,22 @@ def _manoeuvre_calls(seeds: Iterable[int]) -> list[Call]:
 
 def _manoeuvre_table(voyages: Sequence[Voyage]) -> Iterable[str]:
     """Return a row for each scene of manoeuvres, with ordinary sensors."""
-    yield _row('ordinary sensors', *(FIGURES[name][0] for name in _OF_MANOEUVRES))
-    yield _row('---', *('---:' for _ in _OF_MANOEUVRES))
+    yield _format_row('ordinary sensors', *(FIGURES[name][0] for name in _OF_MANOEUVRES))
+    yield _format_row('---', *('---:' for _ in _OF_MANOEUVRES))
     for scene in dict.fromkeys(voyage.scene for voyage in voyages):
-        figures = pooled(v.rules[OURS] for v in voyages if v.scene == scene).figures()
+        figures = pool_qualities(v.rules[OURS] for v in voyages if v.scene == scene).figures()
         name = Path(scene).stem.replace('_', ' ')
-        yield _row(name, *(written(f, figures[f]) for f in _OF_MANOEUVRES))
+        yield _format_row(name, *(format_figure(f, figures[f]) for f in _OF_MANOEUVRES))
 
 
-def _panels(voyages: Sequence[Voyage], changed: Mapping[str, Quality]) -> list[TradeOff]:
-    own = [v for v in voyages if _is_main(v) and v.sensors == str(ORDINARY)]
-    bare = {rule: pooled(v.rules[rule] for v in own).figures() for rule in (BELOW_FOLD, BELOW_HOPF)}
+def _make_panels(voyages: Sequence[Voyage], changed: Mapping[str, Quality]) -> list[TradeOff]:
+    main_voyages = [v for v in voyages if _is_main(v) and v.sensors == str(ORDINARY)]
+    bare = {
+        rule: pool_qualities(v.rules[rule] for v in main_voyages).figures()
+        for rule in (BELOW_FOLD, BELOW_HOPF)
+    }
     rules = [
-        (RULES[rule], row['false_per_100h'] or 0.0, _missing(row['detected_plain']))
+        (RULES[rule], row['false_per_100h'] or 0.0, _missing_share(row['detected_plain']))
         for rule, row in bare.items()
     ]
     return [
@@ -243,38 +261,38 @@ def _panels(voyages: Sequence[Voyage], changed: Mapping[str, Quality]) -> list[T
             'Stick-slip alarm',
             'false alarms per 100 h',
             'episodes not detected [%]',
-            _curves(changed, _OF_ALARM, 'false_per_100h', 'detected_plain'),
+            _make_curves(changed, _OF_ALARM, 'false_per_100h', 'detected_plain'),
             rules,
         ),
         TradeOff(
             'Warning',
             'warnings per 1000 h far from the boundary',
             'episodes without a lead of 10 s [%]',
-            _curves(changed, _OF_WARNING, 'far_per_1000h', 'lead_10s'),
+            _make_curves(changed, _OF_WARNING, 'far_per_1000h', 'lead_10s'),
         ),
     ]
 
 
-def _missing(share: float | None) -> float:
+def _missing_share(share: float | None) -> float:
     return 0.0 if share is None else 1.0 - share
 
 
-def _curves(changed: Mapping[str, Quality], names: Iterable[str], false: str, kept: str) -> list[Curve]:
-    found = []
+def _make_curves(changed: Mapping[str, Quality], names: Iterable[str], false: str, gain: str) -> list[Curve]:
+    curves = []
     defaults = {parameter.name: parameter.default for parameter in BEARING_PARAMETERS}
-    for name, values in _known().items():
-        rows = [changed[_variant(name, value)].figures() for value in values]
+    for name, values in _varied_values().items():
+        rows = [changed[_variant_name(name, value)].figures() for value in values]
         if name in names:
-            found.append(
+            curves.append(
                 Curve(
                     name.removeprefix('alarm.'),
                     [f'{value:g}' for value in values],
                     [row[false] or 0.0 for row in rows],
-                    [_missing(row[kept]) for row in rows],
+                    [_missing_share(row[gain]) for row in rows],
                     values.index(float(defaults[name])),
                 )
             )
-    return found
+    return curves
 
 
 if __name__ == '__main__':

@@ -62,7 +62,7 @@ def make_arguments(files: Sequence[FileOption], **paths: object) -> argparse.Nam
     return argparse.Namespace(files=files, force=True, **nothing | texts)
 
 
-def refuse_outputs_that_are_inputs(command: str, way: str, folder: Path) -> None:
+def refuse_outputs_that_are_inputs(command: str, spelling: str, folder: Path) -> None:
     """Check that an output of a command that is an input in some way is refused."""
     files, number = list_declared_files(command), 0
     sources = inputs_of(command)
@@ -72,8 +72,8 @@ def refuse_outputs_that_are_inputs(command: str, way: str, folder: Path) -> None
                 number += 1
                 old, new = folder / f'{number}.in', folder / f'{number}{suffix}'
                 old.write_text('anything')
-                WAYS[way](new, old)
-                read = new if way == 'itself' else old
+                WAYS[spelling](new, old)
+                read = new if spelling == 'itself' else old
                 args = make_arguments(files, **{source: [read], output: str(new)})
                 with pytest.raises(OutputError, match=r'is the input'):
                     check_files(args)
@@ -105,19 +105,19 @@ def write_files_of_a_user(path: Path) -> None:
 
 def refuse_line(line: str, text: str, folder: Path, stickslip: Stickslip) -> None:
     """Check that a line is refused in one sentence that has a text, and that nothing is written."""
-    before = sorted(folder.iterdir())
-    done = stickslip(*shlex.split(line))
-    message = done.err
-    assert done.code == 2
+    files = sorted(folder.iterdir())
+    result = stickslip(*shlex.split(line))
+    message = result.err
+    assert result.code == 2
     assert text in message
     assert message.startswith('ERROR: ')
     assert message.count('\n') == 1
     assert 'hunter2' not in message
-    assert sorted(folder.iterdir()) == before
+    assert sorted(folder.iterdir()) == files
 
 
 def list_number_options(commands: Iterable[str]) -> dict[str, tuple[str, Any]]:
-    """Each option that takes a number between bounds, by its command."""
+    """Return each option that takes a number between bounds, by its command."""
     cases = {}
     for command in commands:
         parser = argparse.ArgumentParser()
@@ -157,12 +157,12 @@ def show_on_40_columns(arguments: Sequence[str], folder: Path, monkeypatch: pyte
         patch.setattr('sys.stdout', file)
         assert cli.main(arguments) < 2
     reader.join()
-    shown = b''.join(parts).decode()
+    printed = b''.join(parts).decode()
     # Long words (paths) are left to the terminal to break.
-    shown = re.sub('\x1b\\[[0-9;]*m', '', shown)
-    lines = [line for line in shown.splitlines() if len(line.split()) > 1]
+    printed = re.sub('\x1b\\[[0-9;]*m', '', printed)
+    lines = [line for line in printed.splitlines() if len(line.split()) > 1]
     assert max(map(len, lines)) <= 40
-    assert '\N{HORIZONTAL ELLIPSIS}' not in shown
+    assert '\N{HORIZONTAL ELLIPSIS}' not in printed
 
 
 def read_terminal(terminal: int) -> Iterator[bytes]:

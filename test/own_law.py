@@ -30,8 +30,8 @@ class OwnLaw:
         return np.where(v < 0.0, -size, size)
 
     def slope(self, speed: ArrayLike) -> FloatArray:
-        gone = np.exp(-self.decay * np.abs(np.asarray(speed, float)))
-        return -(self.static - self.kinetic) * self.decay * gone
+        decayed = np.exp(-self.decay * np.abs(np.asarray(speed, float)))
+        return -(self.static - self.kinetic) * self.decay * decayed
 
 
 LAWS['own'] = (OwnLaw, ('static', 'kinetic', 'decay'))

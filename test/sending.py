@@ -54,13 +54,13 @@ def number_at(number: Number, time: float) -> float:
 
 
 def every(place: Input, period: float, end: float, number: Number, begin: float = 0.0) -> list[Message]:
-    """Messages of one sender, each stamped as it is sent."""
+    """Return the messages of one sender, each stamped as it is sent."""
     times = np.arange(begin, end, period).tolist()
     return [Message(t, place, t, number_at(number, t)) for t in times]
 
 
 def ramps(times: Sequence[float], values: Sequence[float]) -> Callable[[float], float]:
-    """Linear between some times [s], constant before and after."""
+    """Return a number that is linear between some times [s], constant before and after."""
     return lambda t: float(np.interp(t, times, values))
 
 
@@ -79,18 +79,18 @@ def feed(
     bearing: str = 'aft',
     arrival: float | None = None,
 ) -> Update:
-    """One number of one input, stamped at a time [s]; it arrives then, or at another."""
+    """Feed one number of one input, stamped at a time [s]; it arrives then, or at another."""
     at = round(time * SECOND), value, None if arrival is None else round(arrival * SECOND)
     return monitor.update(Sample(bearing, quantity, *at))
 
 
 def brief(event: Event) -> tuple[float, str, str]:
-    """When the condition changed [s], from what, and to what."""
+    """Return when the condition changed [s], from what, and to what."""
     return event.time_ns / SECOND, str(event.before), str(event.after)
 
 
 def points(rpm: Any, load: Any, at: Any = 1.0, start_ns: int = 0) -> Stream:
-    """Operating points of shape (n,), speed before load, at some times or with a period [s]."""
+    """Return operating points of shape (n,), speed before load, at some times or with a period [s]."""
     rpm = np.asarray(rpm, float)
     seconds = np.arange(rpm.size) * at if np.ndim(at) == 0 else np.asarray(at)
     time = start_ns + np.rint(seconds * SECOND).astype(np.int64)
@@ -109,7 +109,7 @@ def configured(
 
 
 @cache
-def _standing(bearing: str, condition: Condition) -> Standing:
+def _make_standing(bearing: str, condition: Condition) -> Standing:
     config, rung = configured(bearing).bearings[0], CONDITIONS.index(condition)
     below = 1 << rule.STICK_SLIP if condition is Condition.AMPLITUDE else 0
     lost = condition is Condition.INPUT_STALE
@@ -121,7 +121,7 @@ def change(
     time_ns: int, before: Condition, after: Condition, *, onset: bool = False, bearing: str = 'aft'
 ) -> Event:
     """Make a change of condition of a bearing without an operating point."""
-    return Event(time_ns, before, _standing(bearing, after), {}, f'{bearing}: {after.sentence}', onset)
+    return Event(time_ns, before, _make_standing(bearing, after), {}, f'{bearing}: {after.sentence}', onset)
 
 
 def verdict_at(time_ns: int, speed: float, bearing: str = 'aft', *, sticking: bool = False) -> Verdict:
@@ -156,10 +156,10 @@ class Ship(Sink):
         self.standing: list[BearingState] = []
         self.lines: list[str] = []
         self._severities: dict[tuple[CodeType, int], str] = {}
-        self.info, self.warning, self.error = (partial(self._log, s) for s in ('INFO', 'WARN', 'ERROR'))
+        self.info, self.warning, self.error = (partial(self._take_line, s) for s in ('INFO', 'WARN', 'ERROR'))
         self.boot()
 
-    def _log(self, severity: str, text: str) -> None:
+    def _take_line(self, severity: str, text: str) -> None:
         """Take a line; as ROS 2's logger it raises where one place of the source changes its severity."""
         caller = sys._getframe(1)
         place = caller.f_code, caller.f_lasti
@@ -225,14 +225,14 @@ class Ship(Sink):
         self.session.flush(now)
 
     def sail(self, seconds: float, rpm: Any = 60.0, load: Any = 1000.0, rate: float = 5.0) -> dict[str, Any]:
-        """So long with samples of the first bearing (``None`` for none); its record at the end."""
+        """Sail for some seconds with samples of the first bearing (``None`` for none); return its record."""
         name = next(iter(self.session.monitor.bearings))
         for number in range(round(rate * seconds)):
             self.steady_ns += round(SECOND / rate)
             for place, value in enumerate((rpm, load)):
-                given = value(number) if callable(value) else value
-                if given is not None:
-                    self.take(name, place, given)
+                sample = value(number) if callable(value) else value
+                if sample is not None:
+                    self.take(name, place, sample)
             self.tick()
         return self.look()
 
@@ -242,7 +242,7 @@ class Ship(Sink):
         return bearing_record(self.standing[0])
 
     def does(self, action: Action, kind: AlarmKind | None = None) -> list[AlarmChange]:
-        """Somebody does something, to one alarm of the first bearing or to all."""
+        """Take an action of a person on one alarm of the first bearing, or on all."""
         name = next(iter(self.session.monitor.bearings))
         return self.session.act(ActionRequest(action, 'Ada', name if kind else None, kind))
 

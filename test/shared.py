@@ -117,9 +117,9 @@ class Program:
 
     def until(self, condition: Callable[[], Any]) -> Any:
         """Wait while it runs."""
-        return until(lambda: condition() or (not self.alive and self._dead()), lambda: self.output)
+        return until(lambda: condition() or (not self.alive and self._fail_as_dead()), lambda: self.output)
 
-    def _dead(self) -> None:
+    def _fail_as_dead(self) -> None:
         pytest.fail(f'it has ended: {self.output}')
 
     def wait(self) -> int:

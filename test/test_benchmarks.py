@@ -25,11 +25,11 @@ def test_every_part_is_a_module_with_run(name: str) -> None:
 
 def test_the_rule_is_timed_beside_itself() -> None:
     names = ['update', 'bulk, interpreted']
-    times = rule_speed.compare([rule_speed.ROOT, rule_speed.ROOT], 0.0, names)
+    times = rule_speed.compare_checkouts([rule_speed.ROOT, rule_speed.ROOT], 0.0, names)
     assert list(times) == names
     assert all(np.isfinite(pair).all() and min(pair) > 0.0 for pair in times.values())
 
 
 def test_another_package_is_not_timed_as_a_checkout(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match=re.escape(f'was imported for {tmp_path}')):
-        rule_speed.compare([tmp_path], 0.0, [])
+        rule_speed.compare_checkouts([tmp_path], 0.0, [])

@@ -29,13 +29,13 @@ MAX_WORDS = 21_000
 """Words of all pages together, which somebody reads in a working day: say a fact once, and link to it."""
 
 
-def _check_fresh(page: Path, made: str, command: str) -> None:
-    fresh = page.is_file() and page.read_text(encoding='utf-8') == made
+def _check_fresh(page: Path, generated: str, command: str) -> None:
+    fresh = page.is_file() and page.read_text(encoding='utf-8') == generated
     assert fresh, f'{page.name} is stale: run `{command}`'
 
 
 def test_reference_page_and_the_parameters_of_the_links_are_fresh() -> None:
-    _check_fresh(PAGE, make_docs.render(), make_docs.COMMAND)
+    _check_fresh(PAGE, make_docs.render_page(), make_docs.COMMAND)
     page = make_docs.SHIP.read_text(encoding='utf-8')
     _check_fresh(make_docs.SHIP, make_docs.with_links(page), make_docs.COMMAND)
     assert '| `signalk.url` |' in page
@@ -63,7 +63,7 @@ def test_the_life_of_an_alarm_is_fresh() -> None:
 
 
 def test_every_parameter_has_one_row() -> None:
-    rows = re.findall(r'^\| `([a-z_.<>]+)` \|', make_docs.render(), flags=re.MULTILINE)
+    rows = re.findall(r'^\| `([a-z_.<>]+)` \|', make_docs.render_page(), flags=re.MULTILINE)
     sections = [
         row.replace('<input>', name)
         for row in rows
@@ -112,8 +112,8 @@ def test_links_lead_somewhere() -> None:
 
 
 def test_pages_that_the_program_names_are_there() -> None:
-    """Those in its messages, helps and docstrings: a page, perhaps an anchor or a section, of docs/."""
-    dead, seen = [], 0
+    """Look up the pages in messages, helps and docstrings, perhaps with an anchor or a section."""
+    dead, section_count = [], 0
     sources = [path for package in ROOT.glob('stickslip_*') for path in package.rglob('*.py')]
     for source in sources:
         text = re.sub(r"'\n\s*[rf]?'", '', source.read_text('utf-8'))
@@ -123,11 +123,11 @@ def test_pages_that_the_program_names_are_there() -> None:
             page = DOCS / name if (DOCS / name).exists() else ROOT / name
             anchors = _read_anchors(page) if page.exists() else set()
             headings = [a for a in anchors if a == anchor or (section and a.startswith(f'{section}-'))]
-            seen += bool(section)
+            section_count += bool(section)
             if not page.exists() or ((anchor or section) and not headings):
                 dead.append((source.name, name, anchor or section))
     assert dead == []
-    assert seen >= 2
+    assert section_count >= 2
 
 
 def test_the_examples_of_python_run(capsys: pytest.CaptureFixture[str]) -> None:
@@ -169,7 +169,7 @@ def test_people_read_one_name_for_one_thing() -> None:
 
 
 def test_the_readme_says_how_far_averaging_can_be_off() -> None:
-    """Its figures are those of the exact cycle, which 40-digit references hold to 1e-6."""
+    """Compare with the exact cycle, which 40-digit references hold to 1e-6."""
     text = ' '.join((ROOT / 'README.md').read_text('utf-8').split())
     bearing = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml').bearings[0].bearing
     (far, near) = re.findall(r'([\d.]+) \((\d+) rpm\)', text)
@@ -257,20 +257,20 @@ def test_every_sentence_on_troubles_is_one_of_the_program() -> None:
 
 def input_fault_sentences() -> list[str]:
     """Return every sentence on an input that brings nothing, or whose values are doubtful."""
-    one, two = Publisher('/a', 'T'), Publisher('/b', 'T')
-    facts = InputFacts('/x', 'T', True, (one,))
+    first, second = Publisher('/a', 'T'), Publisher('/b', 'T')
+    facts = InputFacts('/x', 'T', True, (first,))
     constants = [
         replace(facts, without_clock=True),
         replace(facts, publishers=()),
         replace(facts, publishers=(), gone='/n'),
         replace(facts, undecodable=True),
-        replace(facts, publishers=(replace(one, latched=True),)),
+        replace(facts, publishers=(replace(first, latched=True),)),
         replace(facts, publishers=(Publisher('/a', 'U'),)),
         replace(facts, publishers=(Publisher('/a', 'T', 'DEADLINE'),)),
         facts,
         *(replace(facts, refused=s) for s in STATUS_SENTENCES),
         replace(facts, lost=False, receiving=True, behind=10.0),
-        replace(facts, lost=False, publishers=(one, two)),
+        replace(facts, lost=False, publishers=(first, second)),
         *(replace(facts, lost=False, source=kind.sentence) for kind in SourceFaultKind),
     ]
     return [input_fault(value) for value in constants]
@@ -316,14 +316,14 @@ def test_the_walks_lead_through_the_house() -> None:
 def test_the_plan_of_the_house_has_every_room() -> None:
     plan = (DOCS / 'design.md').read_text('utf-8').partition('## How large it is')[0]
     rows = re.findall(r'^\| `(stickslip_\w+/\w+)` \|.*\| `([\w/.]+)` \|$', plan, re.MULTILINE)
-    assert {room for room, _ in rows} == {room for room in make_docs.rooms() if '/' in room}
+    assert {room for room, _ in rows} == {room for room in make_docs.measure_rooms() if '/' in room}
     assert [start for _, start in rows if not (ROOT / start).is_file()] == []
 
 
 def test_no_room_grows_without_a_decision() -> None:
-    rows, now = make_docs.decided((DOCS / 'design.md').read_text('utf-8')), make_docs.rooms()
+    rows, now = make_docs.decided_sizes((DOCS / 'design.md').read_text('utf-8')), make_docs.measure_rooms()
     assert rows.keys() == now.keys()
-    off = {room: (rows[room], now[room]) for room in rows if make_docs.undecided(rows[room], now[room])}
+    off = {room: (rows[room], now[room]) for room in rows if make_docs.is_undecided(rows[room], now[room])}
     assert off == {}, 'make it smaller, or decide its size: `make docs`, and say why in the commit'
 
 
@@ -332,8 +332,8 @@ def test_no_room_grows_without_a_decision() -> None:
     [((3, 1030), False), ((3, 1031), True), ((4, 1000), True), ((2, 950), False), ((2, 949), True)],
 )
 def test_when_the_size_of_a_room_is_to_be_decided(now: tuple[int, int], undecided: bool) -> None:
-    row = make_docs.decided('| `a` | 3 | 1,000 |\n')['a']
-    assert make_docs.undecided(row, now) is undecided
+    row = make_docs.decided_sizes('| `a` | 3 | 1,000 |\n')['a']
+    assert make_docs.is_undecided(row, now) is undecided
 
 
 def test_the_tutorial_prints_what_it_shows(tmp_path: Path) -> None:

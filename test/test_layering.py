@@ -88,7 +88,7 @@ def test_the_contracts_hold() -> None:
 
 @pytest.fixture(scope='module')
 def report(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Plant every violation in a copy of the packages, a module each, and return what is said."""
+    """Plant every violation in a copy of the packages, a module each, and return the broken contracts."""
     folder = tmp_path_factory.mktemp('planted')
     for package in PACKAGES:
         shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns('__pycache__'))

@@ -42,19 +42,19 @@ def clean_environment(extra: dict[str, str] | None = None) -> dict[str, str]:
 
 def run_command(*command: object, cwd: Path, env: dict[str, str] | None = None) -> str:
     """Return a command's output; fail unless it went well."""
-    given = {
+    options = {
         'cwd': cwd,
         'env': clean_environment(env),
         'stdout': subprocess.PIPE,
         'stderr': subprocess.STDOUT,
     }
-    done = subprocess.run([str(part) for part in command], **given, text=True, timeout=300)
-    assert done.returncode == 0, done.stdout
-    return done.stdout
+    completed = subprocess.run([str(part) for part in command], **options, text=True, timeout=300)
+    assert completed.returncode == 0, completed.stdout
+    return completed.stdout
 
 
 def list_files(folder: str) -> set[Path]:
-    """All of a folder of the repository, but what Python compiled."""
+    """Return the files of a folder of the repository, but those that Python compiled."""
     files = {path.relative_to(ROOT) for path in (ROOT / folder).rglob('*') if path.is_file()}
     return {path for path in files if '__pycache__' not in path.parts}
 
@@ -179,7 +179,7 @@ def test_pip_puts_both_commands_on_the_path_and_launch_files_where_ros_looks(
 
 @pytest.mark.slow
 def test_the_container_is_built_from_what_a_wheel_needs(source: Path, wheel: Path, tmp_path: Path) -> None:
-    """What .dockerignore lets through makes the same wheel; every line of the file is sound."""
+    """Build the same wheel from what .dockerignore lets through; every line of the file is sound."""
     allowed = [
         line[1:] for line in (ROOT / '.dockerignore').read_text('utf-8').splitlines() if line.startswith('!')
     ]
@@ -229,12 +229,12 @@ def test_colcon_installs_what_ros2_run_and_launch_look_for(workspace: Path) -> N
 
 @pytest.mark.slow
 def test_installed_command_runs_in_the_sourced_workspace(workspace: Path) -> None:
-    where = f'{sys.executable} -c "import {NAME}; print({NAME}.__file__)"'
+    print_path = f'{sys.executable} -c "import {NAME}; print({NAME}.__file__)"'
     command = f'install/{NAME}/lib/{NAME}/stickslip --help'
-    script = f'. install/setup.sh && {where} && {command}'
+    script = f'. install/setup.sh && {print_path} && {command}'
     printed = run_command('sh', '-c', script, cwd=workspace)
-    found, _, usage = printed.partition('\n')
-    assert Path(found).is_relative_to(workspace / 'install')
+    module_path, _, usage = printed.partition('\n')
+    assert Path(module_path).is_relative_to(workspace / 'install')
     assert 'assess' in usage
 
 
@@ -302,7 +302,7 @@ def test_launch_starts_the_installed_node_with_the_arguments_it_declares(launch_
 
 
 def test_launch_starts_the_program_of_a_wheel(launch_file: Any, tmp_path: Path) -> None:
-    """A wheel has no lib/<package>, in which `launch_ros` looks for a package's executables."""
+    # A wheel has no lib/<package>, in which `launch_ros` looks for a package's executables.
     launch_file.IN_WHEEL = tmp_path / 'monitor'
     launch_file.IN_WHEEL.touch()
     launch_file.generate_launch_description()

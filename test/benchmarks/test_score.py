@@ -26,7 +26,7 @@ from stickslip_monitor.cli import main
 START = 1_700_000_000_000_000_000
 
 
-def scene(
+def write_scene_bag(
     path: Path,
     points: list[list[float]],
     duration: float,
@@ -34,7 +34,7 @@ def scene(
     config: Path = CONFIG,
     **lining: Any,
 ) -> str:
-    """The bag of a scene at 1000 N whose speed [rpm] goes through some points."""
+    """Write the bag of a scene at 1000 N whose speed [rpm] goes through some points."""
     rates = {'speed': {'rate': 10.0}, 'load': {'rate': 10.0}}
     motion = {'disturbance': {'standard_deviation': 1.0, 'unit': 'N'}, 'amplitude': {'rate': 2.0}}
     document = {
@@ -62,7 +62,7 @@ def scene(
 @pytest.fixture(scope='module')
 def slowing(tmp_path_factory: pytest.TempPathFactory) -> str:
     """1 rpm/s down from 60 rpm at 0 s to 20 rpm at 40 s."""
-    return scene(tmp_path_factory.mktemp('bags') / 'slowing', [[0, 60], [40, 20]], 50.0)
+    return write_scene_bag(tmp_path_factory.mktemp('bags') / 'slowing', [[0, 60], [40, 20]], 50.0)
 
 
 @pytest.fixture(scope='module')
@@ -70,10 +70,10 @@ def knocked(tmp_path_factory: pytest.TempPathFactory) -> str:
     """At 34 rpm from 40 s; a blow at 60 s that gives 1.4 times the threshold amplitude."""
     knocks = [[60.0, 1.4 * 0.592815e-3 * 50.0 * 200.0]]
     path = tmp_path_factory.mktemp('bags') / 'knocked'
-    return scene(path, [[14, 60], [40, 34]], 80.0, knocks=knocks)
+    return write_scene_bag(path, [[14, 60], [40, 34]], 80.0, knocks=knocks)
 
 
-def run(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, str, str]:
+def run_score(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, str, str]:
     capsys.readouterr()
     code = score_main([*args, '--config', str(CONFIG)])
     out, error = capsys.readouterr()
@@ -81,7 +81,7 @@ def run(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, str, str]:
 
 
 def test_json_of_a_slowing_shaft(slowing: str, capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, error = run(capsys, slowing, '--json')
+    code, out, error = run_score(capsys, slowing, '--json')
     assert (code, error) == (0, '')
     document = json.loads(out)
     assert document['schema'] == 'stickslip_monitor/score/2'
@@ -96,12 +96,12 @@ def test_json_of_a_slowing_shaft(slowing: str, capsys: pytest.CaptureFixture[str
     # the delay is 2 s. From the Hopf speed, passed at 60 - 30.74 s, the growth rate is
     # 4 (exp(k t) - 1); 3 e-folds are due, by medians of three values at 10 Hz, which are those of 0.1 s ago.
     slope = lambda t: (1.0 - math.exp(-t) - 4.0 * (1.0 - math.exp(-t / 4.0))) / 3.0  # noqa: E731
-    seen = brentq(lambda t: 60.0 - t + 20.0 * slope(t) - 40.7231, 1.0, 20.0)
+    warning_time = brentq(lambda t: 60.0 - t + 20.0 * slope(t) - 40.7231, 1.0, 20.0)
     k = 10.0 * math.pi * 0.1 / 60.0
     grown = brentq(lambda t: 4.0 * (math.expm1(k * t) / k - t) - 3.0, 0.1, 20.0)
     alarm = 60.0 - 30.738 + grown + 0.1
     assert first > alarm
-    assert episode['lead'] == pytest.approx(first - seen - 2.0, abs=0.2)
+    assert episode['lead'] == pytest.approx(first - warning_time - 2.0, abs=0.2)
     assert episode['alarm_lead'] == pytest.approx(first - alarm, abs=0.2)
     assert (figures['missed'], figures['warned'], score['false_alarms']) == (0.0, 1.0, [])
     # Wrong from the prediction to the first stick.
@@ -111,16 +111,16 @@ def test_json_of_a_slowing_shaft(slowing: str, capsys: pytest.CaptureFixture[str
 
 
 def test_a_knock_in_the_bistable_range(knocked: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Warned of as possible, never predicted: from the blow on the monitor takes it for quiet."""
-    code, out, _ = run(capsys, knocked, '--json')
+    # Warned of as possible, never predicted: from the blow on the monitor takes it for quiet.
+    code, out, _ = run_score(capsys, knocked, '--json')
     assert code == 0
     score = json.loads(out)['total']['monitor']
     assert (score['episodes'], score['missed'], score['detected']) == (1, 0.0, 0.0)
     assert score['alarm_least'] is None
     # Falling by 1 rpm/s from 14 s on; with means of 0.9 s and 7.5 s ago the trend that takes it
     # below 40.72 rpm in 20 s is there when 60 - (1 + 20.9/6.6) (t - 14.9) is; raised 2 s later.
-    seen = 14.9 + (60.0 - 40.72) / (1.0 + 20.9 / 6.6)
-    assert score['lead_least'] == pytest.approx(60.0 - seen - 2.0, abs=0.3)
+    warning_time = 14.9 + (60.0 - 40.72) / (1.0 + 20.9 / 6.6)
+    assert score['lead_least'] == pytest.approx(60.0 - warning_time - 2.0, abs=0.3)
     assert 3600.0 * score['unalarmed_hours'] == pytest.approx(20.0, abs=0.3)
 
 
@@ -128,10 +128,10 @@ def test_a_knock_in_the_bistable_range(knocked: str, capsys: pytest.CaptureFixtu
 def test_clock_that_jumps_changes_no_lead(
     tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str], by: float
 ) -> None:
-    """Of a steady caution and of a prediction 12 s after the jump, only an interruption tells."""
+    """Jump before a steady caution and a prediction 12 s later: only an interruption would show."""
     jump = {'clock_jump': {'jumps': [[19.05, by]]}}
     stamped = ROOT / 'launch_configs' / 'stamped_inputs.yaml'
-    bag = scene(tmp_path / 'bag', [[0, 60], [40, 20]], 50.0, [jump], stamped)
+    bag = write_scene_bag(tmp_path / 'bag', [[0, 60], [40, 20]], 50.0, [jump], stamped)
     scores = []
     for path, config in ((slowing, CONFIG), (bag, stamped)):
         capsys.readouterr()
@@ -143,7 +143,7 @@ def test_clock_that_jumps_changes_no_lead(
 
 
 def test_table_of_two_bags(slowing: str, knocked: str, capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = run(capsys, slowing, knocked)
+    code, out, _ = run_score(capsys, slowing, knocked)
     assert code == 0
     rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line.strip()}
     # Episodes and least lead; both together.
@@ -156,7 +156,7 @@ def test_table_of_two_bags(slowing: str, knocked: str, capsys: pytest.CaptureFix
 def test_a_missed_episode_and_a_false_alarm_give_code_1(
     tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The same bag judged with a monitor that believes in another bearing."""
+    """Judge the same bag with a monitor that believes in another bearing."""
     text = CONFIG.read_text('utf-8')
     for old, new, key in (
         ('kinetic: 0.10', 'kinetic: 0.29', 'missed'),
@@ -165,7 +165,7 @@ def test_a_missed_episode_and_a_false_alarm_give_code_1(
         assert old in text
         config = tmp_path / 'config.yaml'
         config.write_text(text.replace(old, new), 'utf-8')
-        bag = slowing if key == 'missed' else scene(tmp_path / 'fast', [[0, 120], [5, 46]], 20.0)
+        bag = slowing if key == 'missed' else write_scene_bag(tmp_path / 'fast', [[0, 120], [5, 46]], 20.0)
         capsys.readouterr()
         assert score_main([bag, '--config', str(config), '--json']) == 1
         assert json.loads(capsys.readouterr().out)['total']['monitor'][key] > 0.0
@@ -174,14 +174,14 @@ def test_a_missed_episode_and_a_false_alarm_give_code_1(
 def test_picture(tmp_path: Path, slowing: str, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip('matplotlib')
     target = tmp_path / 'score.png'
-    assert run(capsys, slowing, '--picture', str(target))[0] == 0
+    assert run_score(capsys, slowing, '--picture', str(target))[0] == 0
     assert png_size(target) == (1800, 1642)
 
 
 def test_the_monitor_never_reads_the_truth(
     tmp_path: Path, knocked: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The same events without the truth, and with one that is all nonsense."""
+    """Judge without the truth, and with one that is all nonsense: the events are the same."""
     bags = {'whole': knocked}
     for name in ('stripped', 'spoilt'):
         bags[name] = str(tmp_path / name)

@@ -24,8 +24,8 @@ def between(low: float, high: float) -> dict[str, list[float]]:
     return {'between': [low, high]}
 
 
-def write(path: Path, **changes: Any) -> str:
-    """A shaft that slows down past both boundaries, of the reference bearing."""
+def write_scene(path: Path, **changes: Any) -> str:
+    """Write a scene of the reference bearing that slows down past both boundaries."""
     document = {
         'scene': 'stickslip_monitor/scene/1',
         'description': 'A test.',
@@ -48,7 +48,7 @@ def write(path: Path, **changes: Any) -> str:
 
 @pytest.fixture
 def scene(tmp_path: Path) -> str:
-    return write(tmp_path / 'slowing.yaml')
+    return write_scene(tmp_path / 'slowing.yaml')
 
 
 def test_json_of_two_seeds_and_two_grades(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -79,7 +79,7 @@ def test_serial_and_parallel_are_the_same_and_seeds_differ(scene: str) -> None:
 
 
 def test_truth_is_that_of_the_bag(scene: str, tmp_path: Path, capsys: Any) -> None:
-    """A scene is judged as the recording that is made of it."""
+    """Judge a scene as the recording that is made of it."""
     assert main(['simulate', scene, '-o', str(tmp_path / 'bag')]) == 0
     capsys.readouterr()
     config = str(CONFIGS / 'reference_bearing.yaml')
@@ -99,7 +99,7 @@ def test_a_table_is_printed(scene: str, capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_two_publishers_are_told(tmp_path: Path) -> None:
-    path = write(tmp_path / 'two.yaml')
+    path = write_scene(tmp_path / 'two.yaml')
     document = yaml.safe_load(Path(path).read_text('utf-8'))
     publisher = {'second_publisher': {'speed': {'value': 3.0, 'unit': 'fold', 'rate': 5.0}}}
     document['effects'].append(publisher)
@@ -140,7 +140,7 @@ def test_bad_input_is_one_sentence(
     folder = tmp_path / 'scene'
     folder.mkdir()
     changes = changes | ({'config': str(tmp_path)} if changes.get('config') == '.' else {})
-    scene = write(folder / 'a.yaml', **changes)
+    scene = write_scene(folder / 'a.yaml', **changes)
     assert score_main([scene, '--jobs', '1']) == 2
     error = capsys.readouterr().err
     assert error.startswith('ERROR: ')

@@ -17,11 +17,11 @@ from benchmarks.warning_quality import (
     Episode,
     Quality,
     RuleOutput,
-    announced,
+    announced_episodes,
     baseless_alarms,
     false_alarms,
     largest_burst,
-    pooled,
+    pool_qualities,
     quality_of,
 )
 from stickslip_lab.scenes.truth import TruthNumbers, TruthRecord
@@ -34,35 +34,39 @@ HOUR = 3600
 Spans = Sequence[tuple[float, float]]
 
 
-def ns(spans: Spans) -> tuple[tuple[int, int], ...]:
+def to_nanoseconds(spans: Spans) -> tuple[tuple[int, int], ...]:
     return tuple((round(start * 1e9), round(end * 1e9)) for start, end in spans)
 
 
-def record(span: tuple[int, int], episodes: Spans, margin: Array) -> TruthRecord:
-    """The truth over some seconds, with a fold margin once a second from their begin."""
+def make_record(span: tuple[int, int], episodes: Spans, margin: Array) -> TruthRecord:
+    """Return the truth over some seconds, with a fold margin once a second from their begin."""
     time = (span[0] + np.arange(margin.size)) * 10**9
     none, truth = TruthNumbers(time[:0], margin[:0]), TruthNumbers(time, margin)
-    return TruthRecord(span[0] * 10**9, span[1] * 10**9, ns(episodes), none, truth, none)
+    return TruthRecord(span[0] * 10**9, span[1] * 10**9, to_nanoseconds(episodes), none, truth, none)
 
 
-def truth(episodes: Spans, margin: Sequence[float] = ()) -> TruthRecord:
-    """An hour, with a margin of 0.2 where none is given."""
+def make_truth(episodes: Spans, margin: Sequence[float] = ()) -> TruthRecord:
+    """Return the truth of an hour, with a margin of 0.2 where none is given."""
     values = np.full(HOUR + 1, 0.2)
     values[: len(margin)] = margin
-    return record((0, HOUR), episodes, values)
+    return make_record((0, HOUR), episodes, values)
 
 
-def output(
+def make_output(
     warned: Spans = (), alarmed: Spans = (), changes: int = 0, raised: Sequence[int] = ()
 ) -> RuleOutput:
-    return RuleOutput(ns(warned), ns(alarmed), [(time * 10**9, 1) for time in raised], changes)
+    return RuleOutput(
+        to_nanoseconds(warned), to_nanoseconds(alarmed), [(time * 10**9, 1) for time in raised], changes
+    )
 
 
 def test_leads_misses_and_detection() -> None:
-    """Of four episodes: 20 s before, 4 s before, 3 s late, never; two of them are detected."""
+    """Warn of four episodes 20 s before, 4 s before, 3 s late and never; two of them are detected."""
     quality = quality_of(
-        output(warned=[(80, 150), (996, 1001), (2003, 2010)], alarmed=[(105, 150), (2003, 2010)], changes=9),
-        truth([(100, 120), (1000, 1010), (2000, 2020), (3000, 3010)]),
+        make_output(
+            warned=[(80, 150), (996, 1001), (2003, 2010)], alarmed=[(105, 150), (2003, 2010)], changes=9
+        ),
+        make_truth([(100, 120), (1000, 1010), (2000, 2020), (3000, 3010)]),
         plain=True,
     )
     assert sorted(quality.leads) == [-3.0, 4.0, 20.0]
@@ -86,8 +90,8 @@ def test_leads_misses_and_detection() -> None:
 def test_an_alarm_is_false_where_no_episode_is_within_a_minute() -> None:
     """60 s before and after an episode belong to it; the rest of an alarm is wrong time."""
     quality = quality_of(
-        output(alarmed=[(900, 941), (1100, 1300), (2000, 2010), (3590, HOUR)]),
-        truth([(1000, 1050)]),
+        make_output(alarmed=[(900, 941), (1100, 1300), (2000, 2010), (3590, HOUR)]),
+        make_truth([(1000, 1050)]),
         plain=False,
     )
     assert quality.false == 2
@@ -101,7 +105,7 @@ def test_far_warnings_and_far_time() -> None:
     """Far for the first 1800 s; a warning that goes on into what is near is none of them."""
     margin = [0.4] * 1800
     quality = quality_of(
-        output(warned=[(10, 20), (30, 31), (1790, 1810), (2000, 2010)]), truth([], margin), True
+        make_output(warned=[(10, 20), (30, 31), (1790, 1810), (2000, 2010)]), make_truth([], margin), True
     )
     assert quality.far_warnings == 2
     assert quality.far_seconds == 1800.0
@@ -117,10 +121,10 @@ def test_largest_burst_in_ten_minutes(times: list[int], expected: int) -> None:
 
 
 def test_a_warning_is_newly_given_in_time_and_after_the_episode_before() -> None:
-    """Of three bouts, one of two episodes: 11 s before; only held since then; 9 s before."""
+    """Warn of three bouts, one of two episodes: 11 s before; only held since then; 9 s before."""
     quality = quality_of(
-        output(warned=[(50, 2000)], raised=[89, 100, 110, 2991]),
-        truth([(100, 120), (1000, 1010), (1040, 1050), (3000, 3010)]),
+        make_output(warned=[(50, 2000)], raised=[89, 100, 110, 2991]),
+        make_truth([(100, 120), (1000, 1010), (1040, 1050), (3000, 3010)]),
         plain=True,
     )
     assert (quality.episodes, quality.bouts, quality.newly) == (4, 3, 1)
@@ -128,9 +132,11 @@ def test_a_warning_is_newly_given_in_time_and_after_the_episode_before() -> None
 
 
 def test_holding_an_alarm_is_time_without_an_episode_and_time_under_a_warning() -> None:
-    """An episode of 50 s in an alarm of 200 s; of 1000 s far away 150 s are under a warning."""
+    """Hold an alarm 200 s for an episode of 50 s; of 1000 s far away 150 s are under a warning."""
     quality = quality_of(
-        output(warned=[(850, 1100)], alarmed=[(1990, 2190)]), truth([(2000, 2050)], [0.5] * 1000), plain=True
+        make_output(warned=[(850, 1100)], alarmed=[(1990, 2190)]),
+        make_truth([(2000, 2050)], [0.5] * 1000),
+        plain=True,
     )
     assert quality.unfounded == 150.0
     assert (quality.far_warned, quality.figures()['far_warned']) == (150.0, 0.15)
@@ -153,11 +159,11 @@ def test_sounds_are_those_of_the_alarms() -> None:
 
 
 def test_voyages_add_up() -> None:
-    one = quality_of(output(warned=[(0, 10)], changes=2), truth([(5, 8)]), True)
-    pooled_pair = pooled([one, one])
+    quality = quality_of(make_output(warned=[(0, 10)], changes=2), make_truth([(5, 8)]), True)
+    pooled_pair = pool_qualities([quality, quality])
     assert (pooled_pair.seconds, pooled_pair.episodes, pooled_pair.changes) == (7200.0, 2, 4)
-    assert pooled_pair.figures()['warned'] == one.figures()['warned'] == 1.0
-    assert pooled([]) == Quality()
+    assert pooled_pair.figures()['warned'] == quality.figures()['warned'] == 1.0
+    assert pool_qualities([]) == Quality()
     assert Quality().figures()['false_per_100h'] is None
 
 
@@ -166,16 +172,16 @@ STICK_SLIP, STALE = Condition.STICK_SLIP, Condition.INPUT_STALE
 
 
 def by_monitor(*changes: tuple[float, Condition]) -> RuleOutput:
-    """What a monitor says whose condition changes at some seconds."""
-    found, before = [], NORMAL
-    for second, after in changes:
-        found.append(change(round(second * 1e9), before, after))
-        before = after
+    """Return the output of a monitor whose condition changes at some seconds."""
+    monitor_events, condition = [], NORMAL
+    for second, new_condition in changes:
+        monitor_events.append(change(round(second * 1e9), condition, new_condition))
+        condition = new_condition
 
     class Recorded:
-        events = found
+        events = monitor_events
 
-    return output_of(cast(Scan, Recorded()), truth([]))
+    return output_of(cast(Scan, Recorded()), make_truth([]))
 
 
 @pytest.mark.parametrize(
@@ -202,8 +208,8 @@ def test_an_episode_from_50_to_60_s(
     changes: list[tuple[float, Condition]], lead: float | None, alarm_lead: float | None, false: int
 ) -> None:
     output = by_monitor(*changes)
-    what_was = truth([(50, 60)])
-    assert announced(output, what_was) == [Episode(50 * 10**9, 60 * 10**9, lead, alarm_lead)]
+    what_was = make_truth([(50, 60)])
+    assert announced_episodes(output, what_was) == [Episode(50 * 10**9, 60 * 10**9, lead, alarm_lead)]
     assert len(false_alarms(output, what_was)) == false
     good = lead is not None and lead >= 0.0 and not false
     assert quality_of(output, what_was, True).is_good == good
@@ -211,20 +217,24 @@ def test_an_episode_from_50_to_60_s(
 
 def test_a_false_alarm_is_baseless_where_sliding_was_stable_while_it_stood() -> None:
     """Sliding is unstable from 200 to 202 s; the alarm of 300 s belongs to an episode."""
-    what_was = truth([(290, 310)])
+    what_was = make_truth([(290, 310)])
     margin = np.where((what_was.fold_margin.time_ns // 10**9 - 200) // 2 == 0, -0.01, 0.2)
     what_was = replace(what_was, hopf_margin=replace(what_was.fold_margin, value=margin))
     alarmed = [(100, 120), (190, 200), (201, 215), (300, 310), (500, 510)]
-    assert false_alarms(output(alarmed=alarmed), what_was) == list(ns([*alarmed[:3], alarmed[4]]))
-    assert baseless_alarms(output(alarmed=alarmed), what_was) == list(ns([*alarmed[:2], alarmed[4]]))
-    figures = quality_of(output(alarmed=alarmed), what_was, True).figures()
+    assert false_alarms(make_output(alarmed=alarmed), what_was) == list(
+        to_nanoseconds([*alarmed[:3], alarmed[4]])
+    )
+    assert baseless_alarms(make_output(alarmed=alarmed), what_was) == list(
+        to_nanoseconds([*alarmed[:2], alarmed[4]])
+    )
+    figures = quality_of(make_output(alarmed=alarmed), what_was, True).figures()
     assert (figures['false_per_100h'], figures['baseless_per_100h']) == (400.0, 300.0)
 
 
 def test_only_the_time_of_the_truth_is_judged() -> None:
-    """From 30 to 70 s: an episode that goes on ends there; what stood before counts from 30."""
-    output = RuleOutput(ns([(10, 90)]), ns([(10, 20), (80, 90)]), [], 0)
-    voyage = record((30, 70), [(5, 8), (60, 99)], np.full(2, 0.2))
-    assert announced(output, voyage) == [Episode(60 * 10**9, 70 * 10**9, 30.0, None)]
+    """Judge from 30 to 70 s: an episode that goes on ends there; what stood before counts from 30."""
+    output = RuleOutput(to_nanoseconds([(10, 90)]), to_nanoseconds([(10, 20), (80, 90)]), [], 0)
+    voyage = make_record((30, 70), [(5, 8), (60, 99)], np.full(2, 0.2))
+    assert announced_episodes(output, voyage) == [Episode(60 * 10**9, 70 * 10**9, 30.0, None)]
     quality = quality_of(output, voyage, True)
     assert (quality.seconds, quality.false, quality.unalarmed) == (40.0, 0, 10.0)

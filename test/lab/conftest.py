@@ -48,7 +48,7 @@ SCENE: dict[str, Any] = {
 
 
 def bearing_with(changes: dict[str, Any]) -> dict[str, Any]:
-    """The reference bearing, with some quantities replaced and some inputs' keys too."""
+    """Return the reference bearing with some quantities replaced, and some of the inputs' keys."""
     return BEARING | {k: BEARING.get(k, {}) | v if isinstance(v, dict) else v for k, v in changes.items()}
 
 
@@ -62,11 +62,11 @@ def scene_path(tmp_path: Path) -> Callable[..., Path]:
     """
 
     def write(bearings: dict[str, Any] | str | None = None, rate: float = 0.0, **changes: Any) -> Path:
-        given = bearings if isinstance(bearings, dict) else KNOWN[bearings]
-        own = {name: bearing_with(changes) for name, changes in given.items()}
+        changes_by_name = bearings if isinstance(bearings, dict) else KNOWN[bearings]
+        bearing_values = {name: bearing_with(changes) for name, changes in changes_by_name.items()}
         if rate:
             changes['telemetry'] = {'speed': {'rate': rate}, 'load': {'rate': rate}}
-        config = {'/**': {'ros__parameters': {'bearings': list(own)} | own}}
+        config = {'/**': {'ros__parameters': {'bearings': list(bearing_values)} | bearing_values}}
         (tmp_path / 'config.yaml').write_text(dump_yaml(config), 'utf-8')
         scene = {k: v for k, v in (SCENE | changes).items() if v is not None}
         path = tmp_path / 'scene.yaml'
@@ -87,13 +87,13 @@ def dump_yaml(document: Any) -> str:
 
 @pytest.fixture
 def make_scene(scene_path: Callable[..., Path]) -> Callable[..., Scene]:
-    """The scene with some keys replaced."""
+    """Return a function that loads the scene with some keys replaced."""
     return lambda *args, **changes: load_scene(scene_path(*args, **changes))
 
 
 @pytest.fixture
 def messages_of() -> Callable[..., dict[str, Messages]]:
-    """What the recorder gets on each topic of a scene."""
+    """Return a function that collects the messages of each topic of a scene."""
 
     def collect(scene: Scene, *block_length: float) -> dict[str, Messages]:
         blocks = list(simulate(scene, *block_length))

@@ -22,7 +22,7 @@ ONSET, FOLD = 26.0, 40.7231
 def slow_passage(
     number: int = 0, rate: float = 0.2, *, by: float = 1.0, level: bool = True, knocks: tuple[float, ...] = ()
 ) -> Evidence:
-    """The passage at a rate [rpm/s], all speeds ``by`` a factor, with knocks at seconds."""
+    """Return the passage at a rate [rpm/s], all speeds ``by`` a factor, with knocks at seconds."""
     half = 40.0 / rate
     time = np.arange(0.0, 2.0 * half, 0.2)
     rpm = 20.0 + rate * np.abs(time - half)
@@ -39,8 +39,8 @@ def slow_passage(
     for knock in knocks:
         loud |= (time >= knock) & (time <= knock + 6.0)
     decibels = 20.0 * np.log10(np.where(loud, speed, 0.05 * FOLD * RPM)) + noise
-    heard = bin_level(begin + time, decibels, begin + time, speed)
-    return Evidence(course.name, (course,), level=heard)
+    level_bins = bin_level(begin + time, decibels, begin + time, speed)
+    return Evidence(course.name, (course,), level=level_bins)
 
 
 def alternating_reports(edges: list[int], source: str, tolerance: float = 2.0) -> tuple[VibrationReport, ...]:

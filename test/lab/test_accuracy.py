@@ -73,8 +73,8 @@ class Clocks:
 )
 def test_the_median_of_undisturbed_samples_counts(steps, effort, seconds, samples, disturbed):
     clocks = Clocks(steps)
-    taken, count, busy = time_call(clocks.call, effort, lambda: clocks.wall, lambda: clocks.cpu)
-    assert taken == pytest.approx(seconds, rel=1e-6)
+    measured, count, busy = time_call(clocks.call, effort, lambda: clocks.wall, lambda: clocks.cpu)
+    assert measured == pytest.approx(seconds, rel=1e-6)
     assert (count in samples, busy) == (True, disturbed)
     assert clocks.wall > effort.sample * effort.min_samples
 
@@ -115,8 +115,8 @@ def test_the_front_is_what_nothing_beats(seconds, errors, front):
 
 def test_a_measurement_has_the_time_of_a_point_unless_refused(monkeypatch):
     monkeypatch.setattr(measurement, 'time_call', lambda *_: (8.0, 3, False))
-    taken = measure(replace(BASE, points=4), CASES[1], TINY)
-    assert (taken.outcome, taken.seconds, taken.samples) == ('cycle', 2.0, 3)
+    measured = measure(replace(BASE, points=4), CASES[1], TINY)
+    assert (measured.outcome, measured.seconds, measured.samples) == ('cycle', 2.0, 3)
     refused = measure(replace(BASE, applies=lambda _: False), CASES[1], TINY)
     assert (refused.outcome, math.isnan(refused.seconds)) == ('refused', True)
 
@@ -125,8 +125,8 @@ def test_csv_round_trip_to_the_last_bit(tmp_path):
     rows = [make_row(error=1 / 3), make_row('other', 'b, c', math.nan, math.nan, 'refused')]
     rows.append(replace(rows[0], method='third', disturbed=True))
     write_csv(columns(rows), tmp_path / 'a.csv')
-    again = read_rows(tmp_path / 'a.csv')
-    assert repr(again) == repr(rows)
+    stored = read_rows(tmp_path / 'a.csv')
+    assert repr(stored) == repr(rows)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_what_is_no_measurement_is_refused(tmp_path, text, words):
 def test_the_page_shows_the_stored_measurement():
     page = (DOCS / 'accuracy.md').read_text('utf-8')
     mark = '<!-- lines of: stickslip accuracy --from docs/accuracy.csv --markdown -->\n'
-    shown = page.partition(mark)[2].partition('\n\n')[0].splitlines()
-    assert len(shown) >= 10
+    table_lines = page.partition(mark)[2].partition('\n\n')[0].splitlines()
+    assert len(table_lines) >= 10
     # The page leaves some methods out.
-    assert set(shown) <= set(markdown_table(read_rows(DOCS / 'accuracy.csv')).splitlines())
+    assert set(table_lines) <= set(markdown_table(read_rows(DOCS / 'accuracy.csv')).splitlines())

@@ -26,7 +26,7 @@ RATES = {'speed': {'rate': 10.0}, 'load': {'rate': 2.0}, 'level': {'rate': 2.0}}
 
 
 def documented_examples() -> dict[str, Any]:
-    """The example of each effect in the docs."""
+    """Return the example of each effect in the docs."""
     blocks = re.findall(r'```yaml\n(- .*?)```', PAGE.read_text('utf-8'), flags=re.DOTALL)
     listed = [entry for block in blocks for entry in yaml.safe_load(block)]
     settings_by_effect = {name: settings for entry in listed for name, settings in entry.items()}
@@ -72,27 +72,27 @@ def test_order_in_the_file_and_length_of_the_blocks_change_no_bit(
 ) -> None:
     scene = make_scene('watered', effects=ALL, telemetry=RATES)
     assert [s.name for s in scene.effects] == [n for n in EFFECTS if n in QUICK]
-    whole = messages_of(scene)
+    expected = messages_of(scene)
     backwards = make_scene('watered', effects=ALL[::-1], telemetry=RATES)
     for repeated in (messages_of(backwards), *(messages_of(scene, t) for t in (1000.0, 0.35))):
-        for topic, messages in whole.items():
+        for topic, messages in expected.items():
             for name in ('stamp_ns', 'log_time_ns', 'raw'):
-                one, two = (getattr(run, name) for run in (messages, repeated[topic]))
-                assert one.tobytes() == two.tobytes()
+                values, repeated_values = (getattr(run, name) for run in (messages, repeated[topic]))
+                assert values.tobytes() == repeated_values.tobytes()
 
 
 @pytest.fixture
 def streams(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, ...], np.random.Generator]:
-    """The random streams that are made, by name; their states tell what was drawn."""
-    made: dict[tuple[str, ...], np.random.Generator] = {}
+    """Return the random streams that are made, by name; their states tell what was drawn."""
+    streams: dict[tuple[str, ...], np.random.Generator] = {}
 
-    def spy(seed: int, *names: str) -> np.random.Generator:
-        made[names] = random_stream(seed, *names)
-        return made[names]
+    def make_stream(seed: int, *names: str) -> np.random.Generator:
+        streams[names] = random_stream(seed, *names)
+        return streams[names]
 
     for module in (effect_module, lining_effects):
-        monkeypatch.setattr(module, 'random_stream', spy)
-    return made
+        monkeypatch.setattr(module, 'random_stream', make_stream)
+    return streams
 
 
 # A recording that is cut off ends sooner, and so do all its streams.

@@ -74,13 +74,13 @@ def test_the_bearing_that_is_believed_has_grown_three_e_folds_at_the_onsets() ->
 
 
 def test_a_value_without_a_tolerance_is_as_uncertain_as_a_drawing() -> None:
-    """By the docs 40 % of the damping, 30 % of the decay and 25 % of mu_s - mu_k, here 0.2."""
+    """Take 40 % of the damping, 30 % of the decay and 25 % of mu_s - mu_k (here 0.2), as in the docs."""
     for tolerance, fall in (
         (EXACT, 0.25),
         (Tolerance(static=0.05, kinetic=0.05), math.hypot(0.05 * 0.3, 0.05 * 0.1) / 0.2),
     ):
-        wanted = [[0.09, -0.09], [-0.09, 0.09 + 0.16 + fall**2]]
-        np.testing.assert_allclose(prior_covariance(BEARING, tolerance), wanted, rtol=1e-12)
+        expected = [[0.09, -0.09], [-0.09, 0.09 + 0.16 + fall**2]]
+        np.testing.assert_allclose(prior_covariance(BEARING, tolerance), expected, rtol=1e-12)
 
 
 def test_knocks_move_nothing_and_are_counted() -> None:
@@ -91,11 +91,11 @@ def test_knocks_move_nothing_and_are_counted() -> None:
 
 
 def test_a_recording_counts_once_whatever_its_name() -> None:
-    one, second = slow_passage(0), slow_passage(1)
-    course = replace(one.courses[0], name='copy of it')
-    copy = replace(one, name='copy of it', courses=(course,))
-    calibration = calibrate_levels([one, copy, second])
-    assert fold_rpm(calibration) == fold_rpm(calibrate_levels([one, second]))
+    first, second = slow_passage(0), slow_passage(1)
+    course = replace(first.courses[0], name='copy of it')
+    copy = replace(first, name='copy of it', courses=(course,))
+    calibration = calibrate_levels([first, copy, second])
+    assert fold_rpm(calibration) == fold_rpm(calibrate_levels([first, second]))
     assert 'copy of it was given before and counts once' in calibration.remarks
 
 
@@ -105,8 +105,8 @@ def test_one_end_alone_is_told() -> None:
 
 
 def test_quiet_alone_says_little_of_the_fold() -> None:
-    one = slow_passage(level=False)
-    fast = replace(one.courses[0], speed=np.maximum(one.courses[0].speed, 45.0 * RPM))
+    passage = slow_passage(level=False)
+    fast = replace(passage.courses[0], speed=np.maximum(passage.courses[0].speed, 45.0 * RPM))
     span = [int(fast.time_ns[0]), int(fast.time_ns[-1])]
     calibration = calibrate([Evidence('bag', (fast,), alternating_reports(span, 'list'))], BEARING, EXACT)
     assert 'no episode was seen' in calibration.warnings[0]
@@ -116,25 +116,25 @@ def test_quiet_alone_says_little_of_the_fold() -> None:
 
 
 def test_a_false_report_is_named_and_does_little() -> None:
-    made = [slow_passage(k, level=False) for k in range(4)]
-    before = calibrate(made, BEARING, EXACT)
-    (course,) = made[3].courses
+    passages = [slow_passage(k, level=False) for k in range(4)]
+    undisturbed = calibrate(passages, BEARING, EXACT)
+    (course,) = passages[3].courses
     start = int(course.time_ns[5])
     # A squeal while the shaft slowed down from 59 to 56 rpm and turned at 60 again after it.
     speed = np.where(course.time_ns > start + 12 * 10**9, 60.0 * RPM, course.speed)
     false_course = replace(course, name='bag 9', speed=speed)
     edges = [int(course.time_ns[0]), start, start + 14 * 10**9, int(course.time_ns[-1])]
     false = Evidence('bag 9', (false_course,), alternating_reports(edges, 'squeals.csv'))
-    calibration = calibrate([*made, false], BEARING, EXACT)
-    assert fold_rpm(calibration) == pytest.approx(fold_rpm(before), rel=0.01)
+    calibration = calibrate([*passages, false], BEARING, EXACT)
+    assert fold_rpm(calibration) == pytest.approx(fold_rpm(undisturbed), rel=0.01)
     (text,) = calibration.warnings
     assert text.startswith('squeals.csv, line 2: vibration for 14 s')
     assert 'worthless with' in text
 
 
 def test_a_bearing_that_changed_is_noticed_and_forgetting_follows() -> None:
-    made = [slow_passage(k) for k in range(5)] + [slow_passage(k, by=1.15) for k in range(5, 8)]
-    evidence = read_levels('aft', made)
+    passages = [slow_passage(k) for k in range(5)] + [slow_passage(k, by=1.15) for k in range(5, 8)]
+    evidence = read_levels('aft', passages)
     calibration = calibrate(evidence, BEARING, EXACT)
     assert any('may have changed' in text for text in calibration.warnings)
     followed = calibrate(evidence, BEARING, EXACT, forget=0.1)
@@ -151,6 +151,6 @@ def test_the_level_of_another_bearing_is_refused() -> None:
 
 
 def test_without_a_slow_passage_there_is_no_evidence() -> None:
-    one = slow_passage(level=False)
+    passage = slow_passage(level=False)
     with pytest.raises(CalibrationError, match='there is no evidence'):
-        calibrate([replace(one, reports=())], BEARING, EXACT)
+        calibrate([replace(passage, reports=())], BEARING, EXACT)

@@ -104,7 +104,7 @@ def test_edges_are_where_the_level_leaves_its_plateau() -> None:
     level = slow_passage(rate=0.2).level
     assert level is not None
     reports, knocks = level_reports('aft', level, threshold_of([level]), 'bag')
-    assert [one.squeal for one in reports] == [False, True, False]
+    assert [report.squeal for report in reports] == [False, True, False]
     assert knocks == []
     begin, end = (round(t * 1e-9 - 1e4, 1) for t in (reports[1].start_ns, reports[1].end_ns))
     assert begin == pytest.approx((60.0 - ONSET) / 0.2, abs=0.6)
@@ -131,9 +131,9 @@ def test_a_knock_is_no_episode_and_a_gap_is_no_quiet() -> None:
     keep = (level.time < 500.0) | (level.time > 600.0)
     cut = LevelBins(level.time[keep], level.value[keep], level.by_speed[keep])
     reports, knocks = level_reports('aft', cut, threshold_of([cut]), 'bag')
-    assert sum(one.squeal for one in reports) == 1
+    assert sum(report.squeal for report in reports) == 1
     assert len(knocks) == 4
-    assert not any(one.start_ns < 550e9 < one.end_ns for one in reports)
+    assert not any(report.start_ns < 550e9 < report.end_ns for report in reports)
 
 
 SLOWER = np.where(TIME < 500.0, 1.0, 0.2)
@@ -161,4 +161,4 @@ def test_a_clipped_level_still_has_two_modes() -> None:
     decibels = np.where(loud, 20.0 * np.log10(speed), -34.0) + NOISE
     level = level_course(np.minimum(decibels, -14.0), speed)
     reports, _ = level_reports('aft', level, threshold_of([level]), 'bag')
-    assert [one.squeal for one in reports] == [False, True, False]
+    assert [report.squeal for report in reports] == [False, True, False]

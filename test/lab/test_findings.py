@@ -80,7 +80,7 @@ def test_the_picture_has_the_regimes_behind_both_panels(speeds: Sweep) -> None:
 
 
 def test_averaging_is_better_at_the_unstable_branch(speeds: Sweep) -> None:
-    """The opposite of the published sentence, in the numbers of docs/physics.md."""
+    """Compare with the numbers of docs/physics.md; the published sentence says the opposite."""
     rpm = np.array([32.0, 34.0, 36.0, 38.0, 40.0])
     exact = exact_unstable_cycle(REFERENCE, rpm * RPM, 1000.0).amplitude
     averaged = assess(REFERENCE, rpm * RPM, 1000.0).threshold_amplitude
@@ -95,7 +95,7 @@ def test_averaging_is_better_at_the_unstable_branch(speeds: Sweep) -> None:
     ('order', 'stated'), [(6, [np.nan] * 3), (7, [-39.9, -39.9, -52.4]), (9, [-2.9, -7.7, -16.3])]
 )
 def test_the_published_polynomial_misses_the_unstable_branch(order: int, stated: list[float]) -> None:
-    """The likely reason for the published sentence: the expansion, not averaging [%].
+    """Show the likely reason for the published sentence: the expansion, not averaging [%].
 
     The unstable cycle slips throughout: with ``alpha = a/V < 1`` the friction's average is a
     polynomial in alpha, by the mean of ``cos^(j+1)``, and balances the damping.
@@ -144,7 +144,7 @@ def test_at_low_load_there_is_only_the_equilibrium(loads: Sweep) -> None:
 def test_beyond_a_kinetic_coefficient_of_a_fifth_there_is_only_the_equilibrium(
     kinetics: Sweep, loads: Sweep
 ) -> None:
-    """The exact cycle depends on ``N (mu_s - mu_k)`` only, which the sweeps do not know."""
+    """Pass the equilibrium alone, which the sweeps do not know: the cycle hangs on ``N (mu_s - mu_k)``."""
     assert kinetics.averaged_fold == pytest.approx(0.2003, abs=5e-5)
     assert kinetics.exact_fold == pytest.approx(0.2003, abs=5e-5)
     assert kinetics.value[-1] > 0.22
@@ -159,7 +159,7 @@ def test_beyond_a_kinetic_coefficient_of_a_fifth_there_is_only_the_equilibrium(
 
 
 def test_stick_slip_grows_out_of_a_small_disturbance_to_the_exact_cycle(history: History) -> None:
-    """Having begun at a twentieth of it; the crests until the first stick are averaging's."""
+    """Begin at a twentieth of the cycle; the crests until the first stick are averaging's."""
     offset = history.motion.displacement - history.equilibrium
     assert offset[0] == pytest.approx(0.05 * history.averaged_amplitude)
     period = 2.0 * np.pi / OMEGA
@@ -170,8 +170,8 @@ def test_stick_slip_grows_out_of_a_small_disturbance_to_the_exact_cycle(history:
     assert history.motion.sticking.any()
     assert np.max(history.motion.velocity) <= V * (1.0 + 1e-12)
     last = history.time > history.time[-1] - history.cycle.period
-    _, *whole = history.cycle.waveform(721)
+    _, *cycle_columns = history.cycle.waveform(721)
     motion = np.column_stack([history.motion.displacement[last] * OMEGA, history.motion.velocity[last]])
-    cycle = np.column_stack([whole[0] * OMEGA, whole[1]])
+    cycle = np.column_stack([cycle_columns[0] * OMEGA, cycle_columns[1]])
     distance = np.hypot(*(motion[:, None] - cycle[None]).transpose(2, 0, 1)).min(axis=1)
     assert np.max(distance) < 6e-3 * V

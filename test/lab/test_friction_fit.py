@@ -37,7 +37,7 @@ BENCH = Bearing(50.0, 400.0, 2e6, LAW, 0.1)
 
 
 def curve_of(speed: Array, coefficient: Array, std: Array | None = None) -> FrictionCurve:
-    """A curve of points in SI, whose lines are their numbers from 1."""
+    """Return a curve of points in SI, whose lines are their numbers from 1."""
     deviations = np.ones(coefficient.shape) if std is None else std
     lines = np.arange(1, coefficient.size + 1)
     return FrictionCurve(speed, coefficient, deviations, lines, 'm/s', 'given')
@@ -54,7 +54,7 @@ def noisy_curve(
 def fit_many_times(
     law: Stribeck, viscous: Viscous, times: int, points: int, scatter: float
 ) -> tuple[StribeckFit, ...]:
-    """The same curve measured many times, with seeds 1000, 1001, ...; tests share the fits."""
+    """Fit the same curve measured many times, with seeds 1000, 1001, ...; tests share the fits."""
     speed = np.linspace(0.0, 0.5, points)
     return tuple(fit_stribeck(noisy_curve(law, speed, scatter, 1000 + k), viscous) for k in range(times))
 
@@ -69,7 +69,7 @@ def _three_errors(times: int, share: float = 0.95) -> float:
 
 
 def covers_truth(fit: StribeckFit) -> NDArray[np.bool_]:
-    """Whether the intervals of static, kinetic and decay hold the truth, which is ``LAW``."""
+    """Return whether the intervals of static, kinetic and decay hold the truth, which is ``LAW``."""
     low, high = fit.intervals[:3].T
     truth = coefficients_of(LAW, fit.names)[:3]
     return (low <= truth) & (truth <= high)
@@ -107,7 +107,7 @@ def test_exact_data_give_the_law_back(decay: float, slope: float, viscous: Visco
 
 @pytest.mark.parametrize(('law', 'viscous'), [(LAW, 'no'), (RISING, 'yes')])
 def test_it_is_the_weighted_least_squares_solution(law: Stribeck, viscous: Viscous) -> None:
-    """An independent solver, given the final weights, finds the same law and correlation."""
+    """Find the same law and correlation by an independent solver with the final weights."""
     curve = noisy_curve(law)
     fit = fit_stribeck(curve, viscous)
     assert np.all(fit.weight > 0.0)
@@ -129,7 +129,7 @@ def test_it_is_the_weighted_least_squares_solution(law: Stribeck, viscous: Visco
 
 @pytest.mark.parametrize(('law', 'viscous'), [(LAW, 'no'), (RISING, 'yes')])
 def test_the_band_is_that_of_the_covariance(law: Stribeck, viscous: Viscous) -> None:
-    """The delta method, with derivatives by central differences of the law's own formula."""
+    """Use the delta method, with derivatives by central differences of the law's own formula."""
     fit = fit_stribeck(noisy_curve(law), viscous)
     speed, rows = np.array([0.0, 0.05, 0.2, 1.0]), []
     for k in range(fit.estimate.size):
@@ -153,15 +153,15 @@ def test_robustness_costs_no_precision_on_clean_data() -> None:
 def test_outliers_move_the_estimate_by_less_than_its_standard_errors() -> None:
     """Bad readings 10 to 30 scatters off, not at the two lowest speeds, which nothing checks."""
     moves = []
-    for seed, before in enumerate(fit_default_speeds(LAW, 'no', 60)[:10]):
+    for seed, undisturbed_fit in enumerate(fit_default_speeds(LAW, 'no', 60)[:10]):
         random = np.random.default_rng(seed)
-        mu = before.curve.coefficient.copy()
+        mu = undisturbed_fit.curve.coefficient.copy()
         bad = 2 + random.choice(mu.size - 2, mu.size // 5, replace=False)
         off = random.choice([-1.0, 1.0], bad.size) * random.uniform(10.0, 30.0, bad.size)
         mu[bad] += SCATTER * off
         fit = fit_stribeck(curve_of(SPEED, mu), 'no')
         assert set(bad) <= set(fit.outliers)
-        moves.append((fit.estimate - before.estimate) / before.standard_error)
+        moves.append((fit.estimate - undisturbed_fit.estimate) / undisturbed_fit.standard_error)
     assert np.median(np.abs(moves)) < 0.6
     assert np.max(np.abs(moves)) < 2.5
 
@@ -176,7 +176,7 @@ COVERAGE: tuple[tuple[Viscous, int, int, float], ...] = (
 
 
 def test_intervals_are_neither_too_wide_nor_too_narrow() -> None:
-    """All studies together: 150 trials, (95 +- 5.3) %."""
+    """Join all studies: 150 trials, (95 +- 5.3) %."""
     fits = [
         fit
         for viscous, times, points, scatter in COVERAGE
@@ -206,7 +206,7 @@ def test_order_and_units_do_not_matter() -> None:
 
 
 def test_auto_takes_the_slope_where_the_data_carry_it() -> None:
-    """By chance in no more than the 1 % of the F-test: 1 of 20 is within three errors, 2 not."""
+    """Take it by chance in up to the 1 % of the F-test: 1 of 20 is within three errors, 2 not."""
     used = [
         sum('viscous' in fit.names for fit in fit_default_speeds(law, 'auto', 20)) for law in (LAW, RISING)
     ]
@@ -295,8 +295,8 @@ def test_a_level_below_zero_is_held_at_zero() -> None:
 
 def test_warnings_name_what_is_weak() -> None:
     assert fit_stribeck(noisy_curve(), 'no').warnings == ()
-    late = fit_stribeck(noisy_curve(speed=SPEED + 0.15, scatter=0.001), 'no')
-    assert 'static is extrapolated: at the lowest speed, 0.15 m/s' in late.warnings[0]
+    fast_only = fit_stribeck(noisy_curve(speed=SPEED + 0.15, scatter=0.001), 'no')
+    assert 'static is extrapolated: at the lowest speed, 0.15 m/s' in fast_only.warnings[0]
     lonely = np.array([0.0, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5])
     alone = fit_stribeck(noisy_curve(speed=lonely, scatter=0.0005), 'no')
     assert unchecked_point(alone).startswith('the point of line 1, 0 m/s, is not checked by any other')
@@ -369,12 +369,12 @@ def test_the_right_shape_is_hardly_ever_doubted() -> None:
 
 @pytest.mark.parametrize('law', [LAW, RISING])
 def test_boundaries_spread_as_those_of_laws_drawn_from_the_fit(law: Stribeck) -> None:
-    """Laws from the multivariate t distribution, of ln beta, by the physics: to a tenth of the spread."""
+    """Draw laws from the multivariate t distribution, of ln beta: to a tenth of the spread."""
     fit = fit_stribeck(noisy_curve(law, scatter=0.004), 'yes' if law.viscous else 'no')
     belief = boundary_belief(fit, BENCH, 1000.0)
-    drawn = stats.multivariate_t(fit.estimate, fit.covariance, fit.degrees_of_freedom, seed=7).rvs(800)
-    drawn[:, 2] = fit.law.decay * np.exp(drawn[:, 2] / fit.law.decay - 1.0)
-    bearings = [dataclasses.replace(BENCH, friction=Stribeck(*np.maximum(row, 0.0))) for row in drawn]
+    coefficients = stats.multivariate_t(fit.estimate, fit.covariance, fit.degrees_of_freedom, seed=7).rvs(800)
+    coefficients[:, 2] = fit.law.decay * np.exp(coefficients[:, 2] / fit.law.decay - 1.0)
+    bearings = [dataclasses.replace(BENCH, friction=Stribeck(*np.maximum(row, 0.0))) for row in coefficients]
     for speed_of, quantile in ((hopf_speed, belief.hopf_speed), (fold_speed, belief.fold_speed)):
         speeds = np.nan_to_num([speed_of(bearing, 1000.0) for bearing in bearings])
         low, middle, high = np.quantile(speeds, [0.025, 0.5, 0.975])

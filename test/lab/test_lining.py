@@ -75,7 +75,7 @@ def event_times(truth: dict[str, tuple[NDArray[Any], list[Any]]], scene: Scene) 
 
 
 def test_the_cycle_is_the_exact_one(make_scene: Make) -> None:
-    """From rest in a second to 20 rpm; numbers of the exact cycle from the reference table."""
+    """Start at rest and reach 20 rpm in a second; the reference table gives the exact cycle."""
     scene = make_scene(
         effects=lining_effects([[0, 0], [1, 20]], deviation=0.0, amplitude={'rate': 2.0}), duration=12.0
     )
@@ -94,7 +94,7 @@ def test_the_cycle_is_the_exact_one(make_scene: Make) -> None:
 def test_a_level_is_the_effective_value_of_the_exact_cycle(
     make_scene: Make, messages_of: Callable[..., Any], unit: str, of_amplitude: float
 ) -> None:
-    """Of a harmonic motion with half the peak to peak, 0.556755 mm at 20 rpm."""
+    """Expect that of a harmonic motion with half the peak to peak, 0.556755 mm at 20 rpm."""
     bearings = {'aft': {'level': {'topic': '/aft/level', 'unit': unit}}}
     rates = {name: {'rate': 2.0} for name in ('speed', 'load', 'level')}
     listed = lining_effects([[0, 0], [1, 20]], deviation=0.0)
@@ -141,7 +141,7 @@ def test_a_knock_beyond_the_threshold_starts_stick_slip(make_scene: Make, part: 
 
 
 def test_a_shaft_at_rest_is_no_stick_slip(make_scene: Make) -> None:
-    """It stops with the lining stuck to it, and that is told as sticking, not as an episode."""
+    # It stops with the lining stuck to it, which is sticking, not an episode.
     scene = make_scene(
         effects=lining_effects([[0, 60], [4, 60], [5, 0], [8, 0]], motion={'rate': 10.0}), duration=8.0
     )
@@ -163,7 +163,7 @@ def assert_same(actual: dict[str, Any], expected: dict[str, Any]) -> None:
 
 
 def test_the_outcome_does_not_depend_on_the_blocks(make_scene: Make) -> None:
-    """Bit for bit, with a disturbance, a knock, a drift, and an end off every grid."""
+    """Compare bit for bit, with a disturbance, a knock, a drift, and an end off every grid."""
     listed = lining_effects(
         [[0, 40], [4, 24], [9, 46]],
         knocks=[[5.0, 0.5], [6.123, -0.3]],
@@ -173,9 +173,9 @@ def test_the_outcome_does_not_depend_on_the_blocks(make_scene: Make) -> None:
     listed.append({'friction_drift': {'parameter': 'static', 'points': [[1, 0.3], [8, 0.34]]}})
     listed.append({'operating_point': {'rate': 3.0}})
     scene = make_scene(effects=listed, duration=9.777)
-    whole = truth_by_topic(scene, 100.0)
+    expected = truth_by_topic(scene, 100.0)
     for length in (60.0, 7.3, 0.37):
-        assert_same(truth_by_topic(scene, length), whole)
+        assert_same(truth_by_topic(scene, length), expected)
 
 
 @pytest.mark.skipif(find_spec('numba') is None, reason='compares with numba')
@@ -262,7 +262,7 @@ def test_windows_give_the_amplitude_of_a_motion_that_grows() -> None:
 
 
 def test_memory_does_not_grow_with_the_duration(make_scene: Make) -> None:
-    """A day-long scene is simulated block by block, and written as it is made."""
+    """Simulate a scene block by block, as it is written."""
     peaks = []
     for duration in (300.0, 1200.0):
         parts = lining_effects([[0.0, 60.0], [100.0, 50.0]], amplitude={'rate': 5.0})
@@ -305,7 +305,7 @@ def test_the_factor_multiplies_the_whole_coefficient(law: Any) -> None:
 
 
 def test_the_true_margins_follow_the_friction_there_is(make_scene: Make) -> None:
-    """With beta halved and the drop doubled ``v_H = -ln(kappa)`` stays, and ``V_H`` doubles."""
+    """Halve beta and double the drop: ``v_H = -ln(kappa)`` stays, and ``V_H`` doubles."""
     listed = [
         *lining_effects([[0, 0], [1, 60]])[:2],
         {'operating_point': {'rate': 2.0}},

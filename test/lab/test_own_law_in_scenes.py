@@ -16,7 +16,7 @@ from shared import CONFIG, ROOT
 
 
 def run_stickslip(folder: Path, *arguments: str) -> str:
-    """The output of a command in a process that has added the law."""
+    """Return the output of a command in a process that has added the law."""
     code = 'import sys, own_law; from stickslip_monitor.cli import main; sys.exit(main())'
     paths = os.pathsep.join([str(ROOT / 'test'), str(ROOT)])
     done = subprocess.run(
@@ -32,7 +32,7 @@ def run_stickslip(folder: Path, *arguments: str) -> str:
 
 @pytest.mark.slow
 def test_commands_take_it_as_they_take_stribecks(tmp_path: Path) -> None:
-    """A scene is simulated with it and checked with it, and the map has the same boundaries."""
+    """Simulate and check a scene with it, and find the same boundaries in the map."""
     events: dict[str, Any] = {}
     scene = (ROOT / 'launch_configs' / 'scenes' / 'history_below.yaml').read_text('utf-8')
     scene = scene.replace('duration: 120.0', 'duration: 40.0')
@@ -59,6 +59,6 @@ def test_commands_take_it_as_they_take_stribecks(tmp_path: Path) -> None:
 
 
 def condition_changes(report: dict[str, Any]) -> list[tuple[str, str]]:
-    """From what to what the condition changed in a check's report."""
+    """Return the condition before and after each change in a check's report."""
     events = next(iter(report['bearings'].values()))['events']
     return [(event['from'], event['to']) for event in events]

@@ -23,7 +23,7 @@ LOADS = (500.0, 1000.0, 3000.0)
 def make_bench(
     exponent: float, noise: float, seed: int = 0, *, has_column: bool = True, order: str = 'curves'
 ) -> FrictionCurve:
-    """A bench at three loads: the reference bearing's law at 1 kN, its speeds in proportion to N^g."""
+    """Return a bench at three loads: the reference law at 1 kN, its speeds in proportion to N^g."""
     random = np.random.default_rng(seed)
     load = np.repeat(LOADS, 12)
     speed = np.tile(np.geomspace(0.01, 1.2, 12), 3)
@@ -34,7 +34,7 @@ def make_bench(
 
 
 def fit_pooled(curve: FrictionCurve) -> PooledFit:
-    """The fit of a curve with a column of loads or temperatures."""
+    """Fit a curve with a column of loads or temperatures."""
     fit = fit_curve(curve)
     assert isinstance(fit, PooledFit)
     return fit
@@ -85,7 +85,7 @@ def test_pooled_curves_without_their_loads_are_asked_about(order: str) -> None:
 
 
 def test_errors_of_the_coefficients_contain_that_of_the_exponent() -> None:
-    """By the spread of many benches: errors at a known exponent are too small."""
+    """Compare with the spread of many benches: errors at a known exponent are too small."""
     fits = [fit_pooled(make_bench(0.8, 0.004, seed)) for seed in range(40)]
     decays = np.log([fit.law.decay for fit in fits])
     stated = np.mean([fit.standard_error[2] / fit.law.decay for fit in fits])

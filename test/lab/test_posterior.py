@@ -55,12 +55,12 @@ def test_ends_are_averaged_as_normal_numbers_are() -> None:
     # the bias of the load of 3 % between recordings, by the slope of the fold, over sqrt(4).
     estimate = infer(make_edges(*[scaled_fold(1.1)] * 4), REFERENCE, PRIOR, Spreads(load=0.03)).by_ends
     assert estimate.middle[0] == pytest.approx(math.log(1.1), abs=0.004)
-    wanted = math.hypot(0.02, 0.03) * REFERENCE.slope(math.log(1000.0)) / 2.0
-    assert math.sqrt(estimate.covariance[0, 0]) == pytest.approx(wanted, rel=0.2)
+    expected = math.hypot(0.02, 0.03) * REFERENCE.slope(math.log(1000.0)) / 2.0
+    assert math.sqrt(estimate.covariance[0, 0]) == pytest.approx(expected, rel=0.2)
 
 
-def test_what_agrees_with_the_configuration_changes_nothing() -> None:
-    """The prior's best is at (0, 0), and ends at the configured fold do not move it off there."""
+def test_ends_at_the_configured_fold_do_not_move_the_estimate() -> None:
+    # The prior's best is at (0, 0), and ends at the configured fold do not move it off there.
     estimate = infer(make_edges(*[scaled_fold(1.0)] * 5), REFERENCE, PRIOR, Spreads()).by_ends
     assert estimate.middle == pytest.approx((0.0, 0.0), abs=0.01)
 

@@ -19,7 +19,7 @@ import zstandard
 from rosbags.rosbag2 import Reader
 
 from benchmarks.voyages import OURS, judge_bag
-from benchmarks.warning_quality import Quality, pooled
+from benchmarks.warning_quality import Quality, pool_qualities
 from stickslip_lab.scenes.scene import load_scene
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
@@ -60,7 +60,7 @@ def test_bag_is_as_the_manifest_says(name: str) -> None:
 
 
 def test_the_cut_recording_is_whole_up_to_its_cut() -> None:
-    """No index and no metadata, which rosbags needs; the first of the messages are left."""
+    """Read it without index and metadata, which rosbags needs; the first of the messages are left."""
     entry = ENTRIES['cut_short']
     assert not (BAGS / 'cut_short' / 'metadata.yaml').exists()
     bag = open_bag(BAGS / 'cut_short')
@@ -93,7 +93,7 @@ def test_lost_inputs_are_told_and_given_back() -> None:
 
 @pytest.mark.slow
 def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
-    """On a processor without the vector instructions of this one, whose last digits may differ."""
+    """Forbid the vector instructions of this processor: another's last digits may differ."""
     script = ROOT / 'scripts' / 'make_bags.py'
     features = np.show_config(mode='dicts')['SIMD Extensions'].get('found', [])
     environment = os.environ | {
@@ -104,12 +104,12 @@ def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
     command = [sys.executable, str(script), '--output', str(tmp_path)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert [line.split(':')[0] for line in done.stdout.splitlines()] == sorted(ENTRIES)
-    made = json.loads((tmp_path / 'manifest.json').read_text('utf-8'))
+    new_manifest = json.loads((tmp_path / 'manifest.json').read_text('utf-8'))
     same_zstd = MANIFEST['zstd'] == '.'.join(map(str, zstandard.ZSTD_VERSION))
     for name, entry in ENTRIES.items():
         # Another zstd may pack the same messages into other bytes.
         packed = () if same_zstd else ('bytes', 'sha256')
-        assert {k: v for k, v in made['bags'][name].items() if k not in packed} == {
+        assert {k: v for k, v in new_manifest['bags'][name].items() if k not in packed} == {
             k: v for k, v in entry.items() if k not in packed
         }
     assert {p.name for p in tmp_path.iterdir()} == {*ENTRIES, 'manifest.json'}
@@ -117,7 +117,7 @@ def test_bags_can_be_made_again_bit_for_bit(tmp_path: Path) -> None:
 
 @functools.cache
 def scan_recording(name: str) -> list[tuple[BearingConfig, int, Scan]]:
-    """The monitor over a recording: each bearing, when it starts [ns], its scan."""
+    """Scan a recording; return each bearing, when its monitor starts [ns] and its scan."""
     config = load_scene(ROOT / ENTRIES[name]['scene']).config
     buffer = RecordingBuffer()
     start_ns = check_recording(BAGS / name, config, [buffer]).bag.start_ns
@@ -126,20 +126,20 @@ def scan_recording(name: str) -> list[tuple[BearingConfig, int, Scan]]:
 
 
 def scan_single_bearing(name: str) -> tuple[BearingConfig, int, Scan]:
-    """The same of a recording of one bearing."""
+    """Scan a recording of one bearing."""
     (only,) = scan_recording(name)
     return only
 
 
-def changed_rungs(before: str, after: str) -> list[tuple[str, bool]]:
-    """The rungs of the alarm's ladder that a change raises (True) or clears."""
-    low, high = sorted((LADDER.index(before), LADDER.index(after)))
-    return [(name, after == LADDER[high]) for name in LADDER[low + 1 : high + 1]]
+def changed_rungs(old: str, new: str) -> list[tuple[str, bool]]:
+    """Return the rungs of the alarm's ladder that a change raises (True) or clears."""
+    low, high = sorted((LADDER.index(old), LADDER.index(new)))
+    return [(name, new == LADDER[high]) for name in LADDER[low + 1 : high + 1]]
 
 
 @pytest.mark.parametrize('name', PLAIN)
 def test_monitor_gives_every_alarm_when_it_is_due_and_no_other(name: str) -> None:
-    """Rung by rung: on its way down the alarm may rest for a moment where noise holds it."""
+    """Compare rung by rung: on its way down the alarm may rest where noise holds it."""
     for bearing, start_ns, scan in scan_recording(name):
         due = [
             (*rung, event['earliest'], event['latest'])
@@ -147,27 +147,27 @@ def test_monitor_gives_every_alarm_when_it_is_due_and_no_other(name: str) -> Non
             if event['bearing'] == bearing.name
             for rung in changed_rungs(event['before'], event['after'])
         ]
-        given = [
+        raised = [
             (*rung, (event.time_ns - start_ns) * 1e-9)
             for event in scan.events
             for rung in changed_rungs(str(event.before), str(event.after))
         ]
         for condition in LADDER[1:]:
             expected = [row for row in due if row[0] == condition]
-            actual = [row for row in given if row[0] == condition]
+            actual = [row for row in raised if row[0] == condition]
             assert [row[1] for row in actual] == [row[1] for row in expected]
             for (_, _, time), (_, _, earliest, latest) in zip(actual, expected, strict=True):
                 assert earliest <= time <= latest
 
 
 def test_the_pair_differs_in_its_history_only() -> None:
-    """From 60 s on the telemetry is the same; one lining sticks, the other does not."""
-    wanted = [Request(topic, 'data') for topic in ('/shaft/speed', '/bearing/aft_stern/load')]
-    above, below = (open_bag(BAGS / f'history_{n}').read(wanted) for n in ('above', 'below'))
-    for request in wanted:
-        late = above[request].log_time_ns >= ENTRIES['history_above']['start_ns'] + 60 * 10**9
-        assert late.sum() == 301
-        assert np.array_equal(above[request].value[late], below[request].value[late])
+    """Compare the telemetry from 60 s on, which is the same; one lining sticks, the other does not."""
+    requests = [Request(topic, 'data') for topic in ('/shaft/speed', '/bearing/aft_stern/load')]
+    above, below = (open_bag(BAGS / f'history_{n}').read(requests) for n in ('above', 'below'))
+    for request in requests:
+        is_late = above[request].log_time_ns >= ENTRIES['history_above']['start_ns'] + 60 * 10**9
+        assert is_late.sum() == 301
+        assert np.array_equal(above[request].value[is_late], below[request].value[is_late])
     assert ENTRIES['history_above']['episodes'] == []
     (episode,) = ENTRIES['history_below']['episodes']
     assert episode['last_stick'] == 120.0
@@ -214,7 +214,7 @@ def test_the_level_is_the_effective_value_of_the_exact_cycle() -> None:
     ids=lambda path: f'{path.parent.stem}-{path.stem}',
 )
 def test_every_scene_of_the_page_varies_by_seed(path: Path) -> None:
-    """Each can be built with any of its seeds, for any of the ten bearings."""
+    """Build each with any of its seeds, for any of the ten bearings."""
     sensors = ROOT / 'launch_configs' / 'sensors' / 'poor.yaml'
     scenes = [load_scene(path, seed, sensors) for seed in range(10)]
     assert len({scene.config_path for scene in scenes}) == 10
@@ -253,22 +253,22 @@ def test_no_episode_is_missed_and_no_alarm_is_false(name: str) -> None:
     for bearing, quality in judge_recording(name).items():
         episodes = [e for e in ENTRIES[name]['episodes'] if e['bearing'] == bearing]
         assert (quality.episodes, quality.missed, quality.false) == (len(episodes), 0, 0)
-        late = sum(lead < 0.0 for lead in quality.leads)
-        assert late == (LATE.get(name, 0) if episodes else 0)
+        late_warnings = sum(lead < 0.0 for lead in quality.leads)
+        assert late_warnings == (LATE.get(name, 0) if episodes else 0)
         # A cycle dies out in 1.2 s, and the alarm is off 5 s later.
         if name in ('history_above', 'voyage', 'coast_down'):
             assert quality.unfounded <= quality.episodes * (3.0 + 1.2 + 5.0 + 1.5)
 
 
-def test_the_docs_say_what_the_library_shows() -> None:
-    """The table of docs/warning_quality.md, to the digits it has."""
+def test_the_docs_have_the_figures_of_the_library() -> None:
+    """Compare the table of docs/warning_quality.md, to the digits it has."""
     page = (ROOT / 'docs' / 'warning_quality.md').read_text('utf-8')
     rows = re.findall(r'^\| `(\w+)` \| (\d+) \|(.*?)\|(.*?)\|(.*?)\|', page, flags=re.MULTILINE)
     assert {row[0] for row in rows} == set(TOLD)
     for name, episodes, *figures in rows:
-        total = pooled(judge_recording(name).values())
+        total = pool_qualities(judge_recording(name).values())
         assert int(episodes) == total.episodes
         wrong = [total.unfounded + total.unalarmed]
         for text, values in zip(figures, (total.leads, total.alarm_leads, wrong), strict=True):
-            shown = text.strip()
-            assert shown == (f'{min(values):.1f}' if values else 'none' if total.episodes else '')
+            documented = text.strip()
+            assert documented == (f'{min(values):.1f}' if values else 'none' if total.episodes else '')

@@ -19,7 +19,7 @@ MakeScene = Callable[..., Scene]
 
 
 def parse_refusals(table: str) -> list[tuple[str, str]]:
-    """What is wrong, in YAML, and what is said of it, from lines with an arrow between."""
+    """Return wrong YAML with its refusal, from lines with an arrow between."""
     return [
         (text.strip(), sentence)
         for text, sentence in re.findall(r'^(\S.*?)\s+=> ([^\n]*)$', table, re.M | re.S)
@@ -115,7 +115,7 @@ lining_motion: {disturbance: {standard_deviation: 1, unit: N}, amplitude: {rate:
 
 
 @pytest.mark.parametrize(('text', 'sentence'), SCENES)
-def test_a_wrong_scene_is_told_in_one_sentence(
+def test_a_wrong_scene_is_refused_in_one_sentence(
     scene_path: Callable[..., Path],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -123,14 +123,14 @@ def test_a_wrong_scene_is_told_in_one_sentence(
     sentence: str,
 ) -> None:
     path = scene_path(**yaml.safe_load(text))
-    before = set(tmp_path.iterdir())
+    files = set(tmp_path.iterdir())
     assert main(['simulate', str(path), '-o', str(tmp_path / 'bag')]) == 2
     out, error = capsys.readouterr()
     assert out == ''
     assert error.startswith(f'ERROR: {path}: ')
     assert sentence in error
     assert error.count('\n') == 1
-    assert set(tmp_path.iterdir()) == before
+    assert set(tmp_path.iterdir()) == files
 
 
 @pytest.mark.parametrize(('text', 'sentence'), EFFECTS)
@@ -234,10 +234,10 @@ def test_a_jump_out_of_the_range_of_stamps_is_named(
     # Ten seconds less is in the range.
     jumps[-1][1] *= 0.8
     make_scene(inputs, start=start, effects=effects)
-    late = (2**31 - 50) * NS
+    latest_start = (2**31 - 50) * NS
     with pytest.raises(SceneError, match=r'start = .* in 2038 the time stamps'):
-        make_scene('stamped', start=late)
-    make_scene({'aft': {}}, start=late)
+        make_scene('stamped', start=latest_start)
+    make_scene({'aft': {}}, start=latest_start)
 
 
 TOO_MUCH = parse_refusals("""

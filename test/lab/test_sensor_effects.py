@@ -30,7 +30,7 @@ SPEED, LOAD = '/shaft/speed', '/bearing/aft/load'
 
 @pytest.fixture
 def send(make_scene: MakeScene, messages_of: MessagesOf) -> Send:
-    """The numbers that the two sensors send, at some rate [Hz]."""
+    """Return a function that gives the numbers of the two sensors at some rate [Hz]."""
 
     def numbers(*effects: dict[str, Any], rate: float = 100.0, length: float = 60.0) -> tuple[Any, Any]:
         sent = messages_of(make_scene(effects=list(effects), rate=rate), length)
@@ -66,7 +66,7 @@ def test_filter_lags_behind_a_ramp(send: Send, tau: float) -> None:
 
 @pytest.mark.parametrize('window', [0.1, 0.5, 2.0])
 def test_mean_averages_ripple_instead_of_aliasing_it(send: Send, window: float) -> None:
-    """By sin(x)/x with x = omega window / 2, about the middle of the window."""
+    """Expect sin(x)/x with x = omega window / 2, about the middle of the window."""
     omega = 2.0 * math.pi * 99.0 / 60.0 * 9.0
     x = 0.5 * omega * window
     expected = 99.0 + 9.9 * math.sin(x) / x * np.cos(omega * SECONDS - x)
@@ -76,12 +76,12 @@ def test_mean_averages_ripple_instead_of_aliasing_it(send: Send, window: float) 
 
 
 def test_filter_comes_before_the_mean_and_both_see_no_blocks(send: Send) -> None:
-    """On a long ramp the lag of both together: tau + window/2."""
+    """Expect the lag of both together on a long ramp, tau + window/2."""
     effects = [filtering_effect(speed=2.0), averaging_effect(speed=3.0)]
-    one, _ = send(CORNER, *effects, rate=1.0)
+    in_order, _ = send(CORNER, *effects, rate=1.0)
     swapped, _ = send(*reversed(effects), CORNER, rate=1.0, length=7.3)
-    assert one.tolist() == swapped.tolist()
-    np.testing.assert_allclose(one[60:], 60.0 - 0.5 * (SECONDS[60:] - 20.0 - 3.5), rtol=1e-7)
+    assert in_order.tolist() == swapped.tolist()
+    np.testing.assert_allclose(in_order[60:], 60.0 - 0.5 * (SECONDS[60:] - 20.0 - 3.5), rtol=1e-7)
 
 
 TIME = np.arange(10_001) / 100.0
@@ -173,7 +173,7 @@ def test_clock_jumps_add_up(make_scene: MakeScene, messages_of: MessagesOf) -> N
 def test_shares_and_windows_choose_the_messages(
     make_scene: MakeScene, messages_of: MessagesOf, effect: str, share: float
 ) -> None:
-    """As many as stated by the binomial law; windows choose among them and change none."""
+    """Expect as many as the binomial law has; windows choose among them and change none."""
     settings = {'share': share} | ({'size': 300, 'unit': 'N'} if effect == 'spikes' else {})
     windows = {'windows': [[10, 20], [50.05, 70]]}
     counts = []
@@ -182,23 +182,23 @@ def test_shares_and_windows_choose_the_messages(
         assert loads.stamp_ns is not None
         assert loads.stamp_ns.tolist() == loads.log_time_ns.tolist()
         tick = (loads.log_time_ns - START) // 10**7
-        there = np.bincount(tick, minlength=10_001)
+        counts_by_tick = np.bincount(tick, minlength=10_001)
         if effect == 'spikes':
-            there[tick[abs(loads.raw - tick / 100.0) > 299.0]] = 9
+            counts_by_tick[tick[abs(loads.raw - tick / 100.0) > 299.0]] = 9
         elif effect == 'not_a_number':
-            there[tick[np.isnan(loads.raw)]] = 9
-        counts.append(there != 1)
-    alone, among, whole = counts
-    assert abs(alone.sum() - share * 10_001) < 5.0 * math.sqrt(share * (1.0 - share) * 10_001)
+            counts_by_tick[tick[np.isnan(loads.raw)]] = 9
+        counts.append(counts_by_tick != 1)
+    unlimited, limited, everywhere = counts
+    assert abs(unlimited.sum() - share * 10_001) < 5.0 * math.sqrt(share * (1.0 - share) * 10_001)
     time = np.arange(10_001) / 100.0
     inside = ((time >= 10.0) & (time < 20.0)) | ((time >= 50.05) & (time < 70.0))
-    assert whole.tolist() == inside.tolist()
-    assert among.tolist() == (alone & inside).tolist()
+    assert everywhere.tolist() == inside.tolist()
+    assert limited.tolist() == (unlimited & inside).tolist()
 
 
 def test_late_messages_come_behind_younger_ones(make_scene: MakeScene, messages_of: MessagesOf) -> None:
-    late = {'out_of_order': {'load': {'delay': 0.25, 'share': 0.1}}}
-    loads = load_of(make_scene, messages_of, late, rate=100.0)
+    delay_effect = {'out_of_order': {'load': {'delay': 0.25, 'share': 0.1}}}
+    loads = load_of(make_scene, messages_of, delay_effect, rate=100.0)
     stamps = START + np.arange(10_001) * 10**7
     assert loads.stamp_ns is not None
     assert loads.stamp_ns.tolist() == stamps.tolist()
@@ -207,11 +207,11 @@ def test_late_messages_come_behind_younger_ones(make_scene: MakeScene, messages_
     assert abs((delay > 0).sum() - 1000.1) < 5.0 * math.sqrt(900)
     # A delay that overtakes nothing is refused.
     with pytest.raises(SceneError, match=r'delay = 0\.25 must be a finite number above 0\.25'):
-        load_of(make_scene, messages_of, late, rate=4.0)
+        load_of(make_scene, messages_of, delay_effect, rate=4.0)
 
 
 def test_monitor_counts_every_kind_of_bad_message(make_scene: MakeScene, tmp_path: Path) -> None:
-    """What the scene put in is what the monitor complains of, kind by kind."""
+    """Compare the monitor's counts, kind by kind, with what the scene put in."""
     effects = [
         {'speed_profile': {'unit': 'rpm', 'points': [[0, 60]]}},
         {'load_profile': {'unit': 'N', 'points': [[0, 1000]]}},
@@ -245,12 +245,12 @@ def test_recording_cut_in_mid_write(make_scene: MakeScene, tmp_path: Path, name:
     cut = make_scene(effects=[*effects, {'cut_off': {'time': 70.0}}], telemetry=rates)
     assert list(write_bag(cut, tmp_path / name).values()) == [70, 70_000]
     request = Request(LOAD, 'data')
-    whole = open_bag(tmp_path / 'whole').read([request])[request]
+    complete = open_bag(tmp_path / 'whole').read([request])[request]
     bag = open_bag(tmp_path / name)
-    left = bag.read([request])[request]
+    remaining = bag.read([request])[request]
     assert len(bag.cuts) == 1
     # Two whole chunks of a megabyte at 43 bytes a message, and something of the third.
-    assert 2 * (1 << 20) // 43 < left.value.size < 70_000
-    assert left.value.tolist() == whole.value[: left.value.size].tolist()
-    assert left.log_time_ns.tolist() == whole.log_time_ns[: left.value.size].tolist()
+    assert 2 * (1 << 20) // 43 < remaining.value.size < 70_000
+    assert remaining.value.tolist() == complete.value[: remaining.value.size].tolist()
+    assert remaining.log_time_ns.tolist() == complete.log_time_ns[: remaining.value.size].tolist()
     assert not (tmp_path / name / 'metadata.yaml').exists()

@@ -60,23 +60,23 @@ def test_steps_go_from_level_to_level_in_the_rise(make_scene: MakeScene) -> None
 
 
 def test_shaft_follows_the_telegraph_with_a_lag(make_scene: MakeScene) -> None:
-    """``y' = (goal - y)/tau``: after each order an exponential, whose integral are the turns."""
+    """Follow ``y' = (goal - y)/tau``: after each order an exponential, whose integral are the turns."""
     shaft = make_scene(effects=[{'manoeuvre': ORDERS}]).build().shaft
     tau, begins, goals = 8.0, [0.0, 10.0, 20.0, 45.0, 70.0], [60.0, 60.0, 0.0, -70.0, 20.0]
-    speed, way = np.empty_like(TIME), np.empty_like(TIME)
-    start, gone = 60.0, 0.0
+    speed, turns = np.empty_like(TIME), np.empty_like(TIME)
+    start, turns_before = 60.0, 0.0
     for begin, end, goal in zip(begins, [*begins[1:], 100.0], goals, strict=True):
         first, last = np.searchsorted(TIME, [begin, end])
         since = TIME[first:] - begin
         speed[first:] = goal + (start - goal) * np.exp(-since / tau)
-        way[first:] = gone + goal * since - (start - goal) * tau * np.expm1(-since / tau)
-        start, gone = speed[last], way[last]
+        turns[first:] = turns_before + goal * since - (start - goal) * tau * np.expm1(-since / tau)
+        start, turns_before = speed[last], turns[last]
     np.testing.assert_allclose(shaft.speed('aft', TIME) / RPM, speed, atol=1e-9)
-    np.testing.assert_allclose(shaft.turns('aft', TIME) * 60.0, way, atol=1e-8)
+    np.testing.assert_allclose(shaft.turns('aft', TIME) * 60.0, turns, atol=1e-8)
     # The first order holds from long before.
-    before = np.array([-1e5, -1.0, 0.0, 9.9])
-    np.testing.assert_allclose(shaft.speed('aft', before), 60.0 * RPM, rtol=1e-14)
-    np.testing.assert_allclose(shaft.turns('aft', before), before, rtol=1e-12)
+    early_times = np.array([-1e5, -1.0, 0.0, 9.9])
+    np.testing.assert_allclose(shaft.speed('aft', early_times), 60.0 * RPM, rtol=1e-14)
+    np.testing.assert_allclose(shaft.turns('aft', early_times), early_times, rtol=1e-12)
 
 
 # From 90 rpm ahead through zero to 30 rpm astern.
@@ -89,7 +89,7 @@ TURNS_ON = {'speed_steps': {'unit': 'rpm', 'steps': [[0, 0], [50, 60]], 'rise': 
 
 
 def test_ripple_follows_the_angle_of_the_shaft(make_scene: MakeScene) -> None:
-    """Of every effect that turns it; ripple of the speed does not, and at rest it stands still."""
+    """Follow every effect that turns the shaft; ripple of the speed does not, and rest stops it."""
     speed = speed_of(make_scene, BLADES, RAMP)
     expected = (90.0 - 1.2 * TIME) * (1.0 + 0.02 * np.cos(4.0 * ANGLE))
     np.testing.assert_allclose(speed, expected, atol=1e-9)

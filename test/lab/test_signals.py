@@ -66,7 +66,7 @@ def test_profile_is_linear_between_points_and_held_beyond(
 
 
 def test_numbers_are_what_the_sensor_sends(make_scene: MakeScene, messages_of: MessagesOf) -> None:
-    """A 4 to 20 mA load cell of 0 to 5 kN; a tachometer with 60 pulses a turn; every unit."""
+    """Send by a 4 to 20 mA load cell of 0 to 5 kN and a tachometer with 60 pulses a turn, in all units."""
     telemetry = {
         'speed': {'unit': 'Hz', 'scale': 1.0 / 60.0},
         'load': {'unit': 'kN', 'scale': 5.0 / 16.0, 'offset': -1.25},
@@ -102,17 +102,17 @@ def test_noise_is_white_and_depends_on_its_seed_alone(make_scene: MakeScene, mes
 
 
 def test_numbers_are_drawn_evenly_and_each_from_its_own_stream() -> None:
-    one = {'speed_steps': {'rise': {'between': [2.0, 4.0]}}}
+    rise_effect = {'speed_steps': {'rise': {'between': [2.0, 4.0]}}}
     extra_effect = {'bias': {'load': {'bias': {'between': [0, 1]}}}}
-    values = [draw_numbers({'effects': [one]}, seed)['effects'][0] for seed in range(400)]
+    values = [draw_numbers({'effects': [rise_effect]}, seed)['effects'][0] for seed in range(400)]
     rises = np.array([value['speed_steps']['rise'] for value in values])
     assert rises.min() >= 2.0
     assert rises.max() <= 4.0
     # The mean of 400 has a standard deviation of 2 / sqrt(12 * 400) = 0.029.
     assert rises.mean() == pytest.approx(3.0, abs=0.12)
     # Another effect before it changes nothing; the same number in another place is another draw.
-    assert draw_numbers({'effects': [extra_effect, one]}, 7)['effects'][1] == values[7]
-    twice = draw_numbers({'effects': [one, one]}, 7)['effects']
+    assert draw_numbers({'effects': [extra_effect, rise_effect]}, 7)['effects'][1] == values[7]
+    twice = draw_numbers({'effects': [rise_effect, rise_effect]}, 7)['effects']
     assert twice[0] == values[7] != twice[1]
     assert draw_numbers([[1, 'a'], {'b': None, 'c': 2}], 0) == [[1, 'a'], {'b': None, 'c': 2}]
 
@@ -143,15 +143,15 @@ def test_parameters_are_off_by_no_more_than_is_said() -> None:
 
 
 def test_units_of_the_reference_bearing() -> None:
-    """200 N = c / (beta (mu_s - mu_k)) is the least unstable load; 40.72 rpm as in the docs."""
+    # 200 N = c / (beta (mu_s - mu_k)) is the least unstable load; 40.72 rpm as in the docs.
     load, speed = (Channel(quantity, (BEARING,), 1.0) for quantity in ('load', 'speed'))
     assert load.factor('nominal') == pytest.approx(5.0 * 400.0 / (10.0 * 0.2))
     assert speed.factor('fold') / speed.factor('rpm') == pytest.approx(40.72, abs=0.005)
     # A Gaussian curve begins flat: it falls fastest at 1/(beta sqrt(2)).
     gaussian = replace(BEARING.bearing, friction=Stretched(0.3, 0.1, 10.0, exponent=2.0))
     steepest = 0.2 * 10.0 * math.sqrt(2.0 / math.e)
-    found = nominal_load(replace(BEARING, bearing=gaussian))
-    assert found == pytest.approx(5.0 * 400.0 / steepest, rel=1e-9)
+    load_of_gaussian = nominal_load(replace(BEARING, bearing=gaussian))
+    assert load_of_gaussian == pytest.approx(5.0 * 400.0 / steepest, rel=1e-9)
 
 
 # Exponential and cosine with the same bits on every machine.
@@ -166,7 +166,7 @@ print(hashlib.sha256(exp(x).tobytes() + cos_turns(x * 1e4).tobytes()).hexdigest(
 
 
 def test_functions_are_right_and_the_same_with_other_vector_instructions() -> None:
-    """In another process numpy is told to do without those that it finds here."""
+    """Forbid numpy in another process the vector instructions that it finds here."""
     x = np.concatenate([RANDOM.uniform(-reach, reach, 300) for reach in (1e-8, 0.4, 30.0, 690.0)])
     x = np.concatenate([x, np.arange(-8, 9) / 8.0])
     with mpmath.workdps(40):

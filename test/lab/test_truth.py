@@ -31,7 +31,7 @@ def truth_event(name: str, second: float, **more: Any) -> str:
 def write_truth_bag(
     path: Path, events: Sequence[tuple[float, str]], kind: str = 'std_msgs/msg/String'
 ) -> Path:
-    """A bag of 100 s with events told at some seconds, and speed on a topic of its own."""
+    """Write a bag of 100 s with events at some seconds, and speed on a topic of its own."""
     with BagWriter(path) as writer:
         writer.add_topic('/shaft/speed', 'std_msgs/msg/Float64')
         writer.add_topic(EVENTS, kind)

@@ -32,7 +32,7 @@ def times_after_start(*seconds: float) -> list[int]:
     return [epoch_ns(T0) + round(s * 1e9) for s in seconds]
 
 
-def since(*seconds: float) -> list[int]:
+def times_since_start(*seconds: float) -> list[int]:
     return [round(s * 1e9) for s in seconds]
 
 
@@ -133,11 +133,11 @@ LOGS = {
         says='days of a spreadsheet',
     ),
     'seconds of the day, 1000 lines each': Log(
-        't,speed,load\n36000.000,30,900\n36000.001,31,901\n', times=since(36_000, 36_000.001)
+        't,speed,load\n36000.000,30,900\n36000.001,31,901\n', times=times_since_start(36_000, 36_000.001)
     ),
     'microseconds since the start, after some minutes': Log(
         'time [us],speed,load\n150000000,30,900\n150010000,31,901\n',
-        times=since(150, 150.01),
+        times=times_since_start(150, 150.01),
         says='us since the start',
     ),
     # datenum('1970-01-01') is 719529.
@@ -186,13 +186,13 @@ LOGS = {
     'a line for each number': Log(
         'time,speed,load,oil,air\n'
         + ''.join(f'{t},30,,,\n{t},,900,,\n{t},,,40,\n{t},,,,20\n' for t in (0, 10, 20)),
-        times=since(0, 10, 20),
+        times=times_since_start(0, 10, 20),
         speed=[30] * 3,
         load=[900] * 3,
     ),
     'before and behind a change': Log(
         'time,speed,load\n0,30,900\n60,30,900\n60,31,901\n120,31,901\n120,32,902\n',
-        times=since(0, 60, 60, 120, 120),
+        times=times_since_start(0, 60, 60, 120, 120),
         speed=[30, 30, 31, 31, 32],
         load=[900, 900, 901, 901, 902],
     ),
@@ -223,7 +223,7 @@ LOGS = {
         'Running hours,ETA UTC,file,t,speed,load\n'
         '1234:15:00,2026-04-20 00:00:00,20260413_100000,0,30,900\n'
         '1234:15:01,2026-04-20 00:00:00,20260413_100000,1,31,901\n',
-        times=since(0, 1),
+        times=times_since_start(0, 1),
     ),
     'words beside dates with blanks': Log(
         'Zeit;Alarm;Remarks;speed;load\n'
@@ -306,12 +306,14 @@ LOGS = {
     ),
     'hours since a start, beyond a day': Log(
         'Elapsed,speed,load\n23:59:59.5,30,900\n24:00:00.5,31,901\n100:00:00.5,32,902\n',
-        times=since(86_399.5, 86_400.5, 360_000.5),
+        times=times_since_start(86_399.5, 86_400.5, 360_000.5),
         speed=[30, 31, 32],
         load=[900, 901, 902],
     ),
     'before a trigger': Log(
-        'time [s],speed,load\n-1,30,900\n0,31,901\n', times=since(0, 1), says='counted from the first one'
+        'time [s],speed,load\n-1,30,900\n0,31,901\n',
+        times=times_since_start(0, 1),
+        says='counted from the first one',
     ),
     'a clock that was set after the start': Log(
         'time,speed,load\n1899-12-30 00:00:00,30,900\n~0,30,900\n~1,31,901\n',
@@ -319,7 +321,7 @@ LOGS = {
     ),
     'a time of day as Access has it': Log(
         'time,speed,load\n30/12/1899 06:00:00,30,900\n30/12/1899 06:00:01,31,901\n',
-        times=since(0, 1),
+        times=times_since_start(0, 1),
         says='counted from the first one',
     ),
     'a set point, and a unit without brackets': Log(
@@ -329,20 +331,24 @@ LOGS = {
         'time,n [s⁻¹],load\n@0,0.5,900\n@1,0.55,901\n', speed=[30, 33]
     ),
     'a minus of a Swedish locale': Log(
-        'time;speed;load\n0;\u221230,5;900\n1;31;901\n', times=since(0, 1), speed=[-30.5, 31]
+        'time;speed;load\n0;\u221230,5;900\n1;31;901\n', times=times_since_start(0, 1), speed=[-30.5, 31]
     ),
     'seconds': Log(
         't,speed,load\n0,30,900\n0.1,31,901\n0.2,32,902\n',
-        times=since(0, 0.1, 0.2),
+        times=times_since_start(0, 0.1, 0.2),
         speed=[30, 31, 32],
         load=[900, 901, 902],
         says='s since the start',
     ),
     'milliseconds by the heading': Log(
-        'time [ms],speed,load\n0,30,900\n100,31,901\n', times=since(0, 0.1), says='ms since the start'
+        'time [ms],speed,load\n0,30,900\n100,31,901\n',
+        times=times_since_start(0, 0.1),
+        says='ms since the start',
     ),
     'milliseconds by their name': Log(
-        't_ms,n_rpm,load_kN\n0,30,0.9\n100,31,0.901\n', times=since(0, 0.1), says='ms since the start'
+        't_ms,n_rpm,load_kN\n0,30,0.9\n100,31,0.901\n',
+        times=times_since_start(0, 0.1),
+        says='ms since the start',
     ),
     'no heading': Log('~0,30,900\n~1,31,901\n'),
     'date and time apart': Log(
@@ -364,7 +370,7 @@ LOGS = {
     ),
     'times of the day': Log(
         'Uhrzeit;n [rpm];F [N]\n10:00:00;30;900\n10:00:01;31;901\n',
-        times=since(36000, 36001),
+        times=times_since_start(36000, 36001),
         says='of the day, without a date',
     ),
     'words and empty cells': Log(
@@ -381,28 +387,28 @@ LOGS = {
         load=[1500, 1600],
     ),
     'a line of numbers above the headings': Log(
-        '7,250,3\ntime,speed,load\n0,30,900\n1,31,901\n', times=since(0, 1)
+        '7,250,3\ntime,speed,load\n0,30,900\n1,31,901\n', times=times_since_start(0, 1)
     ),
     'lines of another table above the headings': Log(
         ''.join(f'{k},1,2\n' for k in range(5, 10)) + 'time,speed,load\n0,30,900\n1,31,901\n',
-        times=since(0, 1),
+        times=times_since_start(0, 1),
         lost="5 lines of another table above were not read, the first '5 1 2'",
     ),
     'a line whose time is a year ahead': Log(
         'time,speed,load\n' + ''.join(f'{k + 31536000 * (k == 3)},{30 + k},{900 + k}\n' for k in range(6)),
-        times=since(*range(6)),
+        times=times_since_start(*range(6)),
         speed=range(30, 36),
         load=range(900, 906),
         says='the clock of the lines leapt ahead and back: 1 time taken from those beside',
     ),
     'in no order of time': Log(
         'time,speed,load\n' + ''.join(f'{10 * k},{k},{900 + k}\n' for k in (3, 0, 5, 9, 1, 7, 4, 8, 2, 6)),
-        times=since(*range(0, 100, 10)),
+        times=times_since_start(*range(0, 100, 10)),
         speed=range(10),
         load=range(900, 910),
         says='the lines are in no order of time: sorted by time',
     ),
-    'comments': Log('# made by hand\n# time,speed,load\n0,30,900\n1,31,901\n', times=since(0, 1)),
+    'comments': Log('# made by hand\n# time,speed,load\n0,30,900\n1,31,901\n', times=times_since_start(0, 1)),
     'the separator named for spreadsheets': Log('sep=;\ntime;speed;load\n~0;30;900\n~1;31;901\n'),
     'newest first': Log(
         'time,speed,load\n@2,32,902\n@1,31,901\n@0,30,900\n',
@@ -420,7 +426,7 @@ LOGS = {
         says='Windows-1252',
         encoding='cp1252',
     ),
-    'gzip': Log(gzip.compress(b'time,speed,load\n0,30,900\n1,31,901\n'), times=since(0, 1)),
+    'gzip': Log(gzip.compress(b'time,speed,load\n0,30,900\n1,31,901\n'), times=times_since_start(0, 1)),
     'long, names in turn': Log('time,tag,value\n@0,speed,30\n@0,load,900\n@1,speed,31\n@1,load,901\n'),
     'long, one name after the other': Log(
         'time,tag,value,unit\n@0,n,30,rpm\n@1,n,31,rpm\n@0,F,0.9,kN\n@1,F,1.1,kN\n', load=[900, 1100]
@@ -453,7 +459,7 @@ LOGS = {
             for tag, first in (('speed', 30), ('load', 900))
             for second in range(300)
         ),
-        times=since(*range(300)),
+        times=times_since_start(*range(300)),
         speed=range(30, 330),
         load=range(900, 1200),
     ),
@@ -462,18 +468,20 @@ LOGS = {
         + ''.join(
             f'{second},{tag},{second}\n' for second in (100, 101, 102, 2, 3, 4) for tag in ('speed', 'load')
         ),
-        times=since(*range(100, 106)),
+        times=times_since_start(*range(100, 106)),
         speed=[100, 101, 102, 2, 3, 4],
         load=[100, 101, 102, 2, 3, 4],
         says='set back once',
     ),
     'the mark of a comment before blanks and headings': Log(
         '# t[s]  n[1/min]   F[kN]\n  0.0   30.0   0.9\n  1.0   31.0   1.1\n',
-        times=since(0, 1),
+        times=times_since_start(0, 1),
         load=[900, 1100],
     ),
     'knots beside a load in small letters': Log(
-        'time,speed (kn),shaft_rpm,load_kn\n0,12,30,0.9\n1,12,31,1.1\n', times=since(0, 1), load=[900, 1100]
+        'time,speed (kn),shaft_rpm,load_kn\n0,12,30,0.9\n1,12,31,1.1\n',
+        times=times_since_start(0, 1),
+        load=[900, 1100],
     ),
     'NMEA 0183': Log(
         '2026-04-13T10:00:00.000Z $IIRPM,S,1,30.0,,A*5D\n'
@@ -504,31 +512,33 @@ LOGS = {
     ),
     'blanks': Log(
         '  0.0   30.0   900\n  1.0   31.0   901\n  2.0   32.0   902\n',
-        times=since(0, 1, 2),
+        times=times_since_start(0, 1, 2),
         speed=[30, 31, 32],
         load=[900, 901, 902],
     ),
-    'a zero byte': Log(b'time,speed,load\n0,30,900\n1,3\x001,901\n', times=since(0, 1), lost='1 zero byte'),
+    'a zero byte': Log(
+        b'time,speed,load\n0,30,900\n1,3\x001,901\n', times=times_since_start(0, 1), lost='1 zero byte'
+    ),
     'a second heading': Log(
         'time,speed,load\n0,30,900\ntime,speed,load\n1,31,901\n',
-        times=since(0, 1),
+        times=times_since_start(0, 1),
         says='the headings come 1 time more in the middle',
     ),
     'a line without a time': Log(
         'time,speed,load\n0,30,900\n?,31,901\n2,32,902\n',
-        times=since(0, 2),
+        times=times_since_start(0, 2),
         speed=[30, 32],
         load=[900, 902],
         lost="1 line without a time was not used, the first '?'",
     ),
     'a last line that is cut': Log(
         'time,speed,load\n0,30,900\n1,31,901\n2,32',
-        times=since(0, 1),
+        times=times_since_start(0, 1),
         lost='1 line damaged, or of too few or too many cells was not used',
     ),
     'a clock that is set back': Log(
         'time,speed,load\n100,30,900\n101,31,901\n102,32,902\n2,33,903\n3,34,904\n4,35,905\n',
-        times=since(100, 101, 102, 103, 104, 105),
+        times=times_since_start(100, 101, 102, 103, 104, 105),
         speed=range(30, 36),
         load=range(900, 906),
         says='set back once, by 101 s',
@@ -544,7 +554,7 @@ LOGS = {
         'Samples\t2\t2\t\nDate\t2026/04/13\t2026/04/13\t\nTime\t10:00:00.0\t10:00:00.0\t\nY_Unit_Label\trpm\tkN\t\n'
         'X_Dimension\tTime\tTime\t\nX0\t0.0E+0\t0.0E+0\t\nDelta_X\t1.0\t1.0\t\n***End_of_Header***\t\t\t\n'
         'X_Value\tShaft speed\tBearing load\tComment\n0.0\t30.0\t1.5\t\n1.0\t31.0\t1.6\t\n',
-        times=since(0, 1),
+        times=times_since_start(0, 1),
         load=[1500, 1600],
     ),
     'one heading above a date and its time': Log(
@@ -564,7 +574,7 @@ LOGS = {
         'Channels\t2\t\t\nSamples\t9\t9\t\nDate\t2026/04/13\t2026/04/13\t\nTime\t10:00:00\t10:00:00\t\n'
         'X_Dimension\tTime\tTime\t\nX0\t0.0\t0.0\t\nDelta_X\t1.0\t1.0\t\n***End_of_Header***\t\t\t\n'
         'X_Value\tSpeed\tLoad\tComment\n' + ''.join(f'{k}.00\t{30 + k}.0\t{900 + k}.0\n' for k in range(9)),
-        times=since(*range(9)),
+        times=times_since_start(*range(9)),
         speed=range(30, 39),
         load=range(900, 909),
         says='4 headings stand above 3 cells',
@@ -574,10 +584,10 @@ LOGS = {
         'Samples\t2\t2\t\nDate\t2026/04/13\t2026/04/13\t\nTime\t10:00:00,5\t10:00:00,5\t\nX_Dimension\tTime\tTime\t\nX0\t0,0\t0,0\t\n'
         'Delta_X\t0,5\t0,5\t\n***End_of_Header***\t\t\t\nX_Value\tShaft speed [rpm]\tLoad [N]\tComment\n'
         '0,0\t30,0\t900,0\t\n0,5\t31,0\t901,0\t\n',
-        times=since(0, 0.5),
+        times=times_since_start(0, 0.5),
     ),
     'MATLAB: the mark of a comment before the headings, and units': Log(
-        '% test 4\n% time rpm load\n% s rpm kN\n0 30 0.9\n1 31 0.901\n', times=since(0, 1)
+        '% test 4\n% time rpm load\n% s rpm kN\n0 30 0.9\n1 31 0.901\n', times=times_since_start(0, 1)
     ),
     'HOBO: units behind commas, the zone in the heading': Log(
         '\ufeff"Plot Title: Stern"\n"#","Date Time, GMT+02:00","Shaft Speed, RPM (LGR S/N: 2)",'
@@ -625,7 +635,9 @@ LOGS = {
         '"Time","Shaft","Bearing"\n~0,30 rpm,1.5 kN\n~1,31 rpm,1.6 kN\n', load=[1500, 1600]
     ),
     'MATLAB timetable: a unit behind times': Log(
-        'Time,Speed_rpm,Load_kN\n0 sec,30,1.5\n1 sec,31,1.6\n', times=since(0, 1), load=[1500, 1600]
+        'Time,Speed_rpm,Load_kN\n0 sec,30,1.5\n1 sec,31,1.6\n',
+        times=times_since_start(0, 1),
+        load=[1500, 1600],
     ),
     'PlotJuggler: fields behind topics': Log(
         '"__time","/shaft/speed/data","/bearing/aft_stern/load/data"\n'
@@ -644,23 +656,26 @@ LOGS = {
         lost="1 line without a time was not used, the first 'restarted'",
     ),
     'R: rows have numbers, and these no heading': Log(
-        '"time" "speed" "load"\n"1" 0 30 900\n"2" 1 31 901\n', times=since(0, 1)
+        '"time" "speed" "load"\n"1" 0 30 900\n"2" 1 31 901\n', times=times_since_start(0, 1)
     ),
     'words without a heading behind the last cell': Log(
-        'time,speed,load\n0,30,900,ok\n10,31,901,ok\n', times=since(0, 10)
+        'time,speed,load\n0,30,900,ok\n10,31,901,ok\n', times=times_since_start(0, 10)
     ),
     'such words behind whole seconds': Log(
-        'time,speed,load\n0,31,901,ok\n1,30,900,ok\n', times=since(0, 1), speed=[31, 30], load=[901, 900]
+        'time,speed,load\n0,31,901,ok\n1,30,900,ok\n',
+        times=times_since_start(0, 1),
+        speed=[31, 30],
+        load=[901, 900],
     ),
     'a number in the heading that is no factor': Log(
-        'time,Aux 10 shaft [rpm],Max 10 min load [kN]\n0,30,0.9\n1,31,0.901\n', times=since(0, 1)
+        'time,Aux 10 shaft [rpm],Max 10 min load [kN]\n0,30,0.9\n1,31,0.901\n', times=times_since_start(0, 1)
     ),
     'a delimiter behind the last cell of each row': Log(
-        'time,speed,load\n0,30,900,\n1,31,901,\n', times=since(0, 1)
+        'time,speed,load\n0,30,900,\n1,31,901,\n', times=times_since_start(0, 1)
     ),
     'more headings than cells': Log(
         'time,speed,load,by,to\n' + ''.join(f'{k},{30 + k},{900 + k}\n' for k in range(9)),
-        times=since(*range(9)),
+        times=times_since_start(*range(9)),
         speed=range(30, 39),
         load=range(900, 909),
         says='5 headings stand above 3 cells: they were matched from the left',
@@ -672,24 +687,24 @@ LOGS = {
         load=[30, 31, 32, 33],
     ),
     'names and states beside columns of numbers': Log(
-        'time,name,state,speed,load\n0,ME1,RUN,30,900\n1,ME1,RUN,31,901\n', times=since(0, 1)
+        'time,name,state,speed,load\n0,ME1,RUN,30,900\n1,ME1,RUN,31,901\n', times=times_since_start(0, 1)
     ),
     'letters in a preamble at which no line ends': Log(
         'Made by\x0cLogger\u2028of\x85Works,1\ntime,speed,load\n0,30,900\n1,31,901\n2,32,902\n',
-        times=since(0, 1, 2),
+        times=times_since_start(0, 1, 2),
         speed=[30, 31, 32],
         load=[900, 901, 902],
     ),
     'a second logger with other columns behind the first': Log(
         'time,speed [rpm],load [kN]\n0,30,1.5\n1,31,1.6\ntime,temp,load [kN],speed [rpm]\n2,9,1.7,32\n',
-        times=since(0, 1, 2),
+        times=times_since_start(0, 1, 2),
         speed=[30, 31, 32],
         load=[1500, 1600, 1700],
         says='the headings come 1 time more',
     ),
     'a second logger with the load in another unit': Log(
         'time,speed [rpm],load [kN]\n0,30,1.5\n1,31,1.6\ntime,speed [rpm],load [lbf]\n2,32,9\n3,33,9\n',
-        times=since(0, 1),
+        times=times_since_start(0, 1),
         load=[1500, 1600],
         lost="2 lines under other headings ('time, speed [rpm], load [lbf]') were not used",
     ),
@@ -698,7 +713,7 @@ LOGS = {
         + ''.join(f'2026-04-13T10:00:0{k};{k};1,5\n' for k in range(5))
         + 'time,speed [rpm],load [kN]\n'
         + ''.join(f'{k},{30 + k},1.5\n' for k in range(20)),
-        times=since(*range(20)),
+        times=times_since_start(*range(20)),
         speed=range(30, 50),
         load=[1500] * 20,
         lost="5 lines of another table above were not read, the first '2026-04-13T10:00:00 0 1,5'",
@@ -724,7 +739,7 @@ LOGS = {
             f'10:00:0{k}.000 {nmea_sentence(f"IIXDR,N,{900 + k},N,load")}\n'
             for k in (0, 1)
         ),
-        times=since(36000, 36001),
+        times=times_since_start(36000, 36001),
     ),
     'NMEA 0183: times of two kinds': Log(
         '@0 $ERRPM,S,1,30,10.5,A*4E\n@0 $ERXDR,N,900,N,load*66\n'
@@ -775,7 +790,7 @@ COLUMNS = {
 
 
 def open_log(folder: Path, data: str | bytes) -> TableRecording:
-    """A log of some text."""
+    """Open a log of some text."""
     (folder / 'voyage.csv').write_bytes(Log(data).raw)
     recording = open_bag(folder / 'voyage.csv')
     assert isinstance(recording, TableRecording)

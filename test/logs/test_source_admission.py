@@ -21,8 +21,8 @@ def test_one_source_is_used_and_the_others_are_named() -> None:
         ('a', 4.7, True, False),
         ('a', 9.7, False, False),  # b is silent, and a has no number either
     ]
-    taken = [admission.admits(source, now, valid=valid) for source, now, valid, _ in steps]
-    assert taken == [expected for *_, expected in steps]
+    admitted = [admission.admits(source, now, valid=valid) for source, now, valid, _ in steps]
+    assert admitted == [expected for *_, expected in steps]
     assert notes == [
         f"{label}: source 'a' is used; 'c' has sent no number",
         f"{label}: source 'b' is left out: 'a' sends",
@@ -35,7 +35,7 @@ def test_one_source_is_used_and_the_others_are_named() -> None:
 
 
 def test_a_clock_that_is_set_back_keeps_no_silent_sender() -> None:
-    """By the clock of a log a silence of 2 s before the step and of 1 s behind it is one of 3 s."""
+    # By the clock of a log a silence of 2 s before the step and of 1 s behind it is one of 3 s.
     admission = SourceAdmission('RPM S 1', 5.0, '', str)
     steps = [
         ('a', 3600.0, True),
@@ -44,4 +44,4 @@ def test_a_clock_that_is_set_back_keeps_no_silent_sender() -> None:
         ('b', 0.4, False),
         ('b', 1.0, True),
     ]
-    assert [admission.admits(source, now) for source, now, _ in steps] == [taken for *_, taken in steps]
+    assert [admission.admits(source, now) for source, now, _ in steps] == [expected for *_, expected in steps]

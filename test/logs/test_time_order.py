@@ -31,8 +31,8 @@ def under_clock(clock: Callable[[float], float]) -> Rows:
 def write_rows_late(begin: int, count: int, by: int) -> Rows:
     """Return the voyage with some rows written so many rows later."""
     rows = two_sources()
-    late = rows[begin : begin + count]
-    return [*rows[:begin], *rows[begin + count : begin + count + by], *late, *rows[begin + count + by :]]
+    delayed = rows[begin : begin + count]
+    return [*rows[:begin], *rows[begin + count : begin + count + by], *delayed, *rows[begin + count + by :]]
 
 
 def a_year_ahead() -> Rows:
@@ -122,26 +122,33 @@ def test_each_row_has_the_time_at_which_it_happened(name: str) -> None:
 
 
 @pytest.mark.parametrize('rate', [1, 2, 10])
-@pytest.mark.parametrize('late', [1, 2, 5, 10])
+@pytest.mark.parametrize('late_count', [1, 2, 5, 10])
 @pytest.mark.parametrize('by', [1, 6, 30])
 @pytest.mark.parametrize('lost', ['', 'before', 'ahead'])
-def test_late_moments_are_sorted_in_silence_at_any_rate(rate: int, late: int, by: int, lost: str) -> None:
-    """The row beside them may be lost, too."""
+def test_late_moments_are_sorted_in_silence_at_any_rate(
+    rate: int, late_count: int, by: int, lost: str
+) -> None:
+    # The row beside them may be lost, too.
     every, ahead = [k / rate for k in range(600 * rate)], max(by * rate, 2)
-    begin, end = 200 * rate, 200 * rate + late
-    gone = {'': None, 'before': every[begin - 1], 'ahead': every[end]}[lost]
+    begin, end = 200 * rate, 200 * rate + late_count
+    lost_time = {'': None, 'before': every[begin - 1], 'ahead': every[end]}[lost]
     order = [*every[:begin], *every[end : end + ahead], *every[begin:end], *every[end + ahead :]]
-    course, time_ns, true_ns = judge_rows([(t, t, source) for t in order if t != gone for source in (0, 1)])
+    course, time_ns, true_ns = judge_rows(
+        [(t, t, source) for t in order if t != lost_time for source in (0, 1)]
+    )
     np.testing.assert_array_equal(time_ns, true_ns)
     assert list(course.notes('they are', 'of it')) == []
 
 
 def test_rows_that_are_put_in_order_elsewhere_are_kept_by_blocks() -> None:
-    """An hour of two sources in one block: one segment each, and their overlap is no disorder."""
+    """Add an hour of two sources in one block: one segment each, and their overlap is no disorder."""
     order, time_ns = TimeOrder(is_in_blocks=True), START + np.arange(3600) * SECOND
     for source in (0, 1):
         order.add_to(source, time_ns, np.arange(3600) * 40 + source, offset=1 << 32)
-    assert [own.segments[:, 0].tolist() for own in order._sources.values()] == [[1 << 32], [(1 << 32) + 1]]
+    assert [source_rows.segments[:, 0].tolist() for source_rows in order._sources.values()] == [
+        [1 << 32],
+        [(1 << 32) + 1],
+    ]
     assert list(order.course().notes('they are', 'of it')) == []
     order.add_to(0, time_ns - 3400 * SECOND, np.arange(3600) * 40, offset=2 << 32)
     assert order.course().steps_ns == [7000 * SECOND]
@@ -197,7 +204,7 @@ def test_only_the_sources_that_are_asked_for_are_judged() -> None:
 
 
 def test_long_recordings_take_no_memory_for_their_rows() -> None:
-    """A week at 1 Hz with a step in its middle: segments are joined, and the step is still exact."""
+    """Join the segments of a week at 1 Hz with a step in its middle, which is still exact."""
     order, count = TimeOrder(), 7 * 86_400
     time_ns = START + np.arange(count) * SECOND
     time_ns[count // 2 :] -= 200 * SECOND
@@ -208,8 +215,8 @@ def test_long_recordings_take_no_memory_for_their_rows() -> None:
     course = order.course()
     assert course.steps_ns == [200 * SECOND]
     np.testing.assert_array_equal(course.follow(time_ns, source, place), START + np.arange(count) * SECOND)
-    (kept,) = order._sources.values()
-    assert len(kept.segments) < count // 50
+    (source_rows,) = order._sources.values()
+    assert len(source_rows.segments) < count // 50
 
 
 @pytest.mark.parametrize(('at', 'days'), [(-1, 365.0), (0, -365.0), (0, -20_000.0)])

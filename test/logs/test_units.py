@@ -20,7 +20,7 @@ from stickslip_logs.units import (
 
 
 def test_factors_are_those_of_the_si_brochure() -> None:
-    """The SI brochure (9th edition) and NIST SP 811 give them exactly."""
+    # The SI brochure (9th edition) and NIST SP 811 give them exactly.
     assert factors_of(*names_of('force')) == {
         'N': 1.0,
         'kN': 1e3,
@@ -34,12 +34,12 @@ def test_factors_are_those_of_the_si_brochure() -> None:
 
 @pytest.mark.parametrize(('name', 'per_turn'), [('rpm', 60.0), ('Hz', 1.0), ('rad/s', math.tau)])
 def test_one_turn_a_second_moves_the_surface_by_the_circumference(name: str, per_turn: float) -> None:
-    """A journal of 0.3 m."""
+    """Turn a journal of 0.3 m."""
     assert turning_factor(name, 0.3) * per_turn == pytest.approx(math.pi * 0.3, rel=1e-15)
 
 
 def test_a_spelling_is_of_one_unit() -> None:
-    """A name is, too."""
+    """Count spellings and names."""
     names = Counter(unit.name for unit in UNITS)
     spellings = Counter(text for unit in UNITS for text in {*unit.spellings.split()})
     assert {*names.values(), *spellings.values()} == {1}
@@ -50,13 +50,13 @@ def test_a_spelling_is_of_one_unit() -> None:
     [('[kN]', 'kN'), ('KN', 'kN'), ('R / min', 'rpm'), ('(m s-1)', 'm/s'), ('knots', None), ('', None)],
 )
 def test_units_are_found_as_they_are_written(text: str, name: str | None) -> None:
-    """In brackets, in any case, with blanks."""
+    """Find a unit in brackets, in any case, with blanks."""
     unit = find_unit(text)
     assert (unit.name if unit else None) == name
 
 
 def test_a_letter_is_a_force_only_beside_one() -> None:
-    """A bare t is a time, mN are millinewtons, and tonnes are a mass."""
+    # A bare t is a time, mN are millinewtons, and tonnes are a mass.
     assert [find_unit(text) for text in ('t', 'mN', '[tonnes]')] == [None, None, None]
     unit = find_unit('[t]', 'force')
     assert unit is not None
@@ -89,7 +89,7 @@ def test_units_are_converted_within_a_quantity_only() -> None:
 
 @pytest.mark.parametrize(('celsius', 'fahrenheit', 'kelvin'), [(0.0, 32.0, 273.15), (100.0, 212.0, 373.15)])
 def test_water_freezes_and_boils_on_every_scale(celsius: float, fahrenheit: float, kelvin: float) -> None:
-    """A factor alone converts none of them to another."""
+    # A factor alone converts none of them to another.
     scales = {'C': celsius, 'F': fahrenheit, 'K': kelvin}
     for name, value in scales.items():
         for target, expected in scales.items():

@@ -37,7 +37,7 @@ MAX_SOUNDS = 4
 
 
 class Report(NamedTuple):
-    """What the monitor shows of a bearing at a time."""
+    """Conditions and alarms of a bearing at a time, as the monitor publishes them."""
 
     time: float
     condition: str
@@ -75,64 +75,64 @@ class Manoeuvres:
         # be held for as long.
         wait = 20.0 if abs(truth.share) > 1.0 else 95.0
         truth.steer(FAR * side, 10.0)
-        yield from self._wait(wait)
-        yield from self._acknowledge()
-        self._expect({'normal'}, 'far from the fold')
+        yield from self._wait_for(wait)
+        yield from self._acknowledge_alarms()
+        self._expect_condition({'normal'}, 'far from the fold')
         yield from self._fall_slowly(side)
         truth.steer(truth.middle * side, 5.0)
-        yield from self._wait(25.0)
-        self._expect(STICKING, 'in the bistable range, from below')
-        yield from self._acknowledge()
+        yield from self._wait_for(25.0)
+        self._expect_condition(STICKING, 'in the bistable range, from below')
+        yield from self._acknowledge_alarms()
         truth.steer(1.6 * side, 3.0)
-        yield from self._wait(30.0)
-        self._expect({'normal', 'caution', 'bistable'}, 'beyond the fold')
+        yield from self._wait_for(30.0)
+        self._expect_condition({'normal', 'caution', 'bistable'}, 'beyond the fold')
         truth.steer(truth.middle * side, 3.0)
-        yield from self._wait(50.0)
-        self._expect({'bistable'}, 'in the bistable range, from above')
-        yield from self._acknowledge()
+        yield from self._wait_for(50.0)
+        self._expect_condition({'bistable'}, 'in the bistable range, from above')
+        yield from self._acknowledge_alarms()
         truth.steer(0.4 * side, 3.0)
-        yield from self._wait(25.0)
+        yield from self._wait_for(25.0)
         # Within two minutes of the last this is one manoeuvre, acknowledged: it may be silent.
-        self._expect(STICKING, 'below the Hopf speed')
-        yield from self._mix()
+        self._expect_condition(STICKING, 'below the Hopf speed')
+        yield from self._mix_publishers()
         if self.sounds > MAX_SOUNDS:
-            self._fault(f'{self.sounds} sounds in manoeuvres that deserve {MAX_SOUNDS}')
+            self._report_fault(f'{self.sounds} sounds in manoeuvres that deserve {MAX_SOUNDS}')
 
     def _fall_slowly(self, side: float) -> Iterator[None]:
         truth, begin = self._truth, self._truth.time
         target = 0.9 * truth.hopf
         truth.steer(target * side, (FAR - target) / SLOW_FALL)
-        yield from self._wait(75.0)
+        yield from self._wait_for(75.0)
         warned = self._first_time(begin, lambda report: report.condition != 'normal')
         if not warned <= truth.passed_fold - LEAD:
-            self._fault(f'warned {truth.passed_fold - warned:.1f} s before the fold, not {LEAD} s')
+            self._report_fault(f'warned {truth.passed_fold - warned:.1f} s before the fold, not {LEAD} s')
         warned_at = self._first_time(begin, lambda report: report.condition in STICKING)
         if not abs(warned_at - truth.began) <= NEAR_ONSET:
-            self._fault(f'stick-slip is reported {warned_at - truth.began:.1f} s after its onset')
+            self._report_fault(f'stick-slip is reported {warned_at - truth.began:.1f} s after its onset')
         self._judge_sound()
 
     def _judge_sound(self) -> None:
         began = self._truth.began
         sounded_at = self._first_time(began - NEAR_ONSET, lambda report: bool(report.sounding & STICKING))
         if not sounded_at <= began + NEAR_ONSET + SOUND_WITHIN:
-            self._fault(f'stick-slip sounds {sounded_at - began:.1f} s after its onset')
+            self._report_fault(f'stick-slip sounds {sounded_at - began:.1f} s after its onset')
 
-    def _mix(self) -> Iterator[None]:
-        """Two of three speeds are from a second publisher: no alarm may clear once that is found."""
+    def _mix_publishers(self) -> Iterator[None]:
+        """Send two of three speeds from a second publisher: no alarm may clear once that is found."""
         self.mixed = True
-        yield from self._wait(MIX_FOUND)
-        before = self._reports[-1].active & LADDER_ALARMS
-        yield from self._wait(25.0 - MIX_FOUND)
-        cleared = before - self._reports[-1].active
+        yield from self._wait_for(MIX_FOUND)
+        active_before = self._reports[-1].active & LADDER_ALARMS
+        yield from self._wait_for(25.0 - MIX_FOUND)
+        cleared = active_before - self._reports[-1].active
         if cleared:
-            self._fault(f'{", ".join(sorted(cleared))} cleared while two publishers send')
+            self._report_fault(f'{", ".join(sorted(cleared))} cleared while two publishers send')
 
-    def _acknowledge(self) -> Iterator[None]:
+    def _acknowledge_alarms(self) -> Iterator[None]:
         self.acknowledges = True
         yield
         self.acknowledges = False
 
-    def _wait(self, seconds: float) -> Iterator[None]:
+    def _wait_for(self, seconds: float) -> Iterator[None]:
         end = self._truth.time + seconds
         while self._truth.time < end:
             yield
@@ -141,10 +141,10 @@ class Manoeuvres:
         times = (report.time for report in self._reports if report.time >= since and holds(report))
         return next(times, math.inf)
 
-    def _expect(self, conditions: Set[str], where: str) -> None:
+    def _expect_condition(self, conditions: Set[str], situation: str) -> None:
         condition = self._reports[-1].condition
         if condition not in conditions:
-            self._fault(f'{condition} is reported {where}')
+            self._report_fault(f'{condition} is reported {situation}')
 
-    def _fault(self, text: str) -> None:
+    def _report_fault(self, text: str) -> None:
         self.faults.append(f'{self._name}, at {self._truth.time:.1f} s: {text}')

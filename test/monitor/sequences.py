@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-def _stribeck(static: float, kinetic: float, decay: float, viscous: float = 0.0) -> dict[str, Any]:
+def _stribeck_parameters(static: float, kinetic: float, decay: float, viscous: float = 0.0) -> dict[str, Any]:
     return {
         'friction.static': static,
         'friction.kinetic': kinetic,
@@ -37,7 +37,7 @@ def _stribeck(static: float, kinetic: float, decay: float, viscous: float = 0.0)
     }
 
 
-def _body(mass: float, damping: float, stiffness: float, diameter: float) -> dict[str, Any]:
+def _body_parameters(mass: float, damping: float, stiffness: float, diameter: float) -> dict[str, Any]:
     return {'mass': mass, 'damping': damping, 'stiffness': stiffness, 'journal_diameter': diameter}
 
 
@@ -48,12 +48,24 @@ _TABLE = {
 }
 _COULOMB = {'friction.law': 'coulomb', 'friction.static': 0.2, 'friction.kinetic': 0.1}
 BEARINGS: dict[str, tuple[dict[str, Any], float, float]] = {
-    'reference': (_body(50.0, 400.0, 2e6, 0.1) | _stribeck(0.3, 0.1, 10.0), 40.7, 1e3),
-    'ship': (_body(900.0, 4300.0, 1.28e7, 0.42) | _stribeck(0.26, 0.09, 5.0), 22.2, 3e4),
-    'steep': (_body(120.0, 900.0, 3e6, 0.16) | _stribeck(0.34, 0.08, 30.0), 25.2, 2500.0),
-    'viscous': (_body(250.0, 1500.0, 4e6, 0.25) | _stribeck(0.28, 0.1, 8.0, 0.01), 22.4, 6e3),
-    'coulomb': (_body(70.0, 500.0, 1.5e6, 0.12) | _COULOMB, 30.0, 800.0),
-    'table': (_body(44.0, 330.0, 2.2e6, 0.11) | _TABLE, 45.8, 900.0),
+    'reference': (_body_parameters(50.0, 400.0, 2e6, 0.1) | _stribeck_parameters(0.3, 0.1, 10.0), 40.7, 1e3),
+    'ship': (
+        _body_parameters(900.0, 4300.0, 1.28e7, 0.42) | _stribeck_parameters(0.26, 0.09, 5.0),
+        22.2,
+        3e4,
+    ),
+    'steep': (
+        _body_parameters(120.0, 900.0, 3e6, 0.16) | _stribeck_parameters(0.34, 0.08, 30.0),
+        25.2,
+        2500.0,
+    ),
+    'viscous': (
+        _body_parameters(250.0, 1500.0, 4e6, 0.25) | _stribeck_parameters(0.28, 0.1, 8.0, 0.01),
+        22.4,
+        6e3,
+    ),
+    'coulomb': (_body_parameters(70.0, 500.0, 1.5e6, 0.12) | _COULOMB, 30.0, 800.0),
+    'table': (_body_parameters(44.0, 330.0, 2.2e6, 0.11) | _TABLE, 45.8, 900.0),
 }
 """By name: parameters, fold speed (for a Coulomb law some speed) [rpm] and nominal load [N]."""
 KINDS = (
@@ -86,11 +98,11 @@ class Bits:
         return (self._bits.random_raw(size) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
     def between(self, low: float, high: float) -> float:
-        """One number in [low, high)."""
+        """Return one number in [low, high)."""
         return low + (high - low) * float(self.uniform(1)[0])
 
     def below(self, limit: int) -> int:
-        """A whole number from 0 to below a limit."""
+        """Return a whole number from 0 to below a limit."""
         return int(self._bits.random_raw()) % limit
 
     def chance(self, share: float) -> bool:
@@ -98,7 +110,7 @@ class Bits:
         return bool(self.uniform(1)[0] < share)
 
     def pick(self, choices: Any) -> Any:
-        """One of some choices."""
+        """Return one of some choices."""
         return choices[self.below(len(choices))]
 
     def rough_normal(self, size: int) -> Floats:
@@ -124,8 +136,8 @@ class Messages:
         return Messages(*(column[rows] for column in columns))
 
 
-def _together(parts: list[Messages]) -> Messages:
-    """Messages of several senders in order of arrival."""
+def _merge_messages(parts: list[Messages]) -> Messages:
+    """Merge messages of several senders in order of arrival."""
     names = ('arrival_ns', 'quantity', 'time_ns', 'value')
     every = Messages(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
     return every[np.argsort(every.arrival_ns, kind='stable')]
@@ -161,21 +173,21 @@ def sequence(number: int) -> Sequence:
     """Make the sequence of a number."""
     bits = Bits(number)
     bearing = bits.pick(tuple(BEARINGS)) if number % 3 else 'reference'
-    kinds = _kinds(bits, number)
+    kinds = _pick_kinds(bits, number)
     rates = (bits.pick((0.2, 0.5, 1.0, 2.0, 5.0, 10.0)), bits.pick((0.2, 1.0, 5.0, 10.0)))
     if bits.chance(0.1):
         rates = (50.0, 50.0)
     seconds = min(1200.0, 500.0 / max(rates)) + bits.between(60.0, 120.0)
     ship = _Ship(bits, bearing, kinds, seconds)
     start = bits.pick((0, 1_700_000_000)) * SECOND
-    parts = [_sent(bits, ship, kinds, k, rate, start) for k, rate in enumerate(rates)]
-    parameters = _parameters(bits, bearing, rates)
+    parts = [_make_messages(bits, ship, kinds, k, rate, start) for k, rate in enumerate(rates)]
+    parameters = _draw_parameters(bits, bearing, rates)
     if 'level' in kinds:
         parameters |= _level_parameters(bits)
-        parts.append(_level(bits, ship, parameters, start))
-    messages = _together(parts)
+        parts.append(_make_level(bits, ship, parameters, start))
+    messages = _merge_messages(parts)
     if 'clock_jump' in kinds:
-        messages = _jumped(bits, messages)
+        messages = _step_clock(bits, messages)
     last = int(messages.arrival_ns[-1])
     return Sequence(
         number,
@@ -188,7 +200,7 @@ def sequence(number: int) -> Sequence:
     )
 
 
-def _kinds(bits: Bits, number: int) -> tuple[str, ...]:
+def _pick_kinds(bits: Bits, number: int) -> tuple[str, ...]:
     kinds = [KINDS[number % len(KINDS)]]
     kinds += [bits.pick(KINDS) for _ in range(bits.below(3))]
     if bits.chance(0.4):
@@ -196,7 +208,7 @@ def _kinds(bits: Bits, number: int) -> tuple[str, ...]:
     return tuple(dict.fromkeys(kinds))
 
 
-def _parameters(bits: Bits, bearing: str, rates: tuple[float, float]) -> dict[str, Any]:
+def _draw_parameters(bits: Bits, bearing: str, rates: tuple[float, float]) -> dict[str, Any]:
     parameters = dict(BEARINGS[bearing][0])
     parameters |= {'speed.topic': '/n', 'speed.unit': 'rpm', 'load.topic': '/f', 'load.unit': 'N'}
     for quantity, rate in zip(QUANTITIES, rates, strict=False):
@@ -230,7 +242,7 @@ def _level_parameters(bits: Bits) -> dict[str, Any]:
 
 
 class _Ship:
-    """What the shaft and the load do: multiples of fold speed and nominal load over time.
+    """Speed and load of a shaft: multiples of fold speed and nominal load over time.
 
     Each is linear between some points, with a triangular wave on top of the load.
     """
@@ -255,39 +267,39 @@ class _Ship:
 
     def speed(self, time: Floats) -> Floats:
         """Return multiples of the fold speed at some times [s]."""
-        return _linear(time, self._at, self._speed)
+        return _interpolate_linearly(time, self._at, self._speed)
 
     def load(self, time: Floats) -> Floats:
         """Return multiples of the nominal load at some times [s]."""
         height, period = self._wave
         phase = time / period - np.floor(time / period)
         wave = height * (np.abs(4.0 * phase - 2.0) - 1.0)
-        return _linear(time, self._at, self._load) + wave
+        return _interpolate_linearly(time, self._at, self._load) + wave
 
 
-def _linear(time: Floats, at: Floats, value: Floats) -> Floats:
-    """Values linear between points, constant outside them (numpy's own may round otherwise)."""
+def _interpolate_linearly(time: Floats, at: Floats, value: Floats) -> Floats:
+    """Interpolate linearly between points, constant outside them (numpy's own may round otherwise)."""
     k = np.clip(np.searchsorted(at, time, 'right') - 1, 0, at.size - 2)
     span = np.maximum(at[k + 1] - at[k], 1e-9)
     share = np.clip((time - at[k]) / span, 0.0, 1.0)
     return value[k] + share * (value[k + 1] - value[k])
 
 
-def _times(bits: Bits, rate: float, seconds: float) -> Floats:
+def _sample_times(bits: Bits, rate: float, seconds: float) -> Floats:
     count = max(2, int(seconds * rate))
     jitter = bits.pick((0.0, 0.0, 0.2)) * bits.uniform(count)
     return (np.arange(count) + jitter + bits.between(0.0, 1.0)) / rate
 
 
-def _nanoseconds(time: Floats, start_ns: int) -> Integers:
+def _to_nanoseconds(time: Floats, start_ns: int) -> Integers:
     return np.asarray(np.floor(time * 1e9), np.int64) + start_ns
 
 
-def _sent(
+def _make_messages(
     bits: Bits, ship: _Ship, kinds: tuple[str, ...], quantity: int, rate: float, start_ns: int
 ) -> Messages:
-    """Messages of speed or load, with what is special about them."""
-    time = _times(bits, rate, ship.seconds)
+    """Make the messages of speed or load, with what is special about them."""
+    time = _sample_times(bits, rate, ship.seconds)
     value = ship.speed(time) * ship.fold if quantity == SPEED else ship.load(time) * ship.nominal
     if 'noise' in kinds or bits.chance(0.3):
         spread = bits.pick((0.005, 0.02)) if quantity == SPEED else bits.pick((0.02, 0.05, 0.1))
@@ -296,14 +308,14 @@ def _sent(
         step = bits.pick((0.5, 1.0, 3.0)) if quantity == SPEED else ship.nominal * 0.05
         value = np.floor(value / step + 0.5) * step
     value = _odd_values(bits, ship, kinds, quantity, value)
-    stamp = _nanoseconds(time, start_ns)
+    stamp = _to_nanoseconds(time, start_ns)
     sent = Messages(stamp, np.full(time.size, quantity, np.int8), stamp, value)
     for kind in kinds:
         change = _EFFECTS.get(kind)
         if change is not None and bits.chance(0.7):
             sent = change(bits, sent)
     if 'two_publishers' in kinds and quantity == SPEED:
-        sent = _together([sent, _second(bits, ship, rate, start_ns)])
+        sent = _merge_messages([sent, _second_publisher(bits, ship, rate, start_ns)])
     return sent
 
 
@@ -321,7 +333,7 @@ def _odd_values(bits: Bits, ship: _Ship, kinds: tuple[str, ...], quantity: int, 
     return value
 
 
-def _gaps(bits: Bits, sent: Messages) -> Messages:
+def _make_gaps(bits: Bits, sent: Messages) -> Messages:
     """Leave out some stretches, from a second to a tenth of all."""
     is_kept = np.ones(sent.value.size, bool)
     span = int(sent.time_ns[-1] - sent.time_ns[0])
@@ -333,7 +345,7 @@ def _gaps(bits: Bits, sent: Messages) -> Messages:
     return sent[is_kept]
 
 
-def _bursts(bits: Bits, sent: Messages) -> Messages:
+def _hold_back_bursts(bits: Bits, sent: Messages) -> Messages:
     """Hold messages back to the end of each second: stamped where they are made, or on arrival."""
     period = bits.pick((1, 1, 3)) * SECOND
     slot = sent.arrival_ns // period
@@ -343,7 +355,7 @@ def _bursts(bits: Bits, sent: Messages) -> Messages:
     return Messages(arrival, sent.quantity, stamp, sent.value)
 
 
-def _copies(bits: Bits, sent: Messages) -> Messages:
+def _send_copies(bits: Bits, sent: Messages) -> Messages:
     """Send some messages two or three times, with the same stamp or a little later."""
     times = 1 + np.asarray(bits.uniform(sent.value.size) * bits.pick((1.3, 3.0)), np.intp)
     rows = np.repeat(np.arange(times.size), times)
@@ -361,7 +373,7 @@ def _odd_stamps(bits: Bits, sent: Messages) -> Messages:
     return Messages(sent.arrival_ns, sent.quantity, stamp, sent.value)
 
 
-def _late(bits: Bits, sent: Messages) -> Messages:
+def _delay_some(bits: Bits, sent: Messages) -> Messages:
     """Let some messages arrive late, out of order."""
     rows = bits.uniform(sent.value.size) < bits.pick((0.05, 0.3))
     delay = bits.uniform(sent.value.size) * bits.pick((0.2, 2.0, 8.0)) * 1e9
@@ -370,21 +382,27 @@ def _late(bits: Bits, sent: Messages) -> Messages:
     return changed[np.argsort(arrival, kind='stable')]
 
 
-_EFFECTS = {'gaps': _gaps, 'bursts': _bursts, 'copies': _copies, 'odd_stamps': _odd_stamps, 'late': _late}
+_EFFECTS = {
+    'gaps': _make_gaps,
+    'bursts': _hold_back_bursts,
+    'copies': _send_copies,
+    'odd_stamps': _odd_stamps,
+    'late': _delay_some,
+}
 
 
-def _second(bits: Bits, ship: _Ship, rate: float, start_ns: int) -> Messages:
+def _second_publisher(bits: Bits, ship: _Ship, rate: float, start_ns: int) -> Messages:
     """Make the messages of a second publisher of the speed, whose clock may be off."""
-    time = _times(bits, rate * bits.pick((0.3, 1.0)), ship.seconds * bits.between(0.3, 1.0))
+    time = _sample_times(bits, rate * bits.pick((0.3, 1.0)), ship.seconds * bits.between(0.3, 1.0))
     value = ship.speed(time) * ship.fold
     if bits.chance(0.5):
         value = np.full(time.size, 1.5 * ship.fold)
-    arrival = _nanoseconds(time, start_ns)
+    arrival = _to_nanoseconds(time, start_ns)
     stamp = arrival + int(bits.pick((0.0, 0.3, -1.0, 7.0)) * SECOND)
     return Messages(arrival, np.zeros(time.size, np.int8), stamp, value)
 
 
-def _jumped(bits: Bits, every: Messages) -> Messages:
+def _step_clock(bits: Bits, every: Messages) -> Messages:
     """Set the clock of all stamps back or forward once or twice."""
     stamp = every.time_ns.copy()
     for _ in range(1 + bits.below(2)):
@@ -393,9 +411,9 @@ def _jumped(bits: Bits, every: Messages) -> Messages:
     return Messages(every.arrival_ns, every.quantity, stamp, every.value)
 
 
-def _level(bits: Bits, ship: _Ship, parameters: dict[str, Any], start_ns: int) -> Messages:
+def _make_level(bits: Bits, ship: _Ship, parameters: dict[str, Any], start_ns: int) -> Messages:
     """Make the messages of measured vibration: loud below the fold, with faults of its own."""
-    time = _times(bits, bits.pick((0.5, 2.0, 5.0)), ship.seconds)
+    time = _sample_times(bits, bits.pick((0.5, 2.0, 5.0)), ship.seconds)
     below = np.abs(ship.speed(time)) < bits.pick((1.0, 0.7, 0.0))
     value = np.where(below, 120.0, 3.0) * (1.0 + 0.05 * bits.rough_normal(time.size))
     fault = bits.pick(('', '', 'stuck', 'bursts', 'lost', 'loud', 'odd', 'repeating'))
@@ -415,6 +433,6 @@ def _level(bits: Bits, ship: _Ship, parameters: dict[str, Any], start_ns: int) -
     if parameters['level.unit'] == 'dB':
         # Near enough to decibels above 1: 3 is 10, 120 is 42.
         value = 7.0 + value * 0.3
-    stamp = _nanoseconds(time, start_ns)
+    stamp = _to_nanoseconds(time, start_ns)
     sent = Messages(stamp, np.full(time.size, LEVEL, np.int8), stamp, value)
     return sent[chosen < 0.5] if fault == 'lost' and bool((chosen < 0.5).any()) else sent

@@ -82,7 +82,7 @@ ON_THE_WAY = ('lost', 'late', 'delayed', 'doubled', 'no value', 'far stamp', 'pa
 def configuration(
     pair: tuple[str, str], kind: str, on_delay: float = 2.0, off_delay: float = 10.0, latch: bool = False
 ) -> MonitorConfig:
-    """Two bearings, the second with a level."""
+    """Return the configuration of two bearings, the second with a level."""
     alarm = {'alarm.on_delay': on_delay, 'alarm.off_delay': off_delay, 'alarm.latch': latch}
     level = {'level.topic': '/v', 'level.unit': 'dB', 'level.threshold': 34.0}
     parts = [
@@ -94,7 +94,7 @@ def configuration(
 
 @dataclass
 class Sender:
-    """What brings one input: its pace, how evenly, and its clock."""
+    """Sender of one input: its pace, how evenly, and its clock."""
 
     name: str
     place: Input
@@ -106,14 +106,14 @@ class Sender:
     due: float = 0.0
 
     def stamp(self, true_ns: int) -> int:
-        """Its stamp for a true time."""
+        """Return the stamp of its clock for a true time."""
         clock_ns = true_ns + self.ahead_ns
         return clock_ns - clock_ns % SECOND if self.whole else clock_ns
 
 
 @dataclass
 class Outcome:
-    """What came of a run."""
+    """Result of a run."""
 
     seed: int
     wrong: Counter[str] = field(default_factory=Counter)  # seconds told for the truth
@@ -123,7 +123,7 @@ class Outcome:
 
     @property
     def misled(self) -> int:
-        """Seconds in which stick-slip was hidden, or told without being there."""
+        """Seconds in which stick-slip was hidden, or reported without being there."""
         return sum(
             count
             for pair, count in self.wrong.items()
@@ -154,7 +154,9 @@ class Run:
         self.truth = {name: TrueBearing(bearing, 1.6) for name, bearing in self.bearings.items()}
         self.manoeuvres = {name: Manoeuvres(name, truth) for name, truth in self.truth.items()}
         self.senders = [
-            self._sender(name, place) for name in NAMES for place in (Input.SPEED, Input.LOAD, Input.LEVEL)
+            self._make_sender(name, place)
+            for name in NAMES
+            for place in (Input.SPEED, Input.LOAD, Input.LEVEL)
         ]
         del self.senders[2]  # the first bearing has no level
         # Twice as often as the first, with its clock.
@@ -171,7 +173,7 @@ class Run:
         self.heard: dict[tuple[str, Input], float] = {}
         self.silent = dict.fromkeys(NAMES, 0.0)
 
-    def _sender(self, name: str, place: Input) -> Sender:
+    def _make_sender(self, name: str, place: Input) -> Sender:
         choose = self.random.choice
         ahead = choose((0, 0, 0, -300, 5, 3600)) * SECOND
         return Sender(
@@ -189,55 +191,55 @@ class Run:
             elif not self.calm and self.random.random() < 0.002:
                 name = self.random.choice(NAMES)
                 middle = self.truth[name].middle
-                self._turn(name, (*SHARES, middle, middle), self.random.choice(RAMPS))
-            self._step()
+                self._steer_randomly(name, (*SHARES, middle, middle), self.random.choice(RAMPS))
+            self._take_step()
             if step % 5 == 0:
-                self._look()
-        self._judge()
-        self._manoeuvre()
+                self._compare_conditions()
+        self._judge_end()
+        self._sail_manoeuvres()
         return self.outcome
 
-    def _step(self) -> None:
+    def _take_step(self) -> None:
         """Let a step of time pass, with all that is sent and happens in it."""
-        self._pass(STEP)
+        self._pass_time(STEP)
         for sender in self.senders:
-            self._send(sender)
-        self._trouble()
-        self._deliver()
+            self._send_due(sender)
+        self._cause_trouble()
+        self._deliver_waiting()
         self.ship.tick()
 
-    def _pass(self, seconds: float) -> None:
+    def _pass_time(self, seconds: float) -> None:
         self.time += seconds
         self.ship.steady_ns += round(seconds * SECOND)
         for truth in self.truth.values():
             truth.pass_time(seconds)
 
-    def _truth(self, name: str) -> str:
+    def _true_condition(self, name: str) -> str:
         condition = self.truth[name].condition()
         return self.sticks if condition == 'stick_slip' else condition
 
-    def _turn(self, name: str, shares: Sequence[float], seconds: float) -> None:
+    def _steer_randomly(self, name: str, shares: Sequence[float], seconds: float) -> None:
         self.truth[name].steer(self.random.choice(shares), seconds)
 
     def _calm_down(self) -> None:
         self.calm, self.deaf, self.ship.full = True, False, ''
         for name in NAMES:
-            self._turn(name, SHARES, 0.0)
+            self._steer_randomly(name, SHARES, 0.0)
         for action in (Action.UNSHELVE, Action.RESTORE):
             self.ship.session.act(ActionRequest(action, 'Ada'))
 
-    def _manoeuvre(self) -> None:
+    def _sail_manoeuvres(self) -> None:
         """Sail the manoeuvres of both bearings, and judge what is shown meanwhile."""
         under_way = {name: manoeuvre.sail() for name, manoeuvre in self.manoeuvres.items()}
         while under_way:
-            self._step()
+            self._take_step()
             alarms = self.ship.published[-1]['alarms']
             for name, manoeuvre in self.manoeuvres.items():
                 sounding, active = (
                     frozenset(a['alarm'] for a in alarms if a['bearing'] == name and a[state])
                     for state in ('sounding', 'active')
                 )
-                manoeuvre.take(Report(self.time, self._told(name), sounding, active))
+                manoeuvre.take(Report(self.time, self._reported_condition(name), sounding, active))
             under_way = {name: steps for name, steps in under_way.items() if next(steps, self) is None}
             for name, manoeuvre in self.manoeuvres.items():
                 if manoeuvre.acknowledges:
@@ -246,7 +248,7 @@ class Run:
             self.outcome.sounds += manoeuvre.sounds
             self.outcome.faults += manoeuvre.faults
 
-    def _send(self, sender: Sender) -> None:
+    def _send_due(self, sender: Sender) -> None:
         """Send what is due; a second publisher may send several values in a step."""
         if sender.second and not self.manoeuvres[sender.name].mixed:
             sender.due = self.time
@@ -269,9 +271,9 @@ class Run:
         arrival = time + (draw(0.0, 2.0) if self.happens('delayed') else 0.0)
         for _ in range(2 if self.happens('doubled') else 1):
             self.sent += 1
-            heapq.heappush(self.waiting, (arrival, self.sent, sender, stamp, self._value(sender)))
+            heapq.heappush(self.waiting, (arrival, self.sent, sender, stamp, self._measured_value(sender)))
 
-    def _value(self, sender: Sender) -> float:
+    def _measured_value(self, sender: Sender) -> float:
         if self.happens('no value'):
             return self.random.choice(NO_VALUE)
         truth = self.truth[sender.name]
@@ -281,11 +283,11 @@ class Run:
         share = SECOND_SHARE if sender.second else truth.share
         return noise * (share * truth.fold_rpm if sender.place is Input.SPEED else truth.load)
 
-    def _deliver(self) -> None:
+    def _deliver_waiting(self) -> None:
         while self.waiting and self.waiting[0][0] <= self.time:
             _, _, sender, stamp, value = heapq.heappop(self.waiting)
-            came = (self.ship.now.time_ns - T0) / SECOND
-            message = Message(came, sender.place, (stamp - T0) / SECOND, value)
+            arrival = (self.ship.now.time_ns - T0) / SECOND
+            message = Message(arrival, sender.place, (stamp - T0) / SECOND, value)
             self.delivered[sender.name].append(message)
             self.ship.take(sender.name, sender.place, value, stamp)
             if not (value in NO_VALUE or math.isnan(value) or sender.place is Input.LEVEL):
@@ -294,14 +296,14 @@ class Run:
                 self.heard[key] = now
                 self.silent[sender.name] = max(self.silent[sender.name], silent)
 
-    def _trouble(self) -> None:
-        """What happens to the computer, and by people."""
+    def _cause_trouble(self) -> None:
+        """Let the clock jump, the computer stall and people act at random."""
         choose, ship = self.random.choice, self.ship
         self.deaf |= self.happens('level dies')
         if self.happens('clock set'):
             ship.ahead_ns += choose((-3600, -5, 7, 86400)) * SECOND
         if self.happens('held up'):
-            self._pass(8.0)
+            self._pass_time(8.0)
             self.held += 8.0
             ship.session.discount_stall(8 * SECOND)
         if self.happens('retune'):
@@ -316,25 +318,25 @@ class Run:
             ship.kept = ship.kept[: choose((None, None, None, 100))]
             ship.boot()
 
-    def _told(self, name: str) -> str:
+    def _reported_condition(self, name: str) -> str:
         return str(self.ship.session.monitor.condition(name))
 
-    def _look(self) -> None:
+    def _compare_conditions(self) -> None:
         for name in NAMES:
             if self.calm or self.time - self.truth[name].settled_at < SETTLED:
                 continue
-            reported, truth = self._told(name), self._truth(name)
+            reported, truth = self._reported_condition(name), self._true_condition(name)
             self.outcome.settled += 1
             self.outcome.wrong[f'{reported} for {truth}'] += reported != truth
 
-    def _judge(self) -> None:
+    def _judge_end(self) -> None:
         say = self.outcome.faults.append
         for name in NAMES:
-            reported, truth = self._told(name), self._truth(name)
+            reported, truth = self._reported_condition(name), self._true_condition(name)
             if reported != truth:
                 say(f'{name}: {reported} is told, {truth} is true')
             self._judge_alarms(name, truth)
-            offline = self._offline(name)
+            offline = self._offline_conditions(name)
             if offline[-1:] != [truth] and (offline or truth != 'normal'):
                 say(f'{name}: of what was delivered {offline[-1:]} is told, {truth} is true')
             live = [str(event.after) for event in self.ship.events if event.bearing == name]
@@ -354,8 +356,8 @@ class Run:
                     f'{name}: {kind} is {alarm.state}, active: {alarm.active}; true: {truth}'
                 )
 
-    def _offline(self, name: str) -> list[str]:
-        """The conditions that come by the messages as they were delivered."""
+    def _offline_conditions(self, name: str) -> list[str]:
+        """Return the conditions by the messages as they were delivered."""
         stream = stream_of(self.delivered[name], T0)
         end_ns = self.ship.now.time_ns
         scan = Monitor(self.ship.config).scan({name: stream}, T0, end_ns)[name]
@@ -363,12 +365,12 @@ class Run:
 
 
 def run(seed: int) -> Outcome:
-    """The run of a seed."""
+    """Return the outcome of a seed."""
     return Run(seed).go()
 
 
 def runs(seeds: range, jobs: int) -> Iterator[Outcome]:
-    """The runs of some seeds, in their order."""
+    """Yield the outcomes of some seeds, in their order."""
     if jobs == 1:
         yield from map(run, seeds)
         return
@@ -377,5 +379,5 @@ def runs(seeds: range, jobs: int) -> Iterator[Outcome]:
 
 
 def repeated_by(seed: int) -> str:
-    """The command that repeats a run."""
+    """Return the command that repeats a run."""
     return f"make simulate SIMULATE_ARGS='--seed {seed}'"

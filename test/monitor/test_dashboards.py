@@ -26,7 +26,7 @@ Recording = dict[str, list[Any]]
 
 @pytest.fixture(scope='module')
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    """The messages of each topic of the recorded coast-down and of the verdicts on it."""
+    """Return the messages of each topic of the recorded coast-down and of the verdicts on it."""
     from rosbags.highlevel import AnyReader
 
     config = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml')
@@ -50,16 +50,16 @@ def foxglove() -> dict[str, Any]:
 
 
 def values_at_path(path: str, recording: Recording) -> list[Any]:
-    """What a message path, with its fields and filters, leads to in all messages of its topic."""
+    """Return the values of a message path, with its fields and filters, in all messages of its topic."""
     match = re.fullmatch(r'(/[\w/]+)((?:\.\w+(?:\[:\])?(?:\{\w+=="[^"]*"\})?)+)', path)
     assert match, f'{path} is no message path'
     values = list(recording[match[1]])
-    for name, every, key, wanted in re.findall(r'\.(\w+)(\[:\])?(?:\{(\w+)=="([^"]*)"\})?', match[2]):
+    for name, every, key, key_value in re.findall(r'\.(\w+)(\[:\])?(?:\{(\w+)=="([^"]*)"\})?', match[2]):
         values = [getattr(item, name) for item in values]
         if every:
             values = [item for items in values for item in items]
         if key:
-            values = [item for item in values if getattr(item, key) == wanted]
+            values = [item for item in values if getattr(item, key) == key_value]
     return values
 
 

@@ -33,7 +33,7 @@ def test_a_step_is_one_and_a_slew_is_none() -> None:
             wall += SECOND + 500_000  # NTP slews by half a millisecond a second
         wall += set_ns
         times.append(clock.now().set_ns)
-    steps = [after - before for before, after in zip([0, *times], times, strict=False)]
+    steps = [later - earlier for earlier, later in zip([0, *times], times, strict=False)]
     # The slew of the thousand seconds before, half a second, is told with the step after it.
     assert [round(step / SECOND) for step in steps] == [0, 3600, 0, -86400, 0]
 
@@ -85,8 +85,8 @@ def test_no_delay_is_shorter_or_longer_for_a_step(days: int) -> None:
     assert notes[0] == notes[1]
 
 
-def test_what_a_machine_slept_through_is_no_inputs_fault() -> None:
-    """Its own time goes on while it sleeps: the shelf ends, and nobody could have listened."""
+def test_after_a_sleep_of_the_machine_no_input_is_lost() -> None:
+    # Its own time goes on while it sleeps: the shelf ends, and nobody could have listened.
     ship = Ship(configured())
     ship.sail(20.0, rpm=20.0)
     ship.does(Action.SHELVE)
@@ -131,7 +131,7 @@ class Wall(Sink):
 @pytest.mark.parametrize('days', [-300, 0, 300])
 @pytest.mark.parametrize('waited', [False, True])
 def test_watch_follows_the_clock_and_forgives_itself_a_hold_up(days: int, waited: bool) -> None:
-    """What waited while it was held up comes before the look that is late, or after it."""
+    """Deliver waiting messages before the late look, or after it."""
     wall = Wall()
     wall.sail(10.0, 60.0)
     wall.ahead_ns += days * DAY
@@ -160,7 +160,7 @@ with unblocked_log():
 
 
 def test_a_reader_that_stops_costs_lines_and_no_time() -> None:
-    """The pipe holds 64 KiB (pipe(7)); 5 000 lines are eight of them."""
+    # The pipe holds 64 KiB (pipe(7)); 5 000 lines are eight of them.
     reader, writer = os.pipe()
     with os.fdopen(reader, 'rb') as pipe:
         program = subprocess.Popen([sys.executable, '-c', PROGRAM, '5000'], stderr=writer)

@@ -51,5 +51,7 @@ class Weaker(Stribeck):
 
 
 def test_a_law_that_computes_otherwise_does_not_use_its_parents_numbers() -> None:
-    parent, own = (scalar_law(law).plain.drop(0.0, 0.1) for law in (Stribeck(*NUMBERS), Weaker(*NUMBERS)))
-    assert own == pytest.approx(0.5 * parent, rel=1e-13)
+    parent, overridden = (
+        scalar_law(law).plain.drop(0.0, 0.1) for law in (Stribeck(*NUMBERS), Weaker(*NUMBERS))
+    )
+    assert overridden == pytest.approx(0.5 * parent, rel=1e-13)

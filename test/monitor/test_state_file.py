@@ -104,7 +104,7 @@ def test_the_file_of_somebody_else_is_left_alone(tmp_path: Path, content: bytes)
     path.write_bytes(content)
     with pytest.raises(RosError, match='is not a file of stickslip_monitor: left alone'):
         StateWriter(str(path))
-    assert [each.name for each in tmp_path.iterdir()] == ['notes.json']
+    assert [path_in_folder.name for path_in_folder in tmp_path.iterdir()] == ['notes.json']
     assert path.read_bytes() == content
 
 

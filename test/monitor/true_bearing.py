@@ -75,12 +75,12 @@ class TrueBearing:
 
     def pass_time(self, seconds: float) -> None:
         """Let time pass."""
-        before = abs(self.share)
+        size_before = abs(self.share)
         self.time += seconds
         size = abs(self.share)
-        if size < 1.0 <= before:
-            self.passed_fold = self.time - seconds * (1.0 - size) / (before - size)
-        rate = 0.5 * (self.growth_rate(before) + self.growth_rate(size))
+        if size < 1.0 <= size_before:
+            self.passed_fold = self.time - seconds * (1.0 - size) / (size_before - size)
+        rate = 0.5 * (self.growth_rate(size_before) + self.growth_rate(size))
         self._growth = max(0.0, self._growth + rate * seconds)
         self._beyond = self._beyond + seconds if size > 1.0 else 0.0
         if self.sticks:

@@ -23,15 +23,15 @@ RPM = math.pi * 0.1 / 60.0
 
 
 @pytest.fixture
-def wrong(tmp_path: Path) -> Path:
-    """A drawing that is wrong: damping +40 %, mu_s - mu_k -20 %, decay +25 %: fold at 24 rpm."""
+def wrong_config(tmp_path: Path) -> Path:
+    """Return a wrong configuration: damping +40 %, mu_s - mu_k -20 %, decay +25 %: fold at 24 rpm."""
     text = CONFIG.read_text()
-    for right, other in (
+    for original, replacement in (
         ('damping: 400.0 ', 'damping: 560.0 '),
         ('static: 0.30, kinetic: 0.10, decay: 10.0', 'static: 0.26, kinetic: 0.10, decay: 12.5'),
     ):
-        assert right in text
-        text = text.replace(right, other)
+        assert original in text
+        text = text.replace(original, replacement)
     path = tmp_path / 'wrong.yaml'
     path.write_text(text)
     return path
@@ -44,10 +44,12 @@ def middle_boundaries(document: dict[str, Any]) -> dict[str, float]:
     return dict(zip(names, (v / RPM for v in speeds), strict=True))
 
 
-def test_one_recording_corrects_a_wrong_drawing(wrong: Path, tmp_path: Path, stickslip: Stickslip) -> None:
+def test_one_recording_corrects_a_wrong_drawing(
+    wrong_config: Path, tmp_path: Path, stickslip: Stickslip
+) -> None:
     result, law = tmp_path / 'aft.calibration.json', tmp_path / 'law.yaml'
     picture = tmp_path / 'map.svg'
-    arguments = ['calibrate', COAST_DOWN, '-c', wrong, '-o', result]
+    arguments = ['calibrate', COAST_DOWN, '-c', wrong_config, '-o', result]
     # One end alone is a warning.
     done = stickslip(*arguments, '--fragment', law, '--picture', picture)
     assert done.code == 1
@@ -62,14 +64,16 @@ def test_one_recording_corrects_a_wrong_drawing(wrong: Path, tmp_path: Path, sti
     assert boundaries['fold_5'] < 40.72 < boundaries['fold_95']
     assert boundaries['hopf_5'] < 30.74 < boundaries['hopf_95']
     # The result is what the configuration names, beside it, and beats what it says itself.
-    configured = wrong.with_name('calibrated.yaml')
+    configured = wrong_config.with_name('calibrated.yaml')
     configured.write_text(
-        wrong.read_text().replace('      speed: {', '      calibration: aft.calibration.json\n      speed: {')
+        wrong_config.read_text().replace(
+            '      speed: {', '      calibration: aft.calibration.json\n      speed: {'
+        )
     )
     belief = load_config(configured).bearings[0].belief
     assert belief.fold_speed(1000.0, 0.5) / RPM == pytest.approx(40.72, rel=0.05)
     # A check without either recommends tolerances, in one short line.
-    for path, advised in ((wrong, True), (configured, False)):
+    for path, advised in ((wrong_config, True), (configured, False)):
         last = stickslip('check', COAST_DOWN, '-c', path).out.splitlines()[-1]
         assert last.startswith('aft_stern: add a tolerance') == advised
         assert not advised or len(last) < 80
@@ -79,7 +83,9 @@ def test_one_recording_corrects_a_wrong_drawing(wrong: Path, tmp_path: Path, sti
     assert 'damping: ' in law.read_text()
 
 
-def test_an_operator_and_a_level_are_evidence_too(wrong: Path, tmp_path: Path, stickslip: Stickslip) -> None:
+def test_an_operator_and_a_level_are_evidence_too(
+    wrong_config: Path, tmp_path: Path, stickslip: Stickslip
+) -> None:
     bag = open_bag(COAST_DOWN)
     ((begin, end),) = read_truth(bag, 'aft_stern').episodes
     times = [f'{np.datetime64(t, "ns")}Z' for t in (bag.start_ns, begin, end, bag.end_ns)]
@@ -93,11 +99,11 @@ def test_an_operator_and_a_level_are_evidence_too(wrong: Path, tmp_path: Path, s
     loud = (level_ns > begin) & (level_ns < end)
     noise = np.random.default_rng(3).standard_normal(level_ns.size)
     without_truth(copy, np.where(loud, 2.0, 0.1) * np.exp(0.1 * noise))
-    configured = wrong.with_name('level.yaml')
+    configured = wrong_config.with_name('level.yaml')
     configured.write_text(
-        wrong.read_text().replace('      speed: {', '      level: {topic: /level}\n      speed: {')
+        wrong_config.read_text().replace('      speed: {', '      level: {topic: /level}\n      speed: {')
     )
-    for arguments in ([COAST_DOWN, '--reports', reports, '-c', wrong], [copy, '-c', configured]):
+    for arguments in ([COAST_DOWN, '--reports', reports, '-c', wrong_config], [copy, '-c', configured]):
         boundaries = middle_boundaries(stickslip('calibrate', *arguments, '--json').json)
         assert boundaries['fold_50'] == pytest.approx(40.72, rel=0.06)
 

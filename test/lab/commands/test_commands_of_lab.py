@@ -58,10 +58,10 @@ def test_the_commands_that_write_declare_it() -> None:
     }
 
 
-@pytest.mark.parametrize('way', WAYS)
+@pytest.mark.parametrize('spelling', WAYS)
 @pytest.mark.parametrize('command', [n for n in OF_LAB if outputs_of(n) and inputs_of(n)])
-def test_an_output_that_is_an_input_is_refused(command: str, way: str, tmp_path: Path) -> None:
-    refuse_outputs_that_are_inputs(command, way, tmp_path)
+def test_an_output_that_is_an_input_is_refused(command: str, spelling: str, tmp_path: Path) -> None:
+    refuse_outputs_that_are_inputs(command, spelling, tmp_path)
 
 
 def test_a_calibration_may_be_renewed_where_the_configuration_names_it(tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ def test_a_warning_is_exit_code_1(tmp_path: Path, stickslip: Stickslip) -> None:
 def test_the_page_shows_what_the_command_prints(
     stickslip: Stickslip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The fragment and the spread in docs/fit.md are those of today's program."""
+    """Compare the fragment and the spread in docs/fit.md with those of today's program."""
     monkeypatch.chdir(ROOT)
     page = PAGE.read_text(encoding='utf-8')
     document = stickslip('fit', '--json', 'launch_configs/examples/friction_curve.csv', *LOAD).json

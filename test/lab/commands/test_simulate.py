@@ -71,8 +71,8 @@ def test_a_scene_without_rates_takes_those_of_a_file_of_sensors(
 @pytest.mark.parametrize('name', ['bag', 'bag.mcap', 'new/folder/bag'])
 def test_rosbags_reads_the_bag(tmp_path: Path, scene: str, stickslip: Stickslip, name: str) -> None:
     target = tmp_path / name
-    said = f'{target}: 150 s, 377 messages on /shaft/speed, /bearing/aft/load\n'
-    assert stickslip('simulate', scene, '-o', target) == (0, said, '')
+    expected = f'{target}: 150 s, 377 messages on /shaft/speed, /bearing/aft/load\n'
+    assert stickslip('simulate', scene, '-o', target) == (0, expected, '')
     rows: dict[str, list[tuple[int, float]]] = {}
     order = []
     with Reader(target) as reader:
@@ -102,7 +102,7 @@ def test_what_exists_is_not_overwritten(tmp_path: Path, scene: str, stickslip: S
 
 @pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
 def test_file_that_may_not_grow_leaves_no_bag(tmp_path: Path, scene: str, name: str) -> None:
-    """The system itself refuses to write on, as on a full disk."""
+    # The system itself refuses to write on, as on a full disk.
     code = (
         'import resource, sys\n'
         'from stickslip_monitor.cli import main\n'
@@ -118,7 +118,7 @@ def test_file_that_may_not_grow_leaves_no_bag(tmp_path: Path, scene: str, name: 
 
 
 def test_operating_point_out_of_range_leaves_no_bag(tmp_path: Path, scene: str, stickslip: Stickslip) -> None:
-    """It is found in the third minute, when two are written already."""
+    # It is found in the third minute, when two are written already.
     config = tmp_path / 'config.yaml'
     config.write_text(config.read_text('utf-8').replace('-2.0}', '-2.0, maximum: 1500}'), 'utf-8')
     path = tmp_path / 'scene.yaml'
@@ -132,7 +132,7 @@ def test_operating_point_out_of_range_leaves_no_bag(tmp_path: Path, scene: str, 
 
 
 def test_day_is_written_as_it_is_made(tmp_path: Path, scene: str) -> None:
-    """The largest memory of an hour and of a day; messages that were kept would take 17 MB."""
+    """Compare the largest memory of an hour and of a day; kept messages would take 17 MB."""
     code = (
         'import sys\n'
         'from dataclasses import replace\n'

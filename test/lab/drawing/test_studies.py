@@ -21,7 +21,7 @@ CONFIG = replace(load_config(REFERENCE_FILE).bearings[0], bearing=BEARING)
 
 
 def lines_of(evidence: list[Evidence]) -> dict[str, Any]:
-    """The lines of the picture's left panel, by name: x and y of each."""
+    """Return the lines of the picture's left panel, by name: x and y of each."""
     figure = draw_calibration(CONFIG, calibrate(evidence, BEARING, EXACT))
     return {line.get_label(): np.array(line.get_data()) for line in figure.axes[0].lines}
 
@@ -39,10 +39,10 @@ def test_a_level_is_coloured_by_what_it_was_taken_for_and_its_ends_are_marked() 
 
 
 def test_reports_are_drawn_as_passages_and_a_bound_as_what_it_is() -> None:
-    whole = slow_passage(level=False)
+    passage = slow_passage(level=False)
     # The list ends in the middle of the vibration.
     evidence = [
-        whole,
+        passage,
         replace(slow_passage(1, level=False), reports=slow_passage(1, level=False).reports[:2]),
     ]
     lines = lines_of(evidence)
@@ -54,7 +54,7 @@ def test_reports_are_drawn_as_passages_and_a_bound_as_what_it_is() -> None:
 
 def test_an_end_before_a_step_of_the_clock_is_drawn_at_its_own_part() -> None:
     first, second = (slow_passage(number, level=False) for number in range(2))
-    parts = tuple(replace(one.courses[0], name='bag') for one in (first, second))
+    parts = tuple(replace(passage.courses[0], name='bag') for passage in (first, second))
     lines = lines_of([Evidence('bag', parts, first.reports + second.reports)])
     np.testing.assert_allclose(lines['end at the fold'][0], 1.0, atol=0.05)
     assert lines['end at the fold'][1].tolist() == [1.0, 2.0]

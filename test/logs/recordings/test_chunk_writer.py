@@ -35,10 +35,14 @@ def test_the_bytes_are_those_of_the_writer_of_messages_one_by_one(seed: int) -> 
             channels.append(writer.add_channel(topic, 'cdr', schema, {'key': 'value'}))
             assert one_by_one.register_channel(topic, 'cdr', schema, {'key': 'value'}) == channels[-1]
         columns = [make_column(rng, channel) for channel in channels if rng.random() < 0.7]
-        rows = [(t, own, m) for own, time, data in columns for t, m in zip(time.tolist(), data, strict=True)]
-        for time, own, message in sorted(rows, key=lambda row: row[0]):
-            one_by_one.add_message(own, time, bytes(message), time, counts.get(own, 0))
-            counts[own] = counts.get(own, 0) + 1
+        rows = [
+            (t, channel, m)
+            for channel, time, data in columns
+            for t, m in zip(time.tolist(), data, strict=True)
+        ]
+        for time, channel, message in sorted(rows, key=lambda row: row[0]):
+            one_by_one.add_message(channel, time, bytes(message), time, counts.get(channel, 0))
+            counts[channel] = counts.get(channel, 0) + 1
         if columns:
             writer.write(columns)
     one_by_one.finish()

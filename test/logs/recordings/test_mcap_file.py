@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from mcap.records import ChunkIndex
 from mcap.writer import CompressionType, Writer
 
-from fuzz.files import DEFINITIONS, START, Piece, channel, file, message, raw
+from fuzz.files import DEFINITIONS, START, Piece, channel, file, message, raw_record
 from fuzz.mutants import records_of
 from stickslip_logs.recordings.mcap_chunks import decompress, walk_records
 from stickslip_logs.recordings.reader import open_bag
@@ -31,8 +31,8 @@ REQUESTS = [Request('/a', 'data'), Request('/b', 'data')]
 
 
 @dataclass(frozen=True)
-class Whole:
-    """A whole file and what is known about it."""
+class McapSample:
+    """MCAP file with the times, chunks and record boundaries that it must have."""
 
     data: bytes
     times: list[int]
@@ -52,7 +52,7 @@ class Whole:
         return offsets
 
 
-def make_mcap(compression: str, chunks: int, per_chunk: int, **options: object) -> Whole:
+def make_mcap(compression: str, chunks: int, per_chunk: int, **options: object) -> McapSample:
     stream = io.BytesIO()
     size = {'chunk_size': 1 << 30, 'compression': COMPRESSIONS[compression]}
     writer = Writer(stream, **{**size, **options})  # type: ignore[arg-type]
@@ -69,7 +69,7 @@ def make_mcap(compression: str, chunks: int, per_chunk: int, **options: object) 
             writer.flush()
     writer.finish()
     summary = make_reader(io.BytesIO(stream.getvalue())).get_summary()
-    return Whole(stream.getvalue(), times, summary.chunk_indexes, per_chunk)
+    return McapSample(stream.getvalue(), times, summary.chunk_indexes, per_chunk)
 
 
 def read_times(bag: Recording) -> list[int]:
@@ -88,58 +88,58 @@ def lz4_prefix(part: bytes) -> bytes:
 PREFIXES: dict[str, Callable[[bytes], bytes]] = {'': bytes, 'lz4': lz4_prefix, 'zstd': zstd_prefix}
 
 
-def count_saved(whole: Whole, compression: str, cut: int) -> int:
-    """How many messages lie before a cut in or behind the last chunk."""
-    before = whole.per_chunk * (len(whole.chunks) - 1)
-    begin = whole.last.chunk_start_offset
-    if cut >= begin + whole.last.chunk_length:
-        return before + whole.per_chunk
-    part = whole.data[begin + CHUNK_HEAD + len(compression) : cut]
-    return before + len(PREFIXES[compression](part)) // RECORD
+def count_saved(complete: McapSample, compression: str, cut: int) -> int:
+    """Return how many messages lie before a cut in or behind the last chunk."""
+    in_earlier_chunks = complete.per_chunk * (len(complete.chunks) - 1)
+    begin = complete.last.chunk_start_offset
+    if cut >= begin + complete.last.chunk_length:
+        return in_earlier_chunks + complete.per_chunk
+    part = complete.data[begin + CHUNK_HEAD + len(compression) : cut]
+    return in_earlier_chunks + len(PREFIXES[compression](part)) // RECORD
 
 
 @pytest.mark.parametrize('compression', ['zstd', *SLOW])
 def test_cut_in_the_tail(tmp_path: Path, compression: str) -> None:
-    """On both sides of where every record begins, and inside of the records."""
-    whole = make_mcap(compression, chunks=3, per_chunk=8)
-    path, begin = tmp_path / 'a.mcap', whole.last.chunk_start_offset - 20
-    beside = {at + step for at in whole.boundaries for step in (-1, 0, 1)}
-    for cut in sorted({*range(begin, len(whole.data), 7), *beside & {*range(begin, len(whole.data))}}):
-        path.write_bytes(whole.data[:cut])
+    """Cut on both sides of where every record begins, and inside of the records."""
+    complete = make_mcap(compression, chunks=3, per_chunk=8)
+    path, begin = tmp_path / 'a.mcap', complete.last.chunk_start_offset - 20
+    beside = {at + step for at in complete.boundaries for step in (-1, 0, 1)}
+    for cut in sorted({*range(begin, len(complete.data), 7), *beside & {*range(begin, len(complete.data))}}):
+        path.write_bytes(complete.data[:cut])
         bag = open_bag(path)
-        count = 16 if cut < whole.last.chunk_start_offset else count_saved(whole, compression, cut)
-        assert read_times(bag) == whole.times[:count]
+        count = 16 if cut < complete.last.chunk_start_offset else count_saved(complete, compression, cut)
+        assert read_times(bag) == complete.times[:count]
         assert bag.message_count == count
         (report,) = bag.cuts
         assert (report.path, report.size) == (path, cut)
-        assert report.offset == max(b for b in whole.boundaries if b <= cut)
-        assert report.last_time_ns == whole.times[count - 1]
+        assert report.offset == max(b for b in complete.boundaries if b <= cut)
+        assert report.last_time_ns == complete.times[count - 1]
         assert f'byte {report.offset} of {cut}' in report.text
-    path.write_bytes(whole.data)
+    path.write_bytes(complete.data)
     assert open_bag(path).cuts == ()
 
 
 @pytest.mark.parametrize('compression', COMPRESSIONS)
 def test_messages_inside_a_cut_chunk_are_saved(tmp_path: Path, compression: str) -> None:
     # Large enough for several compressed blocks in one chunk.
-    whole = make_mcap(compression, chunks=2, per_chunk=12_000)
+    complete = make_mcap(compression, chunks=2, per_chunk=12_000)
     path = tmp_path / 'a.mcap'
-    inside = np.linspace(0.02, 0.98, 13) * whole.last.chunk_length
+    inside = np.linspace(0.02, 0.98, 13) * complete.last.chunk_length
     counts = []
-    for cut in (whole.last.chunk_start_offset + inside).astype(int).tolist():
-        path.write_bytes(whole.data[:cut])
+    for cut in (complete.last.chunk_start_offset + inside).astype(int).tolist():
+        path.write_bytes(complete.data[:cut])
         bag = open_bag(path)
-        counts.append(count_saved(whole, compression, cut))
+        counts.append(count_saved(complete, compression, cut))
         series = bag.read(REQUESTS)
         assert (
             sorted(time for part in series.values() for time in part.log_time_ns.tolist())
-            == whole.times[: counts[-1]]
+            == complete.times[: counts[-1]]
         )
         saved = counts[-1] - 12_000
         share = f'{saved} of them from the unfinished chunk at' if saved else 'all before'
         assert bag.cuts[0].text == (
             f"file 'a.mcap' is truncated: {counts[-1]} messages recovered, {share} byte"
-            f' {whole.last.chunk_start_offset} of {cut}'
+            f' {complete.last.chunk_start_offset} of {cut}'
         )
     assert len(set(counts)) >= 3
 
@@ -164,9 +164,9 @@ RUN = [message(1 + k % 2, START + k, float(k)) for k in range(4000)]
     'exception',
     [
         channel(7, '/other'),
-        raw(5, bytes(31)),
-        raw(5, b'short'),
-        raw(0x80, bytes(34)),
+        raw_record(5, bytes(31)),
+        raw_record(5, b'short'),
+        raw_record(0x80, bytes(34)),
         message(1, START, 1.0)[:20],
         b'\5' + (34).to_bytes(7, 'little') + b'\1' + bytes(34),
         b'',
@@ -174,13 +174,13 @@ RUN = [message(1 + k % 2, START + k, float(k)) for k in range(4000)]
     ids=['a channel', 'longer', 'too short', 'another kind', 'cut', 'of 2^56 bytes', 'none'],
 )
 def test_many_messages_of_one_length_end_at_what_is_odd(exception: bytes) -> None:
-    """Judged record by record, as the records say where they end."""
+    # Expected by the records one by one, as they say where they end.
     data = b''.join([*RUN[:3000], exception, *RUN[3000:], exception])
-    *whole, _ = records_of(data)
+    *records, _ = records_of(data)
     expected = [
-        (int.from_bytes(each[9:11], 'little'), int.from_bytes(each[15:23], 'little'), each[31:])
-        for each in whole
-        if each[0] == 5 and len(each) >= 31
+        (int.from_bytes(record[9:11], 'little'), int.from_bytes(record[15:23], 'little'), record[31:])
+        for record in records
+        if record[0] == 5 and len(record) >= 31
     ]
     decoded = [
         (channel, time, data[begin : begin + size])
@@ -199,10 +199,10 @@ def test_many_messages_of_one_length_end_at_what_is_odd(exception: bytes) -> Non
 
 def test_cut_of_a_file_without_chunks(tmp_path: Path) -> None:
     bare = [message(1, START + k, float(k)) for k in range(6)]
-    whole = file([Piece([*DEFINITIONS, *bare], is_bare=True)])
-    ends = whole.index(bare[0]) + np.arange(1, 7) * len(bare[0])
-    for cut in range(int(ends[0]), len(whole), 5):
-        (tmp_path / 'a.mcap').write_bytes(whole[:cut])
+    data = file([Piece([*DEFINITIONS, *bare], is_bare=True)])
+    ends = data.index(bare[0]) + np.arange(1, 7) * len(bare[0])
+    for cut in range(int(ends[0]), len(data), 5):
+        (tmp_path / 'a.mcap').write_bytes(data[:cut])
         bag = open_bag(tmp_path / 'a.mcap')
         assert read_times(bag) == [START + k for k in range(np.count_nonzero(ends <= cut))]
         assert len(bag.cuts) == 1
@@ -211,18 +211,18 @@ def test_cut_of_a_file_without_chunks(tmp_path: Path) -> None:
 @pytest.mark.parametrize('compression', COMPRESSIONS)
 @pytest.mark.parametrize('with_summary', [True, False])
 def test_a_damaged_chunk_is_skipped(tmp_path: Path, compression: str, with_summary: bool) -> None:
-    whole = make_mcap(compression, chunks=3, per_chunk=8)
-    middle = whole.chunks[1]
+    complete = make_mcap(compression, chunks=3, per_chunk=8)
+    middle = complete.chunks[1]
     spot = middle.chunk_start_offset + middle.chunk_length - 30
-    data = bytearray(whole.data)
+    data = bytearray(complete.data)
     data[spot] ^= 0xFF
     end = len(data) if with_summary else len(data) - 1
     (tmp_path / 'a.mcap').write_bytes(data[:end])
     bag = open_bag(tmp_path / 'a.mcap')
     series = bag.read(REQUESTS)
-    assert series[REQUESTS[0]].log_time_ns.tolist() == [*whole.times[:8:2], *whole.times[16::2]]
+    assert series[REQUESTS[0]].log_time_ns.tolist() == [*complete.times[:8:2], *complete.times[16::2]]
     assert series[REQUESTS[1]].sequence.tolist() == list(range(1, 16, 2))
-    assert read_times(bag) == [*whole.times[:8], *whole.times[16:]]
+    assert read_times(bag) == [*complete.times[:8], *complete.times[16:]]
     warning, difference = bag.warnings
     assert "count 12 messages of '/a', and 8 can be read" in difference
     begin = f"file 'a.mcap': the chunk at byte {middle.chunk_start_offset} is damaged ("
@@ -234,12 +234,12 @@ def test_a_damaged_chunk_is_skipped(tmp_path: Path, compression: str, with_summa
 def test_zeros_in_the_middle_cost_the_chunks_that_they_touch(
     first: int, last: int, begins: int, ends: int, tmp_path: Path
 ) -> None:
-    """The index of chunks leads on where the heads of records do not."""
-    whole = make_mcap('zstd', chunks=6, per_chunk=8)
-    begin = whole.chunks[first].chunk_start_offset + begins
-    end = whole.chunks[last].chunk_start_offset + ends
+    # The index of chunks leads on where the heads of records do not.
+    complete = make_mcap('zstd', chunks=6, per_chunk=8)
+    begin = complete.chunks[first].chunk_start_offset + begins
+    end = complete.chunks[last].chunk_start_offset + ends
     path = tmp_path / 'a.mcap'
-    path.write_bytes(whole.data[:begin] + bytes(end - begin) + whole.data[end:])
+    path.write_bytes(complete.data[:begin] + bytes(end - begin) + complete.data[end:])
     bag = open_bag(path)
-    assert read_times(bag) == whole.times[: 8 * first] + whole.times[8 * last + 8 :]
+    assert read_times(bag) == complete.times[: 8 * first] + complete.times[8 * last + 8 :]
     assert 'what lies behind was found by the index of chunks' in ' '.join(bag.losses)

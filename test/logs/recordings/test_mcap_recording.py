@@ -204,7 +204,7 @@ def decode_by_reference(message: Written) -> Any:
 def expect_by_reference(
     ordered: list[Written], topics: set[str], request: Request
 ) -> tuple[list[tuple[int, int, int, float]], int, int]:
-    """What the reference decoder gives, with the counts of undecoded and short messages."""
+    """Return the rows of the reference decoder, with the counts of undecoded and short messages."""
     rows, undecoded, short = [], 0, 0
     field = NumberField(parse_field(request.field))
     requested = [message for message in ordered if message.topic in topics]
@@ -255,13 +255,13 @@ def test_reads_what_the_reference_decodes(
         series = bag.read(requests)
         for request in requests:
             expected, undecoded, short = expect_by_reference(ordered, topics, request)
-            got = series[request]
+            actual = series[request]
             log_time, stamp, sequence, value = map(list, zip(*expected, strict=True))
-            assert got.log_time_ns.tolist() == log_time
-            assert got.stamp_ns.tolist() == stamp
-            assert got.sequence.tolist() == sequence
-            np.testing.assert_array_equal(got.value, value)
-            counts = {fault.text.split("' ")[1][:6]: fault.count for fault in got.faults}
+            assert actual.log_time_ns.tolist() == log_time
+            assert actual.stamp_ns.tolist() == stamp
+            assert actual.sequence.tolist() == sequence
+            np.testing.assert_array_equal(actual.value, value)
+            counts = {fault.text.split("' ")[1][:6]: fault.count for fault in actual.faults}
             assert counts.get('cannot', 0) == undecoded
             assert counts.get('lack t', 0) == short
         read = [(m.topic, m.type, m.log_time_ns, m.data) for m in bag.messages()]
@@ -400,11 +400,11 @@ def test_several_channels_of_one_topic(tmp_path: Path) -> None:
 
 
 def test_messages_are_numbered_over_all_stretches(tmp_path: Path) -> None:
-    """More messages than are handed on at a time: both topics in turns, as their times are."""
+    # More messages than are handed on at a time: both topics in turns, as their times are.
     times = np.arange(40_000)
     write_recording(tmp_path / 'a.mcap', {'/x': (2 * times, times), '/y': (2 * times + 1, times)})
-    found = open_bag(tmp_path / 'a.mcap').read([Request('/x', 'data'), Request('/y', 'data')])
-    for first, series in enumerate(found.values()):
+    series_by_request = open_bag(tmp_path / 'a.mcap').read([Request('/x', 'data'), Request('/y', 'data')])
+    for first, series in enumerate(series_by_request.values()):
         np.testing.assert_array_equal(series.sequence, 2 * times + first)
         np.testing.assert_array_equal(series.value, times)
 

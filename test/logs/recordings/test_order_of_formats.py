@@ -164,7 +164,7 @@ FORMATS: dict[str, tuple[Callable[[Path, Moments], None], tuple[str, str]]] = {
 
 
 class Fault(NamedTuple):
-    """What was written, a part of what is said, the error of times [s], and the moments of a second."""
+    """Written moments, the expected warning, the error of times [s], and the moments of a second."""
 
     moments: Moments
     says: str = ''
@@ -174,11 +174,13 @@ class Fault(NamedTuple):
 
 def change_times(change: Callable[[int], float], which: tuple[int, ...] = BOTH) -> Moments:
     """Return moments whose times are changed, of one input or of both."""
-    rest = tuple(k for k in BOTH if k not in which)
+    unchanged = tuple(k for k in BOTH if k not in which)
     return [
         moment
         for k in range(COUNT)
-        for moment in ([(change(k), k, which)] if which == BOTH else [(k, k, rest), (change(k), k, which)])
+        for moment in (
+            [(change(k), k, which)] if which == BOTH else [(k, k, unchanged), (change(k), k, which)]
+        )
     ]
 
 
@@ -289,14 +291,14 @@ SPLITS = {
 }
 
 
-@pytest.mark.parametrize('late', [0.0, 1e-3])
+@pytest.mark.parametrize('delay_s', [0.0, 1e-3])
 @pytest.mark.parametrize('name', ['a.mcap', 'stamped.mcap', 'a.db3'])
 @pytest.mark.parametrize('splits', SPLITS)
-def test_files_that_overlap_are_sorted(splits: str, name: str, late: float, tmp_path: Path) -> None:
-    """A second recorder has the same messages, each a little later."""
+def test_files_that_overlap_are_sorted(splits: str, name: str, delay_s: float, tmp_path: Path) -> None:
+    # A second recorder has the same messages, each a little later.
     first, second = map(in_file_order, SPLITS[splits])
-    delays = late * np.random.default_rng(2).uniform(0, 1, len(second))
-    later = [(time + delay, *rest) for (time, *rest), delay in zip(second, delays.tolist(), strict=True)]
+    delays = delay_s * np.random.default_rng(2).uniform(0, 1, len(second))
+    later = [(time + delay, *inputs) for (time, *inputs), delay in zip(second, delays.tolist(), strict=True)]
     write, topics = FORMATS[name]
     names = [f'{number}_{name}' for number in range(2)]
     for path, moments in zip(names, (first, later), strict=True):
@@ -307,7 +309,7 @@ def test_files_that_overlap_are_sorted(splits: str, name: str, late: float, tmp_
         'message_count': 2 * (len(first) + len(second)),
     }
     (tmp_path / 'metadata.yaml').write_text(json.dumps({'rosbag2_bagfile_information': information}))
-    check_copies(open_bag(tmp_path), topics, round(late * SECOND) + 1000)
+    check_copies(open_bag(tmp_path), topics, round(delay_s * SECOND) + 1000)
 
 
 def test_other_values_at_times_that_come_again_are_those_of_a_clock_set_back(tmp_path: Path) -> None:

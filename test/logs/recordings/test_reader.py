@@ -233,9 +233,9 @@ def write_odd_topics(path: Path) -> None:
             '/text': ('cdr', text),
         }
         ids = {t: writer.register_channel(t, *encoding) for t, encoding in schemas.items()}
-        again = writer.register_channel('/twice', 'cdr', float64)
+        second_channel = writer.register_channel('/twice', 'cdr', float64)
         writer.register_channel('/twice', 'cdr', text)
-        for time, channel in enumerate([*ids.values(), again]):
+        for time, channel in enumerate([*ids.values(), second_channel]):
             writer.add_message(channel, time, b'\0\1\0\0' + struct.pack('<d', 2.5), time)
         writer.finish()
 
@@ -519,8 +519,8 @@ def test_a_truncated_packed_log_is_read_as_far_as_it_goes(
 ) -> None:
     path, rng = tmp_path / 'log', random.Random(1)
     lines = [f'{k},{rng.random():.9f}\n' for k in range(20_000)]
-    whole = pack(('time,speed\n' + ''.join(lines)).encode())
-    for data, is_whole in ((whole, True), (whole[: len(whole) * 2 // 3], False), (whole * 2, True)):
+    packed = pack(('time,speed\n' + ''.join(lines)).encode())
+    for data, is_whole in ((packed, True), (packed[: len(packed) * 2 // 3], False), (packed * 2, True)):
         path.write_bytes(data)
         recording = open_bag(path)
         (series,) = recording.read([Request('speed', 'data')]).values()
@@ -533,10 +533,10 @@ def test_a_truncated_packed_log_is_read_as_far_as_it_goes(
 
 def test_a_truncated_packed_recording_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
     path = tmp_path / 'a.mcap.zstd'
-    whole = zstandard.compress(file([Piece([*DEFINITIONS, *messages(0, 9000)], is_bare=True)]))
-    path.write_bytes(whole)
+    packed = zstandard.compress(file([Piece([*DEFINITIONS, *messages(0, 9000)], is_bare=True)]))
+    path.write_bytes(packed)
     assert open_bag(path).message_count == 9000
     assert not open_bag(path).losses
-    path.write_bytes(whole[:-4])  # of the last block
+    path.write_bytes(packed[:-4])  # of the last block
     assert 0 < open_bag(path).message_count < 9000
     assert 'is truncated: what could be unpacked of it was read' in ' '.join(open_bag(path).losses)

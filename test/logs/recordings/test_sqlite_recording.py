@@ -51,7 +51,7 @@ def make_database(path: Path, version: int = 8, mode: CompressionMode = Compress
 
 
 def change_database(folder: Path, *changes: str, version: int = 8) -> Path:
-    """The file of a folder after some changes by SQL, without metadata."""
+    """Change the database of a folder by SQL; return its file, without metadata."""
     (file,) = make_database(folder / 'bag', version).glob('*.db3')
     with contextlib.closing(sqlite3.connect(file)) as database:
         for change in changes:
@@ -63,10 +63,10 @@ def change_database(folder: Path, *changes: str, version: int = 8) -> Path:
 
 def assert_read_whole(path: Path, count: int = COUNT) -> None:
     recording = open_bag(path)
-    found = recording.read([SPEED, LOAD])
+    series_by_request = recording.read([SPEED, LOAD])
     times = START + np.arange(count) * 10_000_000
     for request, sign, earlier in ((SPEED, 1, 0), (LOAD, -1, 500_000_000)):
-        series = found[request]
+        series = series_by_request[request]
         np.testing.assert_array_equal(series.log_time_ns, times)
         np.testing.assert_array_equal(series.stamp_ns, times - earlier)
         np.testing.assert_array_equal(series.value, sign * np.arange(float(count)))
@@ -121,9 +121,9 @@ def test_nothing_is_written_to_the_folder(tmp_path: Path) -> None:
     for name, data in copies.items():
         (file.parent / name).write_bytes(data)
     (file.parent / 'metadata.yaml').unlink()
-    before = state()
+    files_before = state()
     assert_read_whole(file, 2000)
-    assert state() == before
+    assert state() == files_before
 
 
 def test_a_damaged_page_costs_its_messages_only(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_a_damaged_page_costs_its_messages_only(tmp_path: Path) -> None:
 
 
 def test_a_clock_that_was_set_back(tmp_path: Path) -> None:
-    """The order of the file is the order of events: 10 s become 2 s, and values go on."""
+    # The order of the file is the order of events: 10 s become 2 s, and values go on.
     change = 'UPDATE messages SET timestamp = timestamp - 8000000000 WHERE id > 2000'
     recording = open_bag(change_database(tmp_path, change))
     series = recording.read([SPEED])[SPEED]
@@ -153,7 +153,7 @@ def test_a_clock_that_was_set_back(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('order', ['topic_id, timestamp', 'timestamp DESC'], ids=['by topic', 'newest first'])
 def test_rows_in_no_order_of_time_are_sorted(tmp_path: Path, order: str) -> None:
-    """A converter may write topic by topic: no clock was set, and the inputs belong together."""
+    # A converter may write topic by topic: no clock was set, and the inputs belong together.
     path = change_database(
         tmp_path,
         f'CREATE TABLE copy AS SELECT * FROM messages ORDER BY {order}',

@@ -33,9 +33,9 @@ def log(tmp_path: Path) -> Path:
 def test_a_table_is_parsed_once(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     passes, blocks = [], TextTable.blocks
 
-    def counted(table: TextTable, *wanted: Any) -> Iterator[Any]:
-        passes.append(wanted)
-        return blocks(table, *wanted)
+    def counted(table: TextTable, *columns: Any) -> Iterator[Any]:
+        passes.append(columns)
+        return blocks(table, *columns)
 
     monkeypatch.setattr(TextTable, 'blocks', counted)
     TableRecording(log).read([SPEED, LOAD])
@@ -73,7 +73,7 @@ def test_a_full_disk_is_told_with_what_to_do(
 
 @pytest.mark.parametrize('common', [20, 4])
 def test_exports_that_overlap_in_one_file_are_sorted(common: int, tmp_path: Path) -> None:
-    """The second begins before the end of the first; with other numbers the clock was set back."""
+    """Begin a second export before the end of the first; with other numbers the clock was set back."""
     rng = np.random.default_rng(3)
     speeds, engine_speeds = rng.normal(60.0, 1.0, 100).round(3), rng.normal(60.0, 1.0, 100).round(3)
 

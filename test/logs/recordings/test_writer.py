@@ -177,8 +177,8 @@ def test_stamped_numbers_agree_with_rosbags(name: str) -> None:
             assert bytes(STORE.serialize_cdr(message, name)) == data
             assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == stamp
             assert message.header.frame_id == ''
-            whole, part, axis = field.split('.')
-            pair = getattr(message, whole)
+            vector_pair, part, axis = field.split('.')
+            pair = getattr(message, vector_pair)
             assert getattr(getattr(pair, part), axis) == value
             vectors = [v for v in dataclasses.asdict(pair).values() if isinstance(v, dict)]
             assert sum(vector[a] for vector in vectors for a in 'xyz') == value

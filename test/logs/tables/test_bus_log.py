@@ -17,7 +17,7 @@ SECOND = 10**9
 START = 1_780_000_000
 
 
-def delta(second: int, path: str, value: object) -> str:
+def make_delta(second: int, path: str, value: object) -> str:
     """Return a line of Signal K with one value."""
     stamp = datetime.fromtimestamp(START + second, timezone.utc).strftime('%Y-%m-%dT%H:%M:%SZ')
     update = {'$source': 'n2k.1', 'timestamp': stamp, 'values': [{'path': path, 'value': value}]}
@@ -36,10 +36,10 @@ def span_of(path: Path, lines: list[str]) -> tuple[float, float]:
 
 
 def test_deltas_without_numbers_tell_how_long_an_input_is_silent(tmp_path: Path) -> None:
-    """The position goes on for 40 s behind the last speed; what a server knew before it began is older."""
-    numbers = [delta(second, 'propulsion.0.revolutions', 1.0) for second in range(20)]
-    old = delta(-3600, 'navigation.state', 'moored')
-    silent = [delta(second, 'navigation.position', {'latitude': 54.0}) for second in range(20, 60)]
+    # The position goes on for 40 s behind the last speed; what a server knew before it began is older.
+    numbers = [make_delta(second, 'propulsion.0.revolutions', 1.0) for second in range(20)]
+    old = make_delta(-3600, 'navigation.state', 'moored')
+    silent = [make_delta(second, 'navigation.position', {'latitude': 54.0}) for second in range(20, 60)]
     assert span_of(tmp_path / 'a.log', [old, *numbers, *silent]) == (0.0, 59.0)
     assert span_of(tmp_path / 'b.log', [*numbers, *silent, *numbers[-1:]]) == (0.0, 19.0)
     assert span_of(tmp_path / 'c.log', [*numbers, old]) == (0.0, 19.0)
@@ -69,7 +69,7 @@ def test_numbers_behind_a_clock_that_fell_silent_have_no_time() -> None:
 
 
 def test_lines_whose_times_cannot_be_read_any_more_have_none() -> None:
-    """A logger's clock that lost its date, say: its lines are no lines of the last second that had one."""
+    """Read no lines of a clock that lost its date, say, as lines of the last second that had one."""
     body = nmea_sentence('ERRPM,S,1,30.0,,A')
     heads = [f'2026-05-04T06:00:{second:02}Z' for second in range(10)] + ['2026-05-04T06-00:10'] * 20
     rows = list(nmea_rows(iter([f'{head} {body}' for head in heads])))
@@ -77,21 +77,23 @@ def test_lines_whose_times_cannot_be_read_any_more_have_none() -> None:
 
 
 def test_the_own_vessel_may_be_called_by_its_name_later() -> None:
-    """As by a server that was updated on the way; a delta of nobody is damaged, others are others."""
-    lines = [delta(second, 'propulsion.0.revolutions', 1.0) for second in range(5)]
-    for second, own in ((1, 'vessels.urn:mrn:imo:mmsi:257000000'), (2, 'vessels.urn:other'), (4, '')):
-        lines[second] = lines[second].replace('vessels.self', own)
+    """Rename the vessel as a server that is updated does; a delta of nobody is damaged."""
+    lines = [make_delta(second, 'propulsion.0.revolutions', 1.0) for second in range(5)]
+    for second, context in ((1, 'vessels.urn:mrn:imo:mmsi:257000000'), (2, 'vessels.urn:other'), (4, '')):
+        lines[second] = lines[second].replace('vessels.self', context)
     values = [row and row[2] for row in signalk_rows(iter(lines))]
     assert values == ['1.0', '1.0', '1.0', None]
 
 
 def test_other_vessels_go_on_where_the_own_one_falls_silent(tmp_path: Path) -> None:
-    numbers = [delta(second, 'propulsion.0.revolutions', 1.0) for second in range(20)]
-    others = [
-        delta(second, 'navigation.speedOverGround', 5.0).replace('vessels.self', 'vessels.urn:mrn:imo:mmsi:1')
+    numbers = [make_delta(second, 'propulsion.0.revolutions', 1.0) for second in range(20)]
+    other_vessel = [
+        make_delta(second, 'navigation.speedOverGround', 5.0).replace(
+            'vessels.self', 'vessels.urn:mrn:imo:mmsi:1'
+        )
         for second in range(20, 60)
     ]
-    assert span_of(tmp_path / 'a.log', [*numbers, *others]) == (0.0, 59.0)
+    assert span_of(tmp_path / 'a.log', [*numbers, *other_vessel]) == (0.0, 59.0)
 
 
 def engine_message(second: int, **fields: object) -> str:

@@ -80,9 +80,9 @@ def test_times_are_of_the_zone_in_their_heading(heading: str, minutes: int, tmp_
 
 def test_a_last_line_without_an_end_is_read(tmp_path: Path) -> None:
     text = log_of('time', lambda t: f'{t:%Y-%m-%dT%H:%M:%SZ}', count=4)
-    whole = [epoch_ns(T0 + k * EVERY) for k in range(4)]
-    assert times_of(tmp_path, text.rstrip())[0] == whole
-    assert times_of(tmp_path, text.removesuffix(',900\n'))[0] == whole[:3]
+    expected = [epoch_ns(T0 + k * EVERY) for k in range(4)]
+    assert times_of(tmp_path, text.rstrip())[0] == expected
+    assert times_of(tmp_path, text.removesuffix(',900\n'))[0] == expected[:3]
 
 
 def test_a_day_or_a_month_of_parts_is_asked(tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_a_column_of_milliseconds_belongs_to_times_to_the_second(
 
 @pytest.mark.parametrize('ms', ['7', '{0}', '{1}', '-{2}'])
 def test_other_numbers_beside_a_time_are_no_fractions_of_it(ms: str, tmp_path: Path) -> None:
-    """A constant, a value that falls within a second, a counter that goes on, and negative ones."""
+    """Write a constant, a value that falls within a second, a counter, and negative ones."""
     every = timedelta(milliseconds=250)
 
     def row(time: datetime) -> str:
@@ -251,7 +251,7 @@ def test_more_lines_a_second_than_a_log_has_are_another_unit(
 def test_decimals_are_seconds_only_as_fractions_of_one(
     form: str, step: float, is_asked: bool, first: float, tmp_path: Path
 ) -> None:
-    """A minute, an hour and a day have factors of three, which no decimal fraction has."""
+    # A minute, an hour and a day have factors of three, which no decimal fraction has.
     text = 'time,rpm\n' + ''.join(f'{form.format(first + k * step)},{30 + k % 3}\n' for k in range(90))
     times, question = times_of(tmp_path, text)
     assert bool(question) == is_asked
@@ -274,7 +274,7 @@ def test_twelve_digits_are_no_milliseconds_of_1978(tmp_path: Path) -> None:
 def test_parts_of_a_time_without_a_date_are_added(
     head: str, form: str, every: timedelta, tmp_path: Path
 ) -> None:
-    """The seconds alone were a clock that is set back each minute, and a pause of minutes was none."""
+    # The seconds alone were a clock that is set back each minute, and a pause of minutes was none.
     times, question = times_of(tmp_path, log_of(head, form.format, every))
     assert ([time - times[0] for time in times], question) == (
         [k * every // timedelta(microseconds=1) * 1000 for k in range(90)],
@@ -342,7 +342,7 @@ DAY = 86_400
 def test_times_of_the_day_go_on_over_midnight(
     head: str, form: str, is_newest_first: bool, pause: int, every: int, tmp_path: Path
 ) -> None:
-    """From 23:40 on, with a pause over midnight or without: 20 minutes, or over two midnights."""
+    """Begin at 23:40, with a pause over midnight or without: 20 minutes, or over two midnights."""
     start = T0.replace(hour=23, minute=40)
     seconds = [k * every + pause * (k > 30) for k in range(90)]
     rows = [f'{form.format(start + k * EVERY)},{30 + n},900\n' for n, k in enumerate(seconds)]

@@ -81,7 +81,7 @@ def write_log(seed: int) -> tuple[str, list[float], list[tuple[float, float]]]:
 
 
 @pytest.mark.parametrize('seed', range(100))
-def test_no_combination_is_read_wrong_without_a_word(seed: int, tmp_path: Path) -> None:
+def test_no_combination_is_misread_without_a_warning(seed: int, tmp_path: Path) -> None:
     text, seconds, values = write_log(seed)
     try:
         recording = open_log(tmp_path, text)
@@ -90,9 +90,9 @@ def test_no_combination_is_read_wrong_without_a_word(seed: int, tmp_path: Path) 
     columns = [c for c in recording.all_columns if c.heading.startswith(('speed', 'load'))]
     series = [*recording.read([Request(c.heading, 'data') for c in columns]).values()]
     factors = [1 / dict(UNITS)[column.unit or ''] for column in columns]
-    is_right = all(own.value.size == len(seconds) for own in series) and all(
-        np.allclose(own.value * factor, [pair[k] for pair in values], rtol=1e-9)
-        and np.abs((own.stamp_ns - own.stamp_ns[0]) * 1e-9 - seconds).max() < 2e-3
-        for k, (own, factor) in enumerate(zip(series, factors, strict=True))
+    is_right = all(column_series.value.size == len(seconds) for column_series in series) and all(
+        np.allclose(column_series.value * factor, [pair[k] for pair in values], rtol=1e-9)
+        and np.abs((column_series.stamp_ns - column_series.stamp_ns[0]) * 1e-9 - seconds).max() < 2e-3
+        for k, (column_series, factor) in enumerate(zip(series, factors, strict=True))
     )
     assert is_right or recording.table.clocks[0].question or recording.losses

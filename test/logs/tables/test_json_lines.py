@@ -20,7 +20,7 @@ TIMES = [datetime(2026, 5, 4, 6, 0, tzinfo=timezone.utc) + timedelta(millisecond
 
 
 def canboat_line(time: str, pgn: int, fields: dict[str, Any], src: int = 17) -> str:
-    own = {
+    record = {
         'timestamp': time,
         'prio': 2,
         'src': src,
@@ -29,7 +29,7 @@ def canboat_line(time: str, pgn: int, fields: dict[str, Any], src: int = 17) -> 
         'description': 'x',
         'fields': fields,
     }
-    return json.dumps(own) + '\n'
+    return json.dumps(record) + '\n'
 
 
 def engine_line(k: int, form: str = '%Y-%m-%dT%H:%M:%S.%fZ', src: int = 17, **fields: Any) -> str:
@@ -85,7 +85,7 @@ def test_other_fields_by_path_and_other_senders_by_name(tmp_path: Path) -> None:
 
 
 def test_lines_of_json_are_refused_with_a_command(tmp_path: Path) -> None:
-    """The command was run by jq 1.6, and its output read."""
+    # The command was run by jq 1.6, and its output read.
     path = tmp_path / 'a.jsonl'
     path.write_text('{"ts": "2026-05-04T06:00:00Z", "shaft": {"rpm": 30}, "load-N": 9, "odd": null}\n' * 3)
     program = '[."ts",."shaft"."rpm",."load-N"]|@csv'

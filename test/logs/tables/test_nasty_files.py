@@ -117,7 +117,7 @@ def test_a_recording_starts_with_its_first_line_though_the_clock_was_set_back(tm
 
 
 def test_a_line_of_more_cells_than_others_is_not_used(tmp_path: Path) -> None:
-    """A line that was not ended runs into the next one, whose speed was the load."""
+    # A line that was not ended runs into the next one, whose speed was the load.
     lines = [f'@{k},{30 + k},{900 + k}\n' for k in range(9)]
     lines[4:6] = [lines[4].rstrip() + lines[5]]
     recording = open_log(tmp_path, 'time,rpm,load\n' + ''.join(lines))
@@ -127,7 +127,7 @@ def test_a_line_of_more_cells_than_others_is_not_used(tmp_path: Path) -> None:
 
 
 def test_numbers_without_a_heading_make_no_heading_certain(tmp_path: Path) -> None:
-    """A load of 1,005 that is not quoted is two cells, and 1 was the load."""
+    # A load of 1,005 that is not quoted is two cells, and 1 was the load.
     recording = open_log(tmp_path, 'time,rpm,load\n@0,30,1,005\n@1,31,1,006\n')
     assert [column.heading for column in recording.all_columns] == ['#2', '#3', '#4']
 
@@ -186,7 +186,7 @@ def test_a_damaged_unit_of_the_first_line_is_that_of_no_other(tmp_path: Path) ->
     lines = ''.join(f'{k},speed,{30 + k},rpm\n{k},load,900,N\n' for k in range(20))
     (tmp_path / 'a.csv').write_text('time,name,value,unit\n' + lines.replace('rpm', '1e17', 1))
     recording = open_bag(tmp_path / 'a.csv')
-    found = recording.read([Request('speed', 'data')])
-    (series,) = found.values()
+    series_by_request = recording.read([Request('speed', 'data')])
+    (series,) = series_by_request.values()
     assert series.value[1:].tolist() == [31.0 + k for k in range(19)]
     assert "'speed' changes its unit: lines in 1e17 are left out" in recording.warnings

@@ -59,24 +59,24 @@ def test_noise_makes_no_other_format(text: str, lost: str, tmp_path: Path) -> No
 
 @pytest.mark.parametrize(('columns', 'filled'), [(5, 3), (4, 3), (9, 5)])
 def test_a_line_that_ends_early_lacks_its_last_values(tmp_path: Path, columns: int, filled: int) -> None:
-    """One that reaches behind half of the headings is read; a shorter one is damaged."""
+    """Read a line that reaches behind half of the headings; a shorter one is damaged."""
     names = ['time', 'rpm', *'abcdef'[: columns - 3], 'load']
     rows = [[time, '30', *['1'] * (columns - 2)] for time in CLEAN]
     rows[4], rows[7] = rows[4][:filled], rows[7][: filled - 1]
     recording = open_log(tmp_path, '\n'.join(map(','.join, [names, *rows])))
-    found = recording.read([Request('rpm', 'data'), Request('load', 'data')])
-    stamps = {request.topic: series.stamp_ns.tolist() for request, series in found.items()}
-    whole = [epoch_ns(time) for time in equal_steps(timedelta(seconds=1))]
-    assert stamps['rpm'] == whole[:7] + whole[8:]
-    assert stamps['load'] == whole[:4] + whole[5:7] + whole[8:]
+    series_by_request = recording.read([Request('rpm', 'data'), Request('load', 'data')])
+    stamps = {request.topic: series.stamp_ns.tolist() for request, series in series_by_request.items()}
+    expected = [epoch_ns(time) for time in equal_steps(timedelta(seconds=1))]
+    assert stamps['rpm'] == expected[:7] + expected[8:]
+    assert stamps['load'] == expected[:4] + expected[5:7] + expected[8:]
     assert recording.losses == ('1 line damaged, or of too few or too many cells was not used',)
 
 
 def test_a_control_character_in_a_number_makes_it_a_word(tmp_path: Path) -> None:
-    """A flipped bit makes of a digit a control character; the rest is another number."""
+    """Flip a bit, which makes of a digit a control character; the rest is another number."""
     recording = open_log(tmp_path, csv_text(CLEAN).replace(',31\n', ',3\x11\n', 1))
-    found = recording.read([Request('rpm', 'data')])
-    ((fault,),) = (series.faults for series in found.values())
+    series_by_request = recording.read([Request('rpm', 'data')])
+    ((fault,),) = (series.faults for series in series_by_request.values())
     assert fault.count == 1
 
 
@@ -194,7 +194,7 @@ def test_a_year_of_two_digits_in_front_is_asked(
     ],
 )
 def test_times_that_loggers_write_before_sentences(form: str, tmp_path: Path) -> None:
-    """Of several days, so that the day of 05/04/2026 is known."""
+    """Write several days, so that the day of 05/04/2026 is known."""
     times = equal_steps(timedelta(hours=7, milliseconds=125))
     spoken = [f'{form.format(time)}{nmea_sentence("IIRPM,S,1,30.0,30.0,A")}\r\n' for time in times]
     assert read_column(open_log(tmp_path, ''.join(spoken)), 'RPM S 1')[0] == [

@@ -63,8 +63,8 @@ def test_a_word_that_is_not_known_does_not_count_beside_known_ones(good_word: st
     assert [is_bad(mark) for mark in ('Good', 'Schlecht', '')] == [False, True, False]
 
 
-def test_words_of_which_only_the_bad_one_is_known_are_none() -> None:
-    """Which of them is good is asked."""
+def test_words_of_which_only_the_bad_one_is_known_are_no_quality() -> None:
+    """Ask which of the unknown words is good."""
     assert find_quality('quality', ['Bad', 'Gut', 'Schlecht']) is None
 
 
@@ -96,7 +96,7 @@ def test_a_bad_code_after_the_head_of_a_file_of_zeros_counts() -> None:
 def test_numbers_of_a_quality_without_a_meaning_are_asked(
     marks: str, question: list[str] | None, tmp_path: Path
 ) -> None:
-    """A historian writes the share that is good; many numbers are a measurement."""
+    """Take the share of a historian that is good as a question; many numbers are a measurement."""
     rows = ''.join(f'{k}.5,30,{mark},900\n' for k, mark in enumerate(marks.split() * 3))
     recording = open_log(tmp_path, f'time,rpm,rpm quality,load\n{rows}')
     assert recording.unknown_marks(recording.all_columns[0]) == (question and ('rpm quality', question))

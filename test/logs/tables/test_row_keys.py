@@ -50,9 +50,9 @@ ONE = {
 def test_the_column_that_tells_lines_apart_is_found(name: str, tmp_path: Path) -> None:
     recording = open_log(tmp_path, SEVERAL[name])
     column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
-    found = recording.key_of(column)
-    assert found is not None
-    key, texts = found
+    key_and_texts = recording.key_of(column)
+    assert key_and_texts is not None
+    key, texts = key_and_texts
     values = [values_of(recording, {key: text}) for text in texts]
     assert sorted(map(max, values)) == [21, 137]
     assert recording.key_of(recording.choose_rows(column, {key: texts[0]})) is None
@@ -65,9 +65,9 @@ def test_lines_of_one_thing_are_not_told_apart(name: str, tmp_path: Path) -> Non
     assert recording.key_of(column) is None
 
 
-def values_of(recording: TableRecording, where: dict[str, str]) -> list[float]:
+def values_of(recording: TableRecording, selection: dict[str, str]) -> list[float]:
     column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
-    recording.deliver({'/n': SourceColumn(recording.choose_rows(column, where))})
+    recording.deliver({'/n': SourceColumn(recording.choose_rows(column, selection))})
     request = Request('/n', 'data')
     return recording.read([request])[request].value.tolist()
 
@@ -88,7 +88,7 @@ def test_all_lines_may_be_of_one_thing(tmp_path: Path) -> None:
 
 
 def test_files_one_after_the_other_may_be_of_one_thing(tmp_path: Path) -> None:
-    """A logger writes the name of its file into each line, and its clock was set back."""
+    # A logger writes the name of its file into each line, and its clock was set back.
     rows = ''.join(f'{t},{file},{20 + t % 7}\n' for file in 'ab' for t in range(3000))
     recording = open_log(tmp_path, f'time,file,rpm\n{rows}')
     assert len(values_of(recording, {'file': '*'})) == 6000
@@ -103,7 +103,7 @@ def test_a_thing_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 
 def test_ships_one_after_the_other_in_a_long_log_are_not_a_clock_that_was_set_back(tmp_path: Path) -> None:
-    """The head of the file has one ship only, its tail the other."""
+    # The head of the file has one ship only, its tail the other.
     rows = ''.join(f'{t},{ship},{n}\n' for ship, n in (('A', 20), ('B', 136)) for t in range(3000))
     recording = open_log(tmp_path, f'time,ship,rpm\n{rows}')
     with pytest.raises(BagError, match=r"column 'ship' has 'A', 'B' one after the other, .* \{ship: A\}"):

@@ -15,8 +15,8 @@ from stickslip_logs.recordings.recording import Recording, Request
 
 
 def times_and_values(recording: Recording, *names: str) -> list[tuple[list[int], list[float]]]:
-    found = recording.read([Request(name, 'data') for name in names]).values()
-    return [(series.stamp_ns.tolist(), series.value.tolist()) for series in found]
+    columns = recording.read([Request(name, 'data') for name in names]).values()
+    return [(series.stamp_ns.tolist(), series.value.tolist()) for series in columns]
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_each_value_has_the_time_beside_it(text: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('name', ['Time', 'load Time'])
 def test_a_signal_that_begins_behind_the_head_has_its_own_time(name: str, tmp_path: Path) -> None:
-    """By the time of the other its values came an hour too early."""
+    # By the time of the other its values came an hour too early.
     first = ''.join(f'2026-04-13T10:{k // 60:02}:{k % 60:02}Z,30,,\n' for k in range(3000))
     then = ''.join(f'2026-04-13T10:50:{k:02}Z,30,2026-04-13T11:50:{k:02}Z,900\n' for k in range(5))
     padding = ''.join(f'2026-04-13T10:51:{k % 60:02}Z,30,,\n' for k in range(1000))

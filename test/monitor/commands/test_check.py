@@ -33,14 +33,14 @@ FAST, SLOW = 60.0, 20.0  # rpm: clear of stick-slip, and well below the fold spe
 
 
 def record_one_speed(path: Path, rpm: float, seconds: int = 40) -> Path:
-    """A recording at one speed and 1000 N, a value of each a second."""
+    """Write a recording at one speed and 1000 N, a value of each a second."""
     times = START + np.arange(seconds, dtype=np.int64) * 10**9
     values = {'/shaft/speed': rpm, '/bearing/aft_stern/load': 1000.0}
     return write_recording(path, {name: (times, np.full(seconds, v)) for name, v in values.items()})
 
 
 def config_with(folder: Path, *bearings: str, **changes: object) -> Path:
-    """The reference bearing under other names, with other values for some of the node's."""
+    """Write the reference bearing under other names, with other values for some of the node's."""
     node = yaml.safe_load(CONFIG.read_text('utf-8'))['/**']['ros__parameters']
     bearing = node.pop('aft_stern') | {'stiffness': 2.0e6}  # to YAML 1.1, 2.0e6 is a text
     names = bearings or ('aft_stern',)
@@ -54,7 +54,7 @@ def config_with(folder: Path, *bearings: str, **changes: object) -> Path:
 
 @pytest.fixture(scope='module')
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The report on two recordings, one with and one without alarms."""
+    """Return the report on two recordings, one with and one without alarms."""
     pytest.importorskip('matplotlib')
     pytest.importorskip('jinja2')
     path = tmp_path_factory.mktemp('report') / 'out.html'
@@ -64,7 +64,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def text_of(page: Path) -> str:
-    """What a reader sees, without tags and pictures."""
+    """Return the text that a reader sees, without tags and pictures."""
     text = re.sub(r'<(svg|style).*?</\1>', '', page.read_text('utf-8'), flags=re.DOTALL)
     return ' '.join(unescape(re.sub(r'<[^>]+>', ' ', text)).split())
 
@@ -109,7 +109,7 @@ def test_the_report_has_every_event_of_the_check(page: Path, stickslip: Sticksli
 
 
 def hostile_bag(folder: Path) -> Path:
-    """A recording whose folder and topics have names that would break a page."""
+    """Write a recording whose folder and topics have names that would break a page."""
     times = START + np.arange(60, dtype=np.int64) * 10**9
     values = {'/shaft/speed': 20.0, '/bearing/aft_stern/load': 1000.0, '/<script>alert(1)</script>': 0.0}
     columns = {name: (times, np.full(60, value)) for name, value in values.items()}
@@ -199,13 +199,13 @@ def test_in_a_browser_it_fits_a_phone_and_follows_the_night(
     ]
     flags += ['allow-file-access-from-files', f'blink-settings=preferredColorScheme={int(not dark)}']
     line = [CHROMIUM, *(f'--{flag}' for flag in flags), harness.as_uri()]
-    done = subprocess.run(line, capture_output=True, text=True, check=True, timeout=60)
-    (title,) = re.findall(r'<title>(.*?)</title>', done.stdout)
-    seen = json.loads(unescape(title))
-    assert seen['width'] == width
+    completed = subprocess.run(line, capture_output=True, text=True, check=True, timeout=60)
+    (title,) = re.findall(r'<title>(.*?)</title>', completed.stdout)
+    layout = json.loads(unescape(title))
+    assert layout['width'] == width
     # A map and a timeline for each recording, each in one of its two widths.
-    assert (seen['shown'], seen['tall']) == (4, True)
-    assert seen['back'] == ('rgb(22, 25, 29)' if dark else 'rgb(255, 255, 255)')
+    assert (layout['shown'], layout['tall']) == (4, True)
+    assert layout['back'] == ('rgb(22, 25, 29)' if dark else 'rgb(255, 255, 255)')
 
 
 def test_two_publishers_and_a_wrong_unit_are_told(tmp_path: Path, stickslip: Stickslip) -> None:

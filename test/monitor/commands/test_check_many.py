@@ -42,15 +42,15 @@ def test_together_and_one_by_one_are_the_same_in_the_order_asked(stickslip: Stic
 
 
 @pytest.mark.slow
-def test_a_bag_that_fails_is_named_and_the_others_are_told(tmp_path: Path, stickslip: Stickslip) -> None:
+def test_a_bag_that_fails_is_named_and_the_others_are_reported(tmp_path: Path, stickslip: Stickslip) -> None:
     (tmp_path / 'torn.mcap').write_bytes(b'nothing')
     bags = [BAGS / 'history_above', tmp_path / 'torn.mcap', tmp_path / 'gone', BAGS / 'voyage']
     result = stickslip(*CHECK, *bags, '--jobs', 2)
     assert result.code == 2
     assert result.out.index(str(bags[0])) < result.out.index(str(bags[3]))
-    (torn, gone) = result.err.splitlines()
+    (torn, missing) = result.err.splitlines()
     assert torn.startswith(f"ERROR: {bags[1]}: bag file '{bags[1]}' is not an MCAP recording")
-    assert gone == f"ERROR: {bags[2]}: bag '{bags[2]}' does not exist"
+    assert missing == f"ERROR: {bags[2]}: bag '{bags[2]}' does not exist"
     code, documents = check_as_json(stickslip, *bags, '--jobs', 2)
     assert code == 2
     assert [document['path'] for document in documents] == [str(bag) for bag in bags]
@@ -99,7 +99,7 @@ def test_a_log_that_is_named_or_learnt_from_is_not_left_out(tmp_path: Path) -> N
 def test_a_recording_on_standard_input_is_checked_as_the_file_is(
     cut: int, tmp_path: Path, stickslip: Stickslip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One that ends in the middle of a chunk is read to the cut."""
+    """Check a recording whole, and one that ends in the middle of a chunk."""
     data = next((BAGS / 'coast_down').glob('*.mcap')).read_bytes()
     path = tmp_path / 'standard_input.mcap'
     path.write_bytes(data[: len(data) - cut])

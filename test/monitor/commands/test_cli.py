@@ -88,8 +88,8 @@ def test_milli_is_not_taken_for_mega() -> None:
 
 
 def test_units_are_understood_in_any_case(stickslip: Stickslip) -> None:
-    given = (('-20rpm', '1kN'), ('-20 RPM', '1 kn'), ('-20Rpm', '1e3 n'))
-    results = {stickslip(*POINT[:3], '--speed', speed, '--load', load) for speed, load in given}
+    points = (('-20rpm', '1kN'), ('-20 RPM', '1 kn'), ('-20Rpm', '1e3 n'))
+    results = {stickslip(*POINT[:3], '--speed', speed, '--load', load) for speed, load in points}
     assert [done.code for done in results] == [1]
 
 
@@ -126,7 +126,7 @@ def test_the_tab_key_offers_commands_options_and_files(typed: str, offered: str,
 
 @pytest.mark.parametrize('command', ['--help', 'check --help', 'health --help'])
 def test_what_needs_no_numbers_starts_without_their_libraries(command: str) -> None:
-    """A container asks ``health`` every half minute."""
+    # A container asks ``health`` every half minute.
     code = (
         'import sys; from stickslip_monitor.cli import main\n'
         'try: main(sys.argv[1:])\nexcept SystemExit: pass\n'

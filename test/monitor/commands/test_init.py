@@ -53,7 +53,7 @@ def test_modulus_by_hardness(hardness: float, modulus: float) -> None:
 
 
 def test_spreads_combine_as_independent_errors() -> None:
-    """Of independent factors the squares of the relative deviations add, roots count half."""
+    """Add the squares of the relative deviations of independent factors; roots count half."""
     values = {item.name: item.spread for item in estimate(make_given())}
     area = 0.2  # of the loaded arc, as the length is not exact about it
     assert values['stiffness'] == values['mass'] == pytest.approx(math.hypot(0.1, 0.1, area))
@@ -62,7 +62,7 @@ def test_spreads_combine_as_independent_errors() -> None:
 
 
 def test_effects_by_the_closed_form() -> None:
-    """Of c, N, mu_s and mu_k the fold follows from c/(N (mu_s - mu_k)) alone.
+    """Compare with the fold, which follows from c/(N (mu_s - mu_k)) alone.
 
     So 10 % less damping does what a ninth more load does, and a stiffer or heavier lining nothing, but
     for what averaging leaves out.
@@ -79,7 +79,7 @@ def test_effects_by_the_closed_form() -> None:
 
 
 def test_the_exponent_of_the_load_by_hersey() -> None:
-    """Of a curve at 1.5 times the load, with g = 1, the fold is that at 1.5 times the load over 1.5."""
+    # The fold of a curve at 1.5 times the load, with g = 1, is that at 1.5 times the load over 1.5.
     values = estimate(make_given())
     exponent = next(e for e in fold_shifts(values) if e.name == 'load_exponent')
     bearing, load = bearing_of(values), values[-1].value
@@ -166,21 +166,21 @@ def test_refusals(arguments: tuple[str, ...], sentence: str, stickslip: Sticksli
 
 
 def test_dialogue_takes_the_other_value_and_asks_again() -> None:
-    """Empty for what may be given otherwise, and values that cannot be, as a person types."""
+    """Type nothing for what may be given otherwise, and values that cannot be."""
     lines = '400mm||0.32 m2|thick||20mm|70||0.15~40%|0.3|0.4||0.1|10s/m|30 kN'
     typed = iter(lines.split('|'))
-    shown: list[str] = []
+    prompts: list[str] = []
 
     def answer(text: str) -> str:
-        shown.append(text)
+        prompts.append(text)
         return next(typed)
 
-    given = ask(answer)
-    assert given['area'] == Given(0.32)
-    assert given['loss_factor'] == Given(0.15, 0.4)
-    assert given['kinetic'] == Given(0.1)
-    assert all(any(item.name in given for item in need) for need in NEEDS)
-    assert any("= 'thick' must be a number with a unit: one of mm, m" in text for text in shown)
+    answers = ask(answer)
+    assert answers['area'] == Given(0.32)
+    assert answers['loss_factor'] == Given(0.15, 0.4)
+    assert answers['kinetic'] == Given(0.1)
+    assert all(any(item.name in answers for item in need) for need in NEEDS)
+    assert any("= 'thick' must be a number with a unit: one of mm, m" in text for text in prompts)
 
 
 def test_hardness_beyond_the_formula() -> None:

@@ -67,7 +67,7 @@ def test_a_filler_that_is_not_known_is_asked(
 def test_a_number_that_stands_far_from_those_of_a_sensor_is_asked(
     filler: str, is_asked: bool, tmp_path: Path, stickslip: Stickslip
 ) -> None:
-    """A sensor has noise, which a filler has not; a shaft at rest, or a slower one, is none."""
+    # A sensor has noise, which a filler has not; a shaft at rest, or a slower one, is none.
     rows = (f'{k},{filler if 100 <= k < 150 else f"{80 + k % 13 / 10}"},{900 + k % 3}\n' for k in range(600))
     path = tmp_path / 'voyage.csv'
     path.write_text('time [s],rpm,load [N]\n' + ''.join(rows))

@@ -40,14 +40,14 @@ def test_the_commands_that_write_declare_it() -> None:
     }
 
 
-@pytest.mark.parametrize('way', WAYS)
+@pytest.mark.parametrize('spelling', WAYS)
 @pytest.mark.parametrize('command', [n for n in OF_MONITOR if outputs_of(n) and inputs_of(n)])
-def test_an_output_that_is_an_input_is_refused(command: str, way: str, tmp_path: Path) -> None:
-    refuse_outputs_that_are_inputs(command, way, tmp_path)
+def test_an_output_that_is_an_input_is_refused(command: str, spelling: str, tmp_path: Path) -> None:
+    refuse_outputs_that_are_inputs(command, spelling, tmp_path)
 
 
-@pytest.mark.parametrize('where', ['configuration', 'recording', 'archive'])
-def test_what_an_input_names_or_holds_is_an_input(where: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize('source_kind', ['configuration', 'recording', 'archive'])
+def test_what_an_input_names_or_holds_is_an_input(source_kind: str, tmp_path: Path) -> None:
     files = list_declared_files('check')
     (tmp_path / 'archive' / 'one').mkdir(parents=True)
     (tmp_path / 'archive' / 'one' / 'a.html').write_text('{}')
@@ -58,7 +58,7 @@ def test_what_an_input_names_or_holds_is_an_input(where: str, tmp_path: Path) ->
         'configuration': ('own.html', {'config': str(config)}),
         'recording': ('archive/one/a.html', {'bags': [tmp_path / 'archive' / 'one']}),
         'archive': ('archive/one/a.html', {'bags': [tmp_path / 'archive']}),
-    }[where]
+    }[source_kind]
     with pytest.raises(OutputError, match='is the input'):
         check_files(make_arguments(files, report=tmp_path / output, **source))
 
@@ -97,11 +97,11 @@ def test_no_recording_is_written_into_the_folder_that_is_checked(
 ) -> None:
     bag = shutil.copytree(BAG, tmp_path / 'bag')
     target = bag if option == '--clips' else bag / 'new.mcap'
-    before = sorted(bag.iterdir())
-    done = stickslip('check', bag, '-c', CONFIG, option, target)
-    assert done.code == 2
-    assert 'whose recordings are checked' in done.err
-    assert sorted(bag.iterdir()) == before
+    files = sorted(bag.iterdir())
+    result = stickslip('check', bag, '-c', CONFIG, option, target)
+    assert result.code == 2
+    assert 'whose recordings are checked' in result.err
+    assert sorted(bag.iterdir()) == files
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_a_command_that_is_stopped_leaves_nothing_behind(sent: signal.Signals, t
 def test_a_signal_while_modules_are_loaded_ends_a_command_without_a_word(
     sent: signal.Signals, module: str, tmp_path: Path
 ) -> None:
-    """The first module is loaded before the command line is, the second by the command."""
+    """Load the first module before the command line, the second by the command."""
     signalled = f'import os, time; os.kill(os.getpid(), {sent.value}); time.sleep(9)'
     (tmp_path / f'{module}.py').write_text(f'exec({signalled!r})')
     line = ['diagram', '-c', CONFIG, '--load', '1kN', '-o', tmp_path / 'a.png']

@@ -22,32 +22,32 @@ BEARING = 'aft_stern'
 class PageShip(Ship):
     """A ship that a page shows; it takes what people ask for there."""
 
-    def __init__(self, shown: Any) -> None:
+    def __init__(self, watched: Any) -> None:
         from stickslip_monitor.monitor.parameter_file import load_config
 
-        self.shown, self.deaf = shown, False
-        self.asked: list[Any] = []
-        super().__init__(load_config(CONFIG), display=shown)
+        self.watched, self.deaf = watched, False
+        self.requests: list[Any] = []
+        super().__init__(load_config(CONFIG), display=watched)
         # However long the machine is held up, the monitor is heard.
-        shown.act, shown._clock = self.act, lambda: self.steady_ns / SECOND
+        watched.act, watched._clock = self.act, lambda: self.steady_ns / SECOND
 
     def sail(self, rpm: float, load: float, seconds: float = 1.0) -> None:  # type: ignore[override]
-        """So long at an operating point, with a sample of each input a second."""
+        """Sail for some seconds at an operating point, with a sample of each input a second."""
         super().sail(max(round(seconds), 1), rpm, load, rate=1.0)
 
     def wait(self, seconds: float) -> None:
-        """So long without a sample."""
+        """Let some seconds pass without a sample."""
         self.steady_ns += round(seconds * SECOND)
         self.tick()
         self.look()
 
     def fall_silent(self, seconds: float) -> None:
-        """So long without a word."""
+        """Let some seconds pass without a record."""
         self.steady_ns += round(seconds * SECOND)
 
     def act(self, request: Any) -> None:
         """Do what is asked for."""
-        self.asked.append(request)
+        self.requests.append(request)
         if not self.deaf:
             self.session.act(request)
 
@@ -127,7 +127,7 @@ def dashboards(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Dashbo
 
 @pytest.fixture
 def dashboard(dashboards: Callable[..., Dashboard]) -> Dashboard:
-    """A dashboard at work, without a token."""
+    """Return a dashboard at work, without a token."""
     return dashboards()
 
 
@@ -141,11 +141,11 @@ class Browser:
 
     @property
     def complaints(self) -> list[str]:
-        """What the console, the page's policy and its code complained of."""
+        """Complaints of the console, the page's policy and its code."""
         return [text for event in self._page.events if (text := complaint_of(event))]
 
     def forget(self) -> None:
-        """Take no notice of what was complained of."""
+        """Clear the complaints."""
         self._page.events.clear()
 
     def call(self, method: str, **parameters: Any) -> Any:
@@ -156,7 +156,7 @@ class Browser:
         self.call('Page.navigate', url=url)
 
     def js(self, expression: str) -> Any:
-        """The value of an expression; a promise is waited for."""
+        """Return the value of an expression; a promise is waited for."""
         return self._run(self._page.js(expression))
 
     def until(self, expression: str, deadline: float = DEADLINE) -> Any:
@@ -195,25 +195,25 @@ class Browser:
 
 
 def complaint_of(event: dict[str, Any]) -> str:
-    kind, told = event.get('method'), event.get('params', {})
+    kind, parameters = event.get('method'), event.get('params', {})
     if kind == 'Runtime.exceptionThrown':
-        return json.dumps(told['exceptionDetails'])
-    if kind == 'Log.entryAdded' and told['entry']['level'] in ('error', 'warning'):
-        return f'{told["entry"]["text"]} {told["entry"].get("url", "")}'
-    if kind == 'Runtime.consoleAPICalled' and told['type'] in ('error', 'warning', 'assert'):
-        return json.dumps(told['args'])
+        return json.dumps(parameters['exceptionDetails'])
+    if kind == 'Log.entryAdded' and parameters['entry']['level'] in ('error', 'warning'):
+        return f'{parameters["entry"]["text"]} {parameters["entry"].get("url", "")}'
+    if kind == 'Runtime.consoleAPICalled' and parameters['type'] in ('error', 'warning', 'assert'):
+        return json.dumps(parameters['args'])
     return ''
 
 
 @pytest.fixture(scope='session')
-def _browser() -> Iterator[Browser]:
+def _shared_browser() -> Iterator[Browser]:
     if shutil.which('chromium') is None:
         pytest.skip('Chromium is not installed (apt install chromium)')
     pytest.importorskip('aiohttp', reason="the extra 'dashboard' is not installed")
-    from scripts.chromium import chromium, first_page
+    from scripts.chromium import first_page, run_chromium
 
     loop = asyncio.new_event_loop()
-    with chromium() as port:
+    with run_chromium() as port:
         opened = first_page(port)
         yield Browser(loop.run_until_complete(opened.__aenter__()), loop.run_until_complete)
         loop.run_until_complete(opened.__aexit__(None, None, None))
@@ -221,9 +221,9 @@ def _browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def browser(_browser: Browser) -> Iterator[Browser]:
-    """The browser, with a page of its own for the test, which nothing complained of."""
-    _browser.forget()
-    _browser.show_as(1280, 900)
-    yield _browser
-    _browser.open('about:blank')
+def browser(_shared_browser: Browser) -> Iterator[Browser]:
+    """Yield the browser, with a page for the test and no complaints."""
+    _shared_browser.forget()
+    _shared_browser.show_as(1280, 900)
+    yield _shared_browser
+    _shared_browser.open('about:blank')

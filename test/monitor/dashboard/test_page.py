@@ -33,7 +33,7 @@ STANDS = 'document.querySelector(".bearing .badge")?.dataset.reason'
 
 @pytest.fixture
 def page(dashboard: Any, browser: Any) -> Any:
-    """The page of a ship at 60 rpm and 1000 N, where nothing is wrong."""
+    """Yield the page of a ship at 60 rpm and 1000 N, without alarm or fault."""
     dashboard.sail(60.0, 1000.0)
     browser.open(dashboard.url)
     browser.until(f'{STANDS} === "normal"')
@@ -42,7 +42,7 @@ def page(dashboard: Any, browser: Any) -> Any:
 
 
 def point_on_map(page: Any) -> tuple[float, float]:
-    """Where the operating point is drawn, as parts of the map's width and height."""
+    """Return the drawn operating point, as parts of the map's width and height."""
     x, y, width, height, left, top = page.js(
         """(() => {
           const [p, f] = ['.point', '.frame'].map((s) => document.querySelector(`.map ${s}`));
@@ -112,7 +112,7 @@ def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
     assert 'acknowledged by Ada L.' in page.text(f'{ALARM} .state')
     page.until('document.getElementById("say").textContent.startsWith("acknowledge: ")')
     assert 'Ada L.' in page.text('#log tr')
-    (request,) = dashboard.ship.asked
+    (request,) = dashboard.ship.requests
     # One row is one matter: all that the bearing has is acknowledged.
     assert (request.by, request.bearing, request.kind) == ('Ada L.', 'aft_stern', None)
     # The button has gone with what it was for; whoever goes on with the keyboard is still there.
@@ -127,7 +127,7 @@ def test_acknowledging_without_a_mouse(dashboard: Any, page: Any) -> None:
     page.type('new oil')
     page.press('Enter')
     page.until(f'document.querySelector(`#aside-list {ALARM}`)')
-    assert (dashboard.ship.asked[-1].by, dashboard.ship.asked[-1].reason) == ('Ada L.', 'new oil')
+    assert (dashboard.ship.requests[-1].by, dashboard.ship.requests[-1].reason) == ('Ada L.', 'new oil')
     assert 'aft_stern/stick_slip: shelve by Ada L.: new oil' in page.text('#log')
     assert page.text('#aside summary') == '1 aside: 1 shelved'
     # The next alarm of the bearing takes its row; the shelved one is aside, and not all clear.
@@ -169,7 +169,7 @@ def test_an_input_that_is_back_says_when_its_alarm_clears(dashboard: Any, page: 
     page.until(f'document.querySelector(`{row} .state`).textContent.includes("cleared, not ackn")')
 
 
-def test_it_comes_back_after_the_server_restarts(dashboards: Callable[..., Any], browser: Any) -> None:
+def test_the_page_reconnects_after_the_server_restarts(dashboards: Callable[..., Any], browser: Any) -> None:
     first = dashboards()
     first.sail(60.0, 1000.0)
     browser.open(first.url)
@@ -184,14 +184,14 @@ def test_it_comes_back_after_the_server_restarts(dashboards: Callable[..., Any],
     browser.until('document.body.dataset.link === "live"')
     assert browser.js(f'document.querySelector(`{ALARM}`).dataset.state') == 'unacknowledged'
     # The browser itself notes that nobody was there; the page has nothing to complain of.
-    own = [text for text in browser.complaints if 'net::ERR_' not in text]
-    assert own == []
+    complaints = [text for text in browser.complaints if 'net::ERR_' not in text]
+    assert complaints == []
 
 
-def test_it_comes_back_after_it_was_turned_away(
+def test_the_page_reconnects_after_a_refusal(
     dashboard: Any, browser: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A browser by itself tries again after a broken connection, but not after a refusal."""
+    # A browser by itself tries again after a broken connection, but not after a refusal.
     dashboard.sail(60.0, 1000.0)
     with monkeypatch.context() as crowded:
         crowded.setattr('stickslip_monitor.dashboard.server.MAX_READERS', 0)
@@ -222,7 +222,7 @@ def is_listening(port: int) -> bool:
 
 @pytest.fixture
 def nginx(dashboards: Callable[..., Any], tmp_path: Path) -> Iterator[tuple[Any, str]]:
-    """A locked dashboard, and its address behind nginx as the docs have it."""
+    """Yield a locked dashboard, and its address behind nginx as the docs have it."""
     program = shutil.which('nginx') or pytest.skip('nginx is not installed')
     locked, port = dashboards(token=TOKEN), free_port()
     (block,) = re.findall('```nginx\n(.*?)```', (ROOT / 'docs/dashboard.md').read_text(), re.DOTALL)
@@ -250,9 +250,9 @@ def test_the_page_works_behind_nginx_below_a_path(nginx: tuple[Any, str], browse
     browser.type(TOKEN)
     browser.press('Enter')
     browser.until(f'{STANDS} === "stick_slip"')
-    asked = 'performance.getEntriesByType("resource").map((entry) => entry.name)'
-    browser.until(f'{asked}.some((name) => name.includes("history?"))')
-    assert all(name.startswith(root) for name in browser.js(asked))
+    resources = 'performance.getEntriesByType("resource").map((entry) => entry.name)'
+    browser.until(f'{resources}.some((name) => name.includes("history?"))')
+    assert all(name.startswith(root) for name in browser.js(resources))
     browser.js('document.getElementById("who").value = "Ada"')
     browser.js(f'document.querySelector(`{ALARM} [data-action=acknowledge]`).click()')
     browser.until(f'document.querySelector(`{ALARM}`).dataset.state === "acknowledged"')
@@ -260,7 +260,7 @@ def test_the_page_works_behind_nginx_below_a_path(nginx: tuple[Any, str], browse
 
 
 def newest_record(dashboard: Any, **changes: Any) -> dict[str, Any]:
-    """The newest record of the bearing as its monitor sends it."""
+    """Return the newest record of the bearing as its monitor sends it."""
     from stickslip_monitor.monitor.bearing_records import bearing_record
 
     (state,) = dashboard.ship.session.states([BEARING], dashboard.ship.now)
@@ -278,10 +278,10 @@ def test_hostile_texts_stay_text(dashboard: Any, page: Any) -> None:
         for causes in ship.session.annunciator.causes.values():
             causes.texts = dict.fromkeys(AlarmKind, HOSTILE)
         ship.tick()  # the alarms take over the texts of their causes
-        own = newest_record(dashboard)
-        inputs = {'speed': own['inputs']['speed'] | {'fault': HOSTILE}}
-        ship.shown.take_record(
-            own | {'text': HOSTILE, 'reason': HOSTILE, 'regime': HOSTILE, 'inputs': inputs}
+        record = newest_record(dashboard)
+        inputs = {'speed': record['inputs']['speed'] | {'fault': HOSTILE}}
+        ship.watched.take_record(
+            record | {'text': HOSTILE, 'reason': HOSTILE, 'regime': HOSTILE, 'inputs': inputs}
         )
         ship.act(ActionRequest(Action.ACKNOWLEDGE, HOSTILE))
         ship.act(ActionRequest(Action.REMOVE, HOSTILE))
@@ -360,7 +360,7 @@ def test_what_was_not_done_stays_until_it_is_seen(
 
 
 def test_no_alarm_is_not_said_before_it_is_known(dashboard: Any, browser: Any) -> None:
-    dashboard.do(lambda: setattr(dashboard.ship.shown, 'alarms', None))
+    dashboard.do(lambda: setattr(dashboard.ship.watched, 'alarms', None))
     dashboard.do(dashboard.ship.look)
     browser.open(dashboard.url)
     words = 'No list of alarms from /stickslip_monitor yet'
@@ -371,15 +371,15 @@ def test_no_alarm_is_not_said_before_it_is_known(dashboard: Any, browser: Any) -
 
 @pytest.mark.slow
 def test_eight_tabs_share_one_stream(dashboard: Any, page: Any) -> None:
-    """A browser opens six connections to a server: with a stream each, the seventh tab hangs."""
+    # A browser opens six connections to a server: with a stream each, the seventh tab hangs.
     tabs = [page.call('Target.createTarget', url=dashboard.url)['targetId'] for _ in range(7)]
     page.until('document.querySelector(".bearing")')
     try:
         dashboard.sail(20.0, 1000.0, 5.0)
 
         def titles() -> list[str]:
-            found = page.call('Target.getTargets')['targetInfos']
-            return [t['title'] for t in found if t['url'] == dashboard.url]
+            targets = page.call('Target.getTargets')['targetInfos']
+            return [t['title'] for t in targets if t['url'] == dashboard.url]
 
         def all_know() -> bool:
             return ['(1) ' in t for t in titles()] == [True] * 8
@@ -394,7 +394,7 @@ def test_eight_tabs_share_one_stream(dashboard: Any, page: Any) -> None:
             page.call('Target.closeTarget', targetId=tab)
 
 
-def test_the_log_is_saved_and_told_in_the_time_that_is_chosen(dashboard: Any, page: Any) -> None:
+def test_the_log_is_saved_and_shown_in_the_chosen_time_zone(dashboard: Any, page: Any) -> None:
     page.call('Emulation.setTimezoneOverride', timezoneId='Asia/Kolkata')
     dashboard.sail(20.0, 1000.0, 5.0)
     dashboard.do(
@@ -408,8 +408,8 @@ def test_the_log_is_saved_and_told_in_the_time_that_is_chosen(dashboard: Any, pa
     page.choose('local', 'local')
 
     def seconds(text: str) -> int:
-        hours, minutes, rest = (int(part) for part in text[-8:].split(':'))
-        return 3600 * hours + 60 * minutes + rest
+        hours, minutes, remainder = (int(part) for part in text[-8:].split(':'))
+        return 3600 * hours + 60 * minutes + remainder
 
     assert (seconds(page.js(first)) - seconds(utc)) % 86400 == 19800
     assert page.text('#zone') == 'Time (local)'
@@ -427,13 +427,13 @@ class Player:
     """Notes what is asked of a replay."""
 
     def __init__(self) -> None:
-        self.asked: list[Any] = []
+        self.requests: list[Any] = []
 
     def set_paused(self, paused: bool) -> None:
-        self.asked.append(paused)
+        self.requests.append(paused)
 
     def seek(self, seconds: float) -> None:
-        self.asked.append(seconds)
+        self.requests.append(seconds)
 
 
 def test_a_replay_is_led_with_the_keyboard(dashboards: Callable[..., Any], browser: Any) -> None:
@@ -452,39 +452,39 @@ def test_a_replay_is_led_with_the_keyboard(dashboards: Callable[..., Any], brows
             break
     assert browser.text('#hold') == 'Pause'
     browser.press(' ')
-    until(lambda: player.asked == [True], 'the pause')
+    until(lambda: player.requests == [True], 'the pause')
     dashboard.do(lambda: dashboard.board.show_place(place | {'paused': True}))
     browser.until('document.getElementById("hold").textContent === "Play"')
     browser.press(' ')
-    until(lambda: player.asked[1:] == [False], 'its end')
+    until(lambda: player.requests[1:] == [False], 'its end')
     browser.press('Tab', ' ')
-    until(lambda: player.asked[2:] == [False, 0.0], 'the start')
+    until(lambda: player.requests[2:] == [False, 0.0], 'the start')
     browser.press('Tab')
     assert browser.js(focused) == 'place'
     browser.press('ArrowLeft')
     # A key moves it by a two hundredth of the recording.
-    until(lambda: player.asked[4:] == [64.0], 'the place')
+    until(lambda: player.requests[4:] == [64.0], 'the place')
     browser.press('Home')
-    until(lambda: player.asked[5:] == [0.0], 'the beginning')
+    until(lambda: player.requests[5:] == [0.0], 'the beginning')
     assert browser.complaints == []
 
 
 def axe_complaints(browser: Any) -> Any:
-    """What axe-core finds wrong on the page as it stands."""
+    """Return the violations that axe-core finds on the page."""
     axe = importlib.util.find_spec('axe_core_python')
     if axe is None or axe.origin is None:
         pytest.skip("the extra 'test' is not installed")
     script = Path(axe.origin).with_name('axe.min.js').read_text('utf-8')
     browser.js(f'globalThis.axe ?? (() => {{ {script} }})(); 0')
-    found = 'v.id + ": " + v.nodes.map((n) => n.html + n.failureSummary).join(" | ")'
-    return browser.js(f'axe.run(document).then((r) => r.violations.map((v) => {found}))')
+    violation = 'v.id + ": " + v.nodes.map((n) => n.html + n.failureSummary).join(" | ")'
+    return browser.js(f'axe.run(document).then((r) => r.violations.map((v) => {violation}))')
 
 
 @pytest.mark.parametrize(
     'theme', ['day', *(pytest.param(name, marks=pytest.mark.slow) for name in ('dusk', 'night'))]
 )
 def test_axe_finds_nothing(dashboards: Callable[..., Any], browser: Any, theme: str) -> None:
-    """The rules of axe-core for WCAG 2.1 AA and good practice, view after view."""
+    """Check view after view by the rules of axe-core for WCAG 2.1 AA and good practice."""
     dashboard = dashboards(player=Player())
     browser.open(dashboard.url)
     browser.until('document.querySelector(".bearing")')
@@ -499,16 +499,16 @@ def test_axe_finds_nothing(dashboards: Callable[..., Any], browser: Any, theme: 
         ),
         'gone, and a fault of the node': lambda: (
             ship.sail(60.0, 1000.0, 40.0),
-            ship.shown.take_health(2, 'it is not well'),
+            ship.watched.take_health(2, 'it is not well'),
             ship.look(),
         ),
         'an input lost': lambda: ship.wait(30.0),
     }
     for view, happens in views.items():
         dashboard.do(happens)
-        shown = ship.shown.bearings['aft_stern'].record
-        if shown is not None:
-            reason = shown['reason']
+        record = ship.watched.bearings['aft_stern'].record
+        if record is not None:
+            reason = record['reason']
             browser.until(f'{STANDS} === "{reason}"')
         assert (view, axe_complaints(browser)) == (view, [])
     for dialog in ('ask', 'why'):
@@ -545,18 +545,18 @@ def test_axe_finds_nothing_in_a_report_by_day_and_night_on_a_desk_and_a_phone(
         browser.call('Page.setBypassCSP', enabled=False)
 
 
-def test_what_a_bearing_says_is_read(dashboard: Any, page: Any) -> None:
-    """Chances, what is held, faults of inputs and of the node, and what is measured."""
+def test_the_page_shows_all_parts_of_a_record(dashboard: Any, page: Any) -> None:
+    """Show probabilities, holding, faults of inputs and node, and the measured vibration."""
     dashboard.sail(43.0, 1000.0, 5.0)
-    own = newest_record(dashboard)
-    inputs = own['inputs'] | {
+    newest = newest_record(dashboard)
+    inputs = newest['inputs'] | {
         'speed': {'lost': True, 'age': 9.2, 'rate': None, 'fault': 'no publisher', 'counts': {}},
         'load': {'lost': False, 'age': 0.21, 'rate': 4.98, 'fault': '', 'counts': {'repeated': 3}},
         'level': {'lost': False, 'age': None, 'rate': None, 'fault': '', 'counts': {}},
     }
-    told = own | {
+    record = newest | {
         'reason': 'caution',
-        'held_until': own['time'] + 150 * 10**9,
+        'held_until': newest['time'] + 150 * 10**9,
         'inputs': inputs,
         'probability_can': 0.9,
         'probability_will': 0.25,
@@ -564,8 +564,8 @@ def test_what_a_bearing_says_is_read(dashboard: Any, page: Any) -> None:
         'measured': 'unknown',
         'unmeasured': 'the level is stuck',
     }
-    shown = dashboard.ship.shown
-    dashboard.do(lambda: (shown.take_health(2, 'no space left on device'), shown.take_record(told)))
+    watched = dashboard.ship.watched
+    dashboard.do(lambda: (watched.take_health(2, 'no space left on device'), watched.take_record(record)))
     page.until('document.querySelector(".badge.held")')
     assert page.text('.badge') == '! Margin low, held until 22:15:56'
     assert page.text('.chances') == 'stick-slip: can happen 90 %, starts by itself 25 %, runs 10 %'
@@ -577,7 +577,7 @@ def test_what_a_bearing_says_is_read(dashboard: Any, page: Any) -> None:
     assert load == 'load /bearing/aft_stern/load ✓ 5 Hz, 0.2 s ago refused: 3 repeated'
     assert level == 'level no valid value yet'
     # A journal of 0.1 m: n = 60 v / (pi d).
-    rpm = [60.0 * own[f'{name}_speed'] / (3.141592653589793 * 0.1) for name in ('fold', 'hopf')]
+    rpm = [60.0 * newest[f'{name}_speed'] / (3.141592653589793 * 0.1) for name in ('fold', 'hopf')]
     assert page.text('.boundaries') == f'fold {rpm[0]:.1f} rpm, Hopf {rpm[1]:.1f} rpm'
 
 
@@ -646,7 +646,7 @@ def click_page(page: Any) -> None:
 
 
 def test_sound_that_is_taken_away_says_so_and_comes_back_at_a_touch(dashboard: Any, page: Any) -> None:
-    """A context before any touch, a suspended one, one that no request brings back, one that stands still."""
+    """Try a sound before any touch, suspended, blocked for good, and with a clock that stands."""
     page.js(WATCHED_SOUND)
     dashboard.sail(20.0, 1000.0, 5.0)
     page.until(f'document.querySelector(`{ALARM}`)')
@@ -669,10 +669,10 @@ def test_sound_that_is_taken_away_says_so_and_comes_back_at_a_touch(dashboard: A
     # One that says that it runs, and whose clock stands.
     page.js('Object.defineProperty(made.at(-1), "currentTime", { value: 7 }), 1')
     page.until(f'{SOUND}.value === "mute"')
-    before = page.js('made.length')
+    context_count = page.js('made.length')
     click_page(page)
     page.until(f'{SOUND}.value === "on"')
-    assert page.js('made.length') > before
+    assert page.js('made.length') > context_count
     assert page.js('made.filter((each) => each.state === "running").length') == 1
     # Switched off, nothing is asked for any more.
     page.choose('sound', 'off')
@@ -686,31 +686,31 @@ def watched_beside(dashboard: Any, *bearings: dict[str, Any], rows: list[dict[st
     """Show more bearings, each as a change of the record of the first, and rows of alarms."""
     from stickslip_monitor.dashboard.seen_monitors import Watched
 
-    shown = dashboard.ship.shown
-    own = shown.bearings[BEARING]
+    watched = dashboard.ship.watched
+    first = watched.bearings[BEARING]
 
     def grow() -> None:
         for record in bearings:
-            made = shown.bearings[record['bearing']] = Watched(record['bearing'], own.view)
-            made.take(own.record | record, own.at)
-        shown.alarms = shown.alarms | {'alarms': [], 'rows': rows, 'unacknowledged': len(rows)}
+            added = watched.bearings[record['bearing']] = Watched(record['bearing'], first.view)
+            added.take(first.record | record, first.at)
+        watched.alarms = watched.alarms | {'alarms': [], 'rows': rows, 'unacknowledged': len(rows)}
 
     dashboard.do(grow)
 
 
 @pytest.fixture
 def fleet(dashboard: Any, browser: Any) -> Any:
-    """Twenty-five bearings on one shaft, whose speed is lost at 22; one is in stick-slip."""
+    """Return the page of 25 bearings on one shaft, whose speed is lost at 22; one is in stick-slip."""
     dashboard.sail(20.0, 1000.0, 5.0)
-    (alarm,) = [a for a in dashboard.ship.shown.alarms['alarms'] if a['alarm'] == 'stick_slip']
+    (alarm,) = [a for a in dashboard.ship.watched.alarms['alarms'] if a['alarm'] == 'stick_slip']
     lost = alarm | {'alarm': 'input_lost', 'priority': 'warning', 'state': 'unacknowledged'}
     lost |= {'actions': ['acknowledge'], 'kinds': []}
     rows = [alarm | {'state': 'acknowledged', 'priority': 'caution', 'kinds': []}]
     names = [f'b{k:02}' for k in range(24)]
     rows += [lost | {'bearing': n, 'text': f'{n}: no sample for {n[-1]} s'} for n in names[:22]]
     reasons = ['input_stale'] * 22 + ['normal'] * 2
-    told = ({'bearing': n, 'reason': r, 'fold_margin': 0.9} for n, r in zip(names, reasons, strict=True))
-    watched_beside(dashboard, *told, rows=rows)
+    records = ({'bearing': n, 'reason': r, 'fold_margin': 0.9} for n, r in zip(names, reasons, strict=True))
+    watched_beside(dashboard, *records, rows=rows)
     browser.show_as(1280, 800)
     browser.open(dashboard.url)
     browser.until('document.querySelectorAll("#rows tr").length === 25')
@@ -727,12 +727,12 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
     bottom = '(row) => row.getBoundingClientRect().bottom'
     assert max(fleet.js(f'[...document.querySelectorAll("#rows tr")].map({bottom})')) <= 800
     # Only the one that is looked at is drawn.
-    shown = (
+    drawn = (
         '[...document.querySelectorAll(".bearing")].filter((b) => !b.hidden).map((b) => b.dataset.bearing)'
     )
-    assert fleet.js(shown) == [BEARING]
+    assert fleet.js(drawn) == [BEARING]
     fleet.js('document.querySelector("#rows [data-name=b23]").click()')
-    assert fleet.js(shown) == ['b23']
+    assert fleet.js(drawn) == ['b23']
     fleet.js('document.getElementById("only").click()')
     assert len(fleet.js(names)) == 23
     fleet.js(
@@ -741,7 +741,7 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
     )
     assert fleet.js(names) == ['b20', 'b21']
     # The last word of one that is not heard was normal: it does not stay so in the table.
-    dashboard.do(lambda: setattr(dashboard.ship.shown.bearings['b23'], 'at', 0.0))
+    dashboard.do(lambda: setattr(dashboard.ship.watched.bearings['b23'], 'at', 0.0))
     row = 'document.querySelector("#rows tr").innerText.replace(/\\s+/g, " ")'
     fleet.until(f'{row}.startsWith("b23 ✕ no data")')
     assert fleet.js('document.title').startswith('✕ ')
@@ -757,13 +757,13 @@ def test_twenty_five_bearings_at_a_glance(dashboard: Any, fleet: Any) -> None:
 
 def test_bearings_of_one_shaft_are_one_row(dashboard: Any, browser: Any) -> None:
     dashboard.sail(20.0, 1000.0, 5.0)
-    (alarm,) = dashboard.ship.shown.alarms['rows']
-    told = [
+    (alarm,) = dashboard.ship.watched.alarms['rows']
+    records = [
         {'bearing': f'{side}/b{k:02}', 'text': f'Stick-slip predicted. Raise speed above {base + k} rpm.'}
         for side, base in (('port', 60), ('stbd', 30))
         for k in range(25)
     ]
-    watched_beside(dashboard, *told, rows=[alarm | own for own in told])
+    watched_beside(dashboard, *records, rows=[alarm | record for record in records])
     browser.open(dashboard.url)
     browser.until('document.querySelectorAll("#alarm-list > li").length === 2')
     texts = '[...document.querySelectorAll("#alarm-list .text")].map((e) => e.textContent)'
@@ -782,7 +782,7 @@ def test_bearings_of_one_shaft_are_one_row(dashboard: Any, browser: Any) -> None
 def test_on_a_phone_the_alarm_is_first_and_bearings_have_a_line_each(dashboard: Any, browser: Any) -> None:
     dashboard.sail(20.0, 1000.0, 5.0)
     names = ['fore_stern', 'intermediate', 'bulkhead']
-    rows = dashboard.ship.shown.alarms['rows']
+    rows = dashboard.ship.watched.alarms['rows']
     watched_beside(dashboard, *({'bearing': name, 'reason': 'normal'} for name in names), rows=rows)
     browser.show_as(390, 844, mobile=True)
     browser.open(dashboard.url)
@@ -790,10 +790,10 @@ def test_on_a_phone_the_alarm_is_first_and_bearings_have_a_line_each(dashboard: 
     browser.until(f'document.querySelector(`{ALARM}`)')
     # The alarm with all that can be done about it is on the first screen; what can be set is behind a button.
     assert browser.js(f'document.querySelector(`{ALARM} .buttons`).getBoundingClientRect().bottom') < 422
-    shown = '[...document.querySelectorAll("#tools label")].filter((e) => e.checkVisibility()).length'
-    assert browser.js(shown) == 0
+    visible = '[...document.querySelectorAll("#tools label")].filter((e) => e.checkVisibility()).length'
+    assert browser.js(visible) == 0
     browser.click('#menu')
-    assert browser.js(shown) == 4
+    assert browser.js(visible) == 4
     assert browser.js(f'{MENU}.ariaExpanded') == 'true'
     browser.click('#menu')
     full = '[...document.querySelectorAll("#bearings .bearing")].filter((e) => !e.hidden).length'
@@ -816,11 +816,13 @@ def test_on_a_phone_the_alarm_is_first_and_bearings_have_a_line_each(dashboard: 
 
 
 def test_one_lost_input_is_one_line_with_all_its_bearings(dashboard: Any, page: Any) -> None:
-    """A speed that four bearings read: the notes of the node, and an alarm for each."""
+    # The notes of the node, and an alarm for each of four bearings, all tell of one speed.
     names = [BEARING, 'fore_stern', 'intermediate', 'bulkhead']
     watched_beside(dashboard, *({'bearing': name} for name in names[1:]), rows=[])
     words = 'No messages on /shaft/speed.'
-    told = [{'node': '/m', 'time': 1_000, 'what': 'input', 'text': f'{name}: {words}'} for name in names]
+    node_notes = [
+        {'node': '/m', 'time': 1_000, 'what': 'input', 'text': f'{name}: {words}'} for name in names
+    ]
     lost = [
         {
             'node': '/m',
@@ -833,10 +835,10 @@ def test_one_lost_input_is_one_line_with_all_its_bearings(dashboard: Any, page: 
         | {'text': f'{name}: Input speed lost: no valid value on /shaft/speed for {5 + k} s. {words}'}
         for k, name in enumerate(names)
     ]
-    before = page.js('document.querySelectorAll("#log tr").length')
-    dashboard.do(lambda: dashboard.board.log.extend([*told, *lost]))
+    row_count = page.js('document.querySelectorAll("#log tr").length')
+    dashboard.do(lambda: dashboard.board.log.extend([*node_notes, *lost]))
     page.open(dashboard.url)
-    page.until(f'document.querySelectorAll("#log tr").length === {before + 1}')
+    page.until(f'document.querySelectorAll("#log tr").length === {row_count + 1}')
     row = page.text('#log tr')
     assert all(name in row for name in names)
     assert row.count('Input speed lost') == 1
@@ -851,7 +853,7 @@ def test_times_are_said_for_people(page: Any) -> None:
 def test_the_last_time_of_a_chart_is_whole(dashboard: Any, page: Any) -> None:
     """Half of a time, of eight letters of 12 px, fits between the end of the axis and the canvas."""
     page.until('document.querySelector(".charts .u-over")')
-    left = page.js(
+    margin = page.js(
         '(() => { const [over, plot] = [".charts .u-over", ".charts .uplot"]'
         '.map((s) => document.querySelector(s).getBoundingClientRect()); return plot.right - over.right; })()'
     )
@@ -860,16 +862,16 @@ def test_the_last_time_of_a_chart_is_whole(dashboard: Any, page: Any) -> None:
         ' pen.font = "12px system-ui, DejaVu Sans, sans-serif";'
         ' return pen.measureText("22:22:22").width / 2; })()'
     )
-    assert left >= half > 20.0
+    assert margin >= half > 20.0
 
 
 def test_paper_has_badges_and_no_buttons(dashboard: Any, page: Any) -> None:
     dashboard.sail(20.0, 1000.0, 5.0)
     page.until(f'document.querySelector(`{ALARM}`)')
     page.call('Emulation.setEmulatedMedia', media='print')
-    seen = '[...document.querySelectorAll("{}")].filter((e) => e.checkVisibility()).length'
-    assert page.js(seen.format('button, #tools')) == 0
-    assert page.js(seen.format('.badge, h2')) > 3
+    visible = '[...document.querySelectorAll("{}")].filter((e) => e.checkVisibility()).length'
+    assert page.js(visible.format('button, #tools')) == 0
+    assert page.js(visible.format('.badge, h2')) > 3
     exact = 'getComputedStyle(document.querySelector(".badge")).printColorAdjust'
     assert page.js(exact) == 'exact'
     page.call('Emulation.setEmulatedMedia', media='')

@@ -29,19 +29,19 @@ class Board(DashboardState):
     """Notes when what is shown."""
 
     def __init__(self, now: Callable[[], float]) -> None:
-        self.shown: list[tuple[float, int]] = []
+        self.shown_times: list[tuple[float, int]] = []
         self._now = now
         super().__init__([make_watched_monitor(load_config(CONFIG), 'bag', replay=True)], replay=True)
 
     def show_place(self, place: dict[str, Any]) -> None:
         bearing = self.bearings['aft_stern']
-        self.shown.append((self._now(), bearing.record['time'] * 10**6))
+        self.shown_times.append((self._now(), bearing.record['time'] * 10**6))
         super().show_place(place)
 
 
 @pytest.fixture
-def played(monkeypatch: pytest.MonkeyPatch) -> tuple[list[float], Board, replay.Replay]:
-    """A recording played a hundred times as fast, on a clock that runs as it is slept."""
+def hundredfold(monkeypatch: pytest.MonkeyPatch) -> tuple[list[float], Board, replay.Replay]:
+    """Return a recording played a hundred times as fast, on a clock that runs as it is slept."""
     now = [0.0]
     sleep = asyncio.sleep
 
@@ -55,19 +55,19 @@ def played(monkeypatch: pytest.MonkeyPatch) -> tuple[list[float], Board, replay.
     return now, board, replay.Replay(str(BAG), load_config(CONFIG), 100.0, board)
 
 
-def test_a_replay_takes_the_time_of_the_recording(played: Any) -> None:
-    now, board, player = played
+def test_a_replay_takes_the_time_of_the_recording(hundredfold: Any) -> None:
+    now, board, player = hundredfold
     asyncio.run(player.play())
     bag = check_recording(BAG, load_config(CONFIG)).bag
     assert now[0] == pytest.approx((bag.end_ns - bag.start_ns) * 1e-11, abs=0.2)
     # What is shown is never ahead of its time, nor more than one step behind.
-    for at, time_ns in board.shown[:-2]:
+    for at, time_ns in board.shown_times[:-2]:
         assert at == pytest.approx((time_ns - bag.start_ns) * 1e-11, abs=0.21)
 
 
-def test_a_replay_stands_still_goes_back_and_comes_to_the_same(played: Any) -> None:
+def test_a_replay_stands_still_goes_back_and_comes_to_the_same(hundredfold: Any) -> None:
     """Held, it stays where it is; sent back, it ends as one that was played through."""
-    now, board, player = played
+    now, board, player = hundredfold
 
     async def reach(condition: Callable[[], bool]) -> None:
         for _ in range(10_000):
@@ -106,7 +106,7 @@ def test_a_replay_stands_still_goes_back_and_comes_to_the_same(played: Any) -> N
 
 
 def test_a_log_of_columns_is_replayed_as_a_recording(tmp_path: Path) -> None:
-    """From 60 rpm to 20, where the reference bearing is in stick-slip below 30.7 rpm."""
+    # From 60 rpm to 20, where the reference bearing is in stick-slip below 30.7 rpm.
     rows = [f'{k},{60 - k},1000' for k in range(41)]
     (tmp_path / 'voyage.csv').write_text('\n'.join(['time [s],shaft speed [rpm],load [N]', *rows]))
     board = Board(lambda: 0.0)
@@ -119,13 +119,13 @@ def test_a_log_of_columns_is_replayed_as_a_recording(tmp_path: Path) -> None:
 
 
 def test_the_picture_says_what_the_program_says(capsys: pytest.CaptureFixture[str]) -> None:
-    """Where this fails, `python scripts/make_pictures.py` takes the picture again."""
+    """Compare the texts in the picture; `python scripts/make_pictures.py` takes it again."""
     image: Any = pytest.importorskip('PIL.Image')
     with image.open(ROOT / 'docs/images/dashboard.png') as picture:
-        shown = json.loads(picture.text['Description'])
+        pictured = json.loads(picture.text['Description'])
     main(['check', str(ROOT / 'bags/coast_down'), '-c', str(CONFIG), '--json'])
     (bearing,) = json.loads(capsys.readouterr().out)['bearings'].values()
-    told = [event['text'] for event in bearing['events']]
-    assert len(shown) == 3
-    for text in shown:
-        assert any(each.endswith(text) for each in told), (text, told)
+    texts = [event['text'] for event in bearing['events']]
+    assert len(pictured) == 3
+    for text in pictured:
+        assert any(event_text.endswith(text) for event_text in texts), (text, texts)

@@ -51,7 +51,7 @@ def board_of(now: list[float], *views: BearingView) -> DashboardState:
 
 
 def bearing_status(bearing: str = 'aft_stern', time_ns: int = 0, **changes: Any) -> dict[str, Any]:
-    """The record of a bearing."""
+    """Return the record of a bearing."""
     record = {'bearing': bearing, 'time': time_ns, 'text': 'fine', 'reason': 'normal'}
     inputs = {name: {'lost': False, 'counts': {'accepted': 1}} for name in ('speed', 'load')}
     return record | {'speed': 1.0, 'load': 1.0, 'inputs': inputs} | changes
@@ -67,11 +67,11 @@ def alarm_row(**changes: Any) -> dict[str, Any]:
     return texts | {'state': 'normal', 'by': '', 'text': ''} | changes
 
 
-def alarm_table(*own: dict[str, Any], **changes: Any) -> dict[str, Any]:
-    """A list of alarms."""
+def alarm_table(*alarms: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    """Return a list of alarms."""
     counts = {'time': 10**9, 'sounding': False, 'unacknowledged': 0, 'flood': {}, 'changes': []}
     counts |= {'rows': [], 'notes': []}
-    return {'schema': 'stickslip_monitor/alarm/1', **counts, 'alarms': list(own)} | changes
+    return {'schema': 'stickslip_monitor/alarm/1', **counts, 'alarms': list(alarms)} | changes
 
 
 def acknowledge_request(by: str = 'Ada', bearing: str | None = 'aft_stern') -> ActionRequest:
@@ -96,11 +96,13 @@ def test_what_is_no_number_has_no_value() -> None:
     assert speed == {'lost': False, 'age': None, 'rate': None, 'fault': ''}
 
 
-def test_what_no_browser_can_show_is_not_handed_on() -> None:
-    """Inputs that no bearing has, counts that no float holds, and dates after the last of JavaScript."""
+def test_values_that_no_browser_can_show_are_dropped() -> None:
+    """Drop inputs that no bearing has, counts beyond a float, and dates after the last of JavaScript."""
     last_ms = 8_640_000_000_000_000  # of ECMAScript, section 'Time Values and Time Range'
-    own = {'lost': False, 'counts': {'accepted': last_ms + 1, 'repeated': -1, 'no_value': last_ms}}
-    record = checked_record(bearing_status(inputs={'"] img': own, 'load': own}, held_until=10**40))
+    input_record = {'lost': False, 'counts': {'accepted': last_ms + 1, 'repeated': -1, 'no_value': last_ms}}
+    record = checked_record(
+        bearing_status(inputs={'"] img': input_record, 'load': input_record}, held_until=10**40)
+    )
     assert list(record['inputs']) == ['load']
     counts = record['inputs']['load']['counts']
     assert (counts['accepted'], counts['repeated'], counts['no_value']) == (0, 0, last_ms)
@@ -119,8 +121,8 @@ def test_memory_is_bounded(board: DashboardState) -> None:
     assert [row[1:3] for row in history['rows']] == [[float(k), 2.0] for k in range(rows, 2 * rows)]
     # A clock that steps back leaves nothing that lies ahead of it.
     take(bearing_status(time_ns=(2 * rows - 5) * 10**9, speed=7.0))
-    rest = board.history('aft_stern')
-    assert [row[1] for row in rest['rows'][-2:]] == [2.0 * rows - 6.0, 7.0]
+    remaining = board.history('aft_stern')
+    assert [row[1] for row in remaining['rows'][-2:]] == [2.0 * rows - 6.0, 7.0]
     assert board.history('fore') is None
     for k in range(MAX_ENTRIES + 2 * MAX_SHOWN):
         board.log.extend([alarm_change(k)])
@@ -158,7 +160,7 @@ def test_what_is_none_changes_nothing(board: DashboardState, document: Any) -> N
 
 
 def test_what_is_offered_is_what_does_something() -> None:
-    """Each offered action, done to a real alarm in that state, changes it; no other one does."""
+    """Apply each offered action to a real alarm in that state: it changes the alarm, and no other does."""
     config = load_config(CONFIG)
     for state in AlarmState:
         for action in OFFERED:
@@ -166,23 +168,23 @@ def test_what_is_offered_is_what_does_something() -> None:
             live = annunciator.alarms['aft_stern'][AlarmKind.STICK_SLIP]
             live.state, live.active = state, state is AlarmState.UNACKNOWLEDGED
             checked = checked_alarms(alarms_record(annunciator, [], 0, 1), ['aft_stern'])
-            (shown,) = [a for a in checked['alarms'] if a['alarm'] == 'stick_slip']
-            done = annunciator.act(action, 0, 'Ada', 'aft_stern', AlarmKind.STICK_SLIP)
+            (row,) = [a for a in checked['alarms'] if a['alarm'] == 'stick_slip']
+            changes = annunciator.act(action, 0, 'Ada', 'aft_stern', AlarmKind.STICK_SLIP)
             quiet = state in (AlarmState.NORMAL, AlarmState.SUPPRESSED) and action is Action.SHELVE
-            assert (action.value in shown['actions']) == (bool(done) and not quiet)
+            assert (action.value in row['actions']) == (bool(changes) and not quiet)
 
 
 def test_one_matter_is_one_row(board: DashboardState) -> None:
-    """A bearing has one row with its worst alarm; what can be done about any of it is offered."""
-    own = [
+    """Give a bearing one row with its worst alarm, and all actions on any of its alarms."""
+    alarms = [
         alarm_row(alarm='margin_low', priority='caution', state='acknowledged'),
         alarm_row(alarm='bistable', priority='warning', state='unacknowledged'),
         alarm_row(alarm='stick_slip', priority='alarm', state='unacknowledged', sounding=True),
         alarm_row(alarm='amplitude_limit', state='shelved'),
         alarm_row(alarm='vibration', state='normal'),
     ]
-    told = alarm_row(state='unacknowledged', text='now', came_back=4, came_back_since=5 * 10**6)
-    board.monitors[0].take_alarms(alarm_table(*own, rows=[told, alarm_row(bearing='fore')]))
+    worst = alarm_row(state='unacknowledged', text='now', came_back=4, came_back_since=5 * 10**6)
+    board.monitors[0].take_alarms(alarm_table(*alarms, rows=[worst, alarm_row(bearing='fore')]))
     (row,) = board.alarms['rows']
     assert row['actions'] == ['acknowledge', 'silence', 'shelve']
     assert (row['text'], row['came_back'], row['came_back_since']) == ('now', 4, 5)
@@ -251,7 +253,7 @@ def test_a_bearing_that_the_node_does_not_have_is_named(now: list[float]) -> Non
 
 
 def test_entries_of_two_nodes_are_in_order_of_time_and_those_of_one_in_their_own() -> None:
-    """One node is heard late; the clock of the other was set back by a minute, which changes nothing."""
+    # One node is received late; the clock of the other was set back by a minute, which changes nothing.
     log = EventLog()
     log.extend({'node': '/a', 'time': t, 'text': str(t)} for t in (10, 30, 50, 5, 70))
     log.extend({'node': '/b', 'time': t, 'text': str(t)} for t in (20, 40, None, 60))
@@ -302,10 +304,10 @@ def test_a_damaged_log_is_put_aside_and_both_log_and_page_say_so(
 
 
 def test_a_map_is_made_for_the_first_point_and_grows(now: list[float]) -> None:
-    made = []
+    calls = []
 
     def wider(speed: float, load: float) -> BearingView:
-        made.append((speed, load))
+        calls.append((speed, load))
         return replace(view, speeds=(0.0, speed), loads=(0.0, load))
 
     view = replace(VIEW, speeds=(0.0, 9.0), loads=(0.0, 9.0), wider=wider)
@@ -314,13 +316,13 @@ def test_a_map_is_made_for_the_first_point_and_grows(now: list[float]) -> None:
     for k, speed in enumerate((0.5, 50.0, 0.5, 0.5, -2.0, -3.0, -2.5, -2.0, -2.0)):
         board.monitors[0].take_record(bearing_status(time_ns=k * 10**9, speed=speed))
         board.tick()
-        assert len(made) == 1 + (k == 8)
-    assert made == [(pytest.approx(0.6), 1.5), (pytest.approx(2.4), 1.5)]
+        assert len(calls) == 1 + (k == 8)
+    assert calls == [(pytest.approx(0.6), 1.5), (pytest.approx(2.4), 1.5)]
     assert board.state()['bearings'][0]['speeds'] == (0.0, pytest.approx(2.4))
 
 
 def twin_bearings(now: list[float]) -> DashboardState:
-    """The same bearing in the namespaces of two nodes."""
+    """Return one bearing in the namespaces of two nodes."""
     return DashboardState(
         WatchedMonitor(f'/{side}/monitor', [VIEW], side, clock=lambda: now[0])
         for side in ('port', 'starboard')
@@ -330,8 +332,8 @@ def twin_bearings(now: list[float]) -> DashboardState:
 def test_twin_screws_are_two_things(now: list[float]) -> None:
     board = twin_bearings(now)
     port, starboard = board.monitors
-    asked: list[Any] = []
-    port.act, starboard.act = asked.append, lambda _: pytest.fail('the wrong ship side')
+    requests: list[Any] = []
+    port.act, starboard.act = requests.append, lambda _: pytest.fail('the wrong ship side')
     for monitor in board.monitors:
         send_records(monitor, text='aft_stern: fine')
     waiting = alarm_row(state='unacknowledged', active=True, text='aft_stern: bad')
@@ -348,7 +350,7 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
     assert [row['text'] for row in board.alarms['rows']] == ['port/aft_stern: bad']
     with pytest.raises(DashboardError, match='no answer from the monitor'):
         asyncio.run(board.ask(acknowledge_request(bearing='port/aft_stern'), 0.01))
-    assert asked == [acknowledge_request()]
+    assert requests == [acknowledge_request()]
     with pytest.raises(DashboardError, match='there is nothing to acknowledge'):
         asyncio.run(board.ask(acknowledge_request(bearing='starboard/aft_stern'), 0.01))
 
@@ -369,9 +371,9 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
 def test_a_map_of_other_parameters_is_told(
     now: list[float], fold: float | None, load: float | None, foreign: bool
 ) -> None:
-    """The page was started with another file than the node: its own curve leads through (0.3, 250)."""
+    # The page was started with another file than the node: its own curve leads through (0.3, 250).
     curves = {'speed': [0.2, 0.4, 0.6], 'fold': [100.0, 400.0, None]}
     board = board_of(now, replace(VIEW, curves=curves))
     board.monitors[0].take_record(bearing_status(fold_speed_kbm=fold, load=load))
-    told = ['aft_stern: the map is that of --config, and test has other parameters.']
-    assert board.monitor()['notices'] == told * foreign
+    notices = ['aft_stern: the map is that of --config, and test has other parameters.']
+    assert board.monitor()['notices'] == notices * foreign

@@ -41,7 +41,7 @@ def with_client(work: Callable[[Any], Awaitable[Any]]) -> Any:
 
 
 async def next_event(stream: Any, kind: str) -> dict[str, Any]:
-    """What the next event of a kind says."""
+    """Return the data of the next event of a kind."""
     fields: dict[str, str] = {}
     while True:
         line = (await stream.content.readline()).decode()
@@ -58,7 +58,7 @@ async def next_event(stream: Any, kind: str) -> dict[str, Any]:
 def post_action(
     dashboard: Any, document: Any = ACTION, path: str = 'act', **headers: str
 ) -> tuple[int, dict[str, Any]]:
-    """The answer to a request to do something."""
+    """Post an action; return status and answer."""
 
     async def work(session: Any) -> tuple[int, Any]:
         async with session.post(f'{dashboard.url}{path}', json=document, headers=headers) as answer:
@@ -82,16 +82,16 @@ def get_page(dashboard: Any, path: str = '', **headers: str) -> tuple[int, Any, 
 
 
 def test_fifty_readers_and_one_that_never_reads(dashboard: Any) -> None:
-    """All fifty hear the last of a great many events; nothing piles up for the one."""
+    """Send many events to fifty readers; nothing piles up for one that never reads."""
     deaf = socket.create_connection(('127.0.0.1', dashboard.port))
     deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     deaf.sendall(b'GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n')
     hub = dashboard.server.hub
     until(lambda: len(hub.readers) == 1, 'the one')
-    (one,) = hub.readers
+    (deaf_reader,) = hub.readers
     # More than the system takes on its behalf: from here on whatever comes must wait.
     for _ in range(20):
-        dashboard.do(lambda: one.put('', b':' + bytes(10**6)))
+        dashboard.do(lambda: deaf_reader.put('', b':' + bytes(10**6)))
 
     def storm() -> None:
         for k in range(20):
@@ -114,15 +114,17 @@ def test_fifty_readers_and_one_that_never_reads(dashboard: Any) -> None:
         for _ in range(10):
             await asyncio.to_thread(dashboard.do, storm)
         assert (
-            {'', 'status aft_stern'} <= set(one._waiting) <= {'', 'status aft_stern', 'monitor ', 'alarms '}
+            {'', 'status aft_stern'}
+            <= set(deaf_reader._waiting)
+            <= {'', 'status aft_stern', 'monitor ', 'alarms '}
         )
         await asyncio.to_thread(dashboard.sail, 70.0, 500.0)
         return await asyncio.gather(*tasks)
 
-    heard = with_client(work)
-    assert heard == pytest.approx([70.0] * 50, rel=1e-8)
+    speeds = with_client(work)
+    assert speeds == pytest.approx([70.0] * 50, rel=1e-8)
     # One that takes nothing for long is let go.
-    until(lambda: one not in hub.readers, 'the end of the one')
+    until(lambda: deaf_reader not in hub.readers, 'the end of the one')
     deaf.close()
     until(lambda: not hub.readers, 'the end of all')
 
@@ -152,28 +154,28 @@ def test_more_readers_than_there_is_room_for(dashboard: Any, monkeypatch: pytest
 
 
 def idle_connection(port: int, start: bytes = b'') -> socket.socket:
-    made = socket.create_connection(('127.0.0.1', port), timeout=10.0)
-    made.sendall(start)
-    return made
+    connection = socket.create_connection(('127.0.0.1', port), timeout=10.0)
+    connection.sendall(start)
+    return connection
 
 
-def is_closed_by_peer(made: socket.socket) -> bool:
-    """Whether the other end closes a connection, in the time it waits."""
+def is_closed_by_peer(connection: socket.socket) -> bool:
+    """Return whether the other end closes a connection, in the time it waits."""
     try:
-        return made.recv(1) == b''
+        return connection.recv(1) == b''
     except ConnectionError:
         return True
 
 
 @pytest.mark.parametrize('start', [b'', b'GET / HTTP/1.1\r\nHost: loc'])
 def test_a_connection_that_asks_for_nothing_is_closed(dashboards: Any, start: bytes) -> None:
-    made = idle_connection(dashboards(MAX_IDLE=0.2).port, start)
-    assert is_closed_by_peer(made)
-    made.close()
+    connection = idle_connection(dashboards(MAX_IDLE=0.2).port, start)
+    assert is_closed_by_peer(connection)
+    connection.close()
 
 
 def test_idle_connections_lock_nobody_out(dashboards: Any, caplog: Any) -> None:
-    """Thirty times as many as there is room for: the page still opens, and a stream goes on."""
+    """Open thirty times as many connections as there is room for: the page still opens."""
     crowded = dashboards(MAX_CONNECTIONS=10)
     crowded.sail(60.0, 1000.0)
 
@@ -185,8 +187,8 @@ def test_idle_connections_lock_nobody_out(dashboards: Any, caplog: Any) -> None:
             async with session.get(crowded.url) as answer:
                 code = int(answer.status)
             assert await asyncio.to_thread(is_closed_by_peer, idle[0])
-            for each in idle:
-                each.close()
+            for connection in idle:
+                connection.close()
             return code
 
     assert with_client(work) == 200
@@ -197,9 +199,9 @@ def test_idle_connections_lock_nobody_out(dashboards: Any, caplog: Any) -> None:
     'start', [b'\x16\x03\x01\x00\xa5\r\n\r\n', b'GET / HTTP/9.9\r\n\r\n', b'GET / HTTP/1.1\r\nA : b\r\n\r\n']
 )
 def test_a_port_scan_leaves_no_traceback(dashboard: Any, caplog: Any, start: bytes) -> None:
-    made = idle_connection(dashboard.port, start)
-    assert made.recv(1000).startswith(b'HTTP/1.0 400')
-    made.close()
+    connection = idle_connection(dashboard.port, start)
+    assert connection.recv(1000).startswith(b'HTTP/1.0 400')
+    connection.close()
     assert caplog.text == ''
 
 
@@ -242,7 +244,7 @@ def test_a_request_that_is_none_is_refused(dashboard: Any) -> None:
     for change, words in NO_REQUESTS:
         code, answer = post_action(dashboard, ACTION | change)
         assert (code, answer['ok'], words in answer['text']) == (400, False, True), answer
-    assert dashboard.ship.asked == []
+    assert dashboard.ship.requests == []
 
 
 def test_what_is_no_course_of_a_replay(dashboards: Any) -> None:
@@ -270,7 +272,7 @@ def test_what_the_monitor_does_not_answer_is_not_said_to_be_done(
     def refuse(_: Any) -> None:
         raise RosError('the monitor is not there')
 
-    monkeypatch.setattr(dashboard.ship.shown, 'act', refuse)
+    monkeypatch.setattr(dashboard.ship.watched, 'act', refuse)
     assert post_action(dashboard) == (503, {'ok': False, 'text': 'the monitor is not there'})
 
 
@@ -289,7 +291,7 @@ def test_nothing_can_be_changed_but_alarms(dashboard: Any) -> None:
 
 def test_another_page_cannot_act(dashboard: Any) -> None:
     dashboard.sail(20.0, 1000.0, 5.0)
-    here = dashboard.url.rstrip('/')
+    origin = dashboard.url.rstrip('/')
     assert post_action(dashboard, Origin='http://evil.test')[0] == 403
     assert post_action(dashboard, Origin='null')[0] == 403
     assert post_action(dashboard, Origin='http://127.0.0.1:1')[0] == 403
@@ -297,8 +299,8 @@ def test_another_page_cannot_act(dashboard: Any) -> None:
     # What a form of another page can send without asking is no JSON.
     assert post_action(dashboard, **{'Content-Type': 'text/plain'})[0] == 415
     assert post_action(dashboard, ACTION | {'by': 'x' * 10_000})[0] == 413
-    assert dashboard.ship.asked == []
-    assert post_action(dashboard, Origin=here, **{'Sec-Fetch-Site': 'same-origin'})[0] == 200
+    assert dashboard.ship.requests == []
+    assert post_action(dashboard, Origin=origin, **{'Sec-Fetch-Site': 'same-origin'})[0] == 200
     # Behind a proxy with a name of its own only the browser can vouch for the page.
     proxied = {'Origin': 'https://ship.example', 'Sec-Fetch-Site': 'same-origin'}
     assert post_action(dashboard, **proxied)[0] == 409  # admitted: it is acknowledged already
@@ -306,26 +308,26 @@ def test_another_page_cannot_act(dashboard: Any) -> None:
 
 
 def test_a_name_that_is_not_ours_is_refused(dashboard: Any) -> None:
-    """A name that somebody points at this machine (DNS rebinding) opens nothing."""
+    """Refuse a name that somebody points at this machine (DNS rebinding)."""
     ours = ('ship.test', 'SHIP.test:8370', 'localhost', '[::1]:8370', '10.1.2.3')
-    others = ('evil.test', '127.0.0.1.evil.test', 'localhost.evil.test:8370', '', '[')
+    foreign = ('evil.test', '127.0.0.1.evil.test', 'localhost.evil.test:8370', '', '[')
     for path in ('', 'metrics'):
         assert [get_page(dashboard, path, Host=host)[0] for host in ours] == [200] * len(ours)
-        assert [get_page(dashboard, path, Host=host)[0] for host in others] == [421] * len(others)
+        assert [get_page(dashboard, path, Host=host)[0] for host in foreign] == [421] * len(foreign)
 
 
 def test_two_pages_of_one_host_have_two_sessions(dashboards: Any) -> None:
-    """A browser sends the cookies of all ports of a host to each of them."""
-    one, other = dashboards(token=TOKEN), dashboards(token=f'another {TOKEN}')
+    # A browser sends the cookies of all ports of a host to each of them.
+    first, second = dashboards(token=TOKEN), dashboards(token=f'another {TOKEN}')
 
     async def work(session: Any) -> None:
-        for page, token in ((one, TOKEN), (other, f'another {TOKEN}')):
+        for page, token in ((first, TOKEN), (second, f'another {TOKEN}')):
             await session.post(f'{page.url}login', data={'token': token})
-        for page in (one, other):
+        for page in (first, second):
             assert (await session.get(f'{page.url}metrics')).status == 200
-        assert (await session.post(f'{other.url}logout')).status == 204
-        assert (await session.get(f'{one.url}metrics')).status == 200
-        assert (await session.get(f'{other.url}metrics')).status == 401
+        assert (await session.post(f'{second.url}logout')).status == 204
+        assert (await session.get(f'{first.url}metrics')).status == 200
+        assert (await session.get(f'{second.url}metrics')).status == 401
 
     with_client(work)
 
@@ -346,7 +348,7 @@ def test_without_the_token_nothing_of_the_ship_is_seen(dashboards: Any) -> None:
     assert get_page(locked, 'metrics', Authorization=f'Basic {TOKEN}')[0] == 401
     # Not in an address either: those end up in logs.
     assert get_page(locked, f'metrics?token={TOKEN}')[0] == 401
-    assert locked.ship.asked == []
+    assert locked.ship.requests == []
     assert get_page(locked, 'metrics', Authorization=f'Bearer {TOKEN}')[0] == 200
     assert post_action(locked, Authorization=f'Bearer {TOKEN}')[0] == 200
 

@@ -75,7 +75,7 @@ def test_an_inline_picture_is_well_formed_and_refers_to_nothing_outside(drawings
 
 
 def test_a_band_too_narrow_for_its_name_has_it_upright() -> None:
-    """A colour alone would tell nothing to whoever sees none."""
+    # A colour alone would tell nothing to whoever sees none.
     axes = new_figure().add_axes((0.0, 0.0, 1.0, 1.0))  # 900 pixels wide
     axes.set_xlim(0.0, 900.0)
     spans = [(0.0, 400.0, Regime.STABLE), (400.0, 430.0, Regime.BISTABLE), (430.0, 435.0, Regime.UNSTABLE)]

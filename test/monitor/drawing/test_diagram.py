@@ -79,7 +79,7 @@ def test_threshold_amplitude_solves_its_closed_form(reference: Diagram) -> None:
 
 @pytest.mark.slow
 def test_a_measured_table_has_all_its_branches() -> None:
-    """Each is one unbroken curve of stationary cycles between Hopf, fold and the range's ends."""
+    # Each is one unbroken curve of stationary cycles between Hopf, fold and the range's ends.
     bearing = bearing_of(TABLE)
     table = diagram_of(bearing)
     grid = np.linspace(0.0101, 0.3399, 4000)
@@ -129,7 +129,7 @@ def test_without_an_averaged_cycle_there_are_no_branches(bearing: Bearing, regim
 
 
 def test_a_branch_between_two_speeds_of_the_diagram_is_found() -> None:
-    """A Hopf with a fold 0.003 rpm above it: between them there are two small cycles."""
+    """Draw a Hopf with a fold 0.003 rpm above it, with two small cycles between them."""
     table = Tabulated([0.1324560, 0.2096268, 0.2281960, 0.4458427], [0.24518, 0.12219, 0.05504, 0.05496])
     bearing, load = bearing_of(table, damping=62.65981), 337.7896
     diagram = bifurcation_diagram(bearing, load, (0.1, 0.2), 3)

@@ -166,14 +166,14 @@ def legend_texts(legend: Any) -> list[str]:
 
 
 def test_the_map_names_regions_and_lines_of_one_amplitude(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn, contour = [], Axes.contour
+    contours, contour = [], Axes.contour
 
-    def kept(*args: Any, **look: Any) -> Any:
-        drawn.append(contour(*args, **look))
-        return drawn[-1]
+    def record_contour(*args: Any, **look: Any) -> Any:
+        contours.append(contour(*args, **look))
+        return contours[-1]
 
     # Before matplotlib 3.8 the axes do not know the lines of a level as such.
-    monkeypatch.setattr(Axes, 'contour', kept)
+    monkeypatch.setattr(Axes, 'contour', record_contour)
     figure = draw_map(BEARING)
     assert legend_texts(figure.legends[0]) == [
         'stable',
@@ -187,7 +187,7 @@ def test_the_map_names_regions_and_lines_of_one_amplitude(monkeypatch: pytest.Mo
     ]
     axes = figure.axes[0]
     assert len([text for text in axes.texts if text.get_text().endswith(' mm')]) >= 3
-    (lines,) = drawn
+    (lines,) = contours
     checked = 0
     for level, parts in zip(lines.levels, lines.allsegs, strict=True):
         for x, y in np.concatenate([np.empty((0, 2)), *parts])[::9]:
@@ -230,8 +230,8 @@ def test_the_hopf_line_goes_as_far_as_its_region() -> None:
     assert np.isfinite(line.get_ydata()).all()
     (region,) = [artist for artist in axes.collections if artist.get_label() == 'unstable']
     corners = {(round(x, 6), round(y, 6)) for x, y in region.get_paths()[0].vertices}
-    drawn = {(round(x, 6), round(y, 6)) for x, y in zip(*line.get_data(), strict=True)}
-    assert drawn <= corners
+    line_points = {(round(x, 6), round(y, 6)) for x, y in zip(*line.get_data(), strict=True)}
+    assert line_points <= corners
 
 
 @pytest.mark.parametrize('points', [0, 1])

@@ -33,7 +33,7 @@ def draw_course(
     step: int = 10**9,
     config: MonitorConfig = CONFIG,
 ) -> Timeline:
-    """The course of shaft speeds [rpm] at 1000 N, one sample a step [ns]."""
+    """Draw the course of shaft speeds [rpm] at 1000 N, one sample a step [ns]."""
     stream = points(speeds, 1000.0, step / SECOND, start)
     end = start + len(speeds) * step
     scan = Monitor(config).scan({'aft_stern': stream}, start, end)['aft_stern']
@@ -146,7 +146,7 @@ def test_a_narrow_picture_has_fewer_times_below_it() -> None:
 def test_of_very_many_events_only_the_alarms_are_marked() -> None:
     changes = [(Condition.NORMAL, Condition.CAUTION), (Condition.CAUTION, Condition.NORMAL)] * 60
     changes[50] = (Condition.NORMAL, Condition.STICK_SLIP)
-    events = [change(START + i * 10**9, before, after) for i, (before, after) in enumerate(changes)]
+    events = [change(START + i * 10**9, old, new) for i, (old, new) in enumerate(changes)]
     assert [number for number, _ in marked_events(events)] == [51]
     assert [number for number, _ in marked_events(events[:30])] == list(range(1, 31))
 

@@ -12,7 +12,7 @@ import pytest
 
 @pytest.fixture
 def server(loop: asyncio.AbstractEventLoop) -> Iterator[Any]:
-    """A server at work."""
+    """Yield a server at work."""
     pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
     from benchmarks.signalk_servers import SmallServer
 

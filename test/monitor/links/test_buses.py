@@ -82,9 +82,9 @@ def test_the_example_and_the_docs_are_configurations(files: Files) -> None:
 
 def test_beside_a_node_topics_are_the_nodes_and_inputs_may_come_from_elsewhere(files: Files) -> None:
     links = {key: value for key, value in SIGNALK.items() if key != 'aft.load'}
-    config, made = load_watch(files.write(links, **TOPICS), '/stickslip_monitor')
+    config, links_config = load_watch(files.write(links, **TOPICS), '/stickslip_monitor')
     assert config.bearings[0].speed.topic == '/s'
-    assert list(made.labels) == [('aft', Input.SPEED)]
+    assert list(links_config.labels) == [('aft', Input.SPEED)]
 
 
 WATERED = {'friction': BEARING['friction'] | {'at_temperature': 15.0}, 'water_temperature': {'unit': 'K'}}
@@ -103,8 +103,8 @@ def test_the_temperature_of_the_water_comes_over_signal_k(files: Files) -> None:
     ((_, place, number, stamp_ns),) = inputs.take({'context': 'vessels.a', 'updates': [update]}, 0.0)
     session = LiveMonitor(config, Sink(), NoLog())
     session.begin()
-    for own, value in ((Input.LOAD, 1e3), (place, number), (Input.SPEED, 2.0)):
-        session.take('aft', own, value)
+    for input_place, value in ((Input.LOAD, 1e3), (place, number), (Input.SPEED, 2.0)):
+        session.take('aft', input_place, value)
     bearing = session._session.monitor.bearings['aft']
     assert stamp_ns is not None
     assert 'water at 5 C, ' in bearing.text()

@@ -33,15 +33,15 @@ from stickslip_monitor.offline.check import check_recording
 SPEED, LOAD = Signal(False, 0), Signal(True, 0)
 
 
-def voyage(rename_at: float = 60.0, both: float = 0.0) -> list[Sample]:
-    """Quiet at 136 rpm, from 60 s on stick-slip at 20 rpm; a spare sender takes over the speed."""
-    found = []
+def make_voyage(rename_at: float = 60.0, overlap: float = 0.0) -> list[Sample]:
+    """Return 60 s at 136 rpm, then stick-slip at 20 rpm, while a spare sender takes over the speed."""
+    samples = []
     for k in range(240):
         t, value = 0.5 * k, 136.0 if k < 120 else 20.0
-        found += [Sample(t, 'II', SPEED, value)] * (t < rename_at)
-        found += [Sample(t, 'ER', SPEED, value + 0.5)] * (t >= rename_at - both)
-        found.append(Sample(t, 'II', LOAD, 1000.0 + k % 7))
-    return found
+        samples += [Sample(t, 'II', SPEED, value)] * (t < rename_at)
+        samples += [Sample(t, 'ER', SPEED, value + 0.5)] * (t >= rename_at - overlap)
+        samples.append(Sample(t, 'II', LOAD, 1000.0 + k % 7))
+    return samples
 
 
 def rough_nmea_lines(seed: int, samples: list[Sample]) -> Iterator[tuple[float, str]]:
@@ -109,13 +109,15 @@ def ship_file(folder: Path, bus: str, *, has_columns: bool = True, **changes: ob
     return path
 
 
-def compare(folder: Path, bus: str, lines: Lines, **changes: object) -> tuple[list[Event], str, str]:
-    """Check that both find the same; return the events, and what each says of the sources."""
-    found, report, said = differences(folder, ship_file(folder, bus, **changes), bus, lines)
-    assert found == []
+def check_equal_events(
+    folder: Path, bus: str, lines: Lines, **changes: object
+) -> tuple[list[Event], str, str]:
+    """Check that both have the same events; return these, and the warnings of each about sources."""
+    differing, report, live = differences(folder, ship_file(folder, bus, **changes), bus, lines)
+    assert differing == []
     (bearing,) = report.bearings.values()
     offline = [text for text in report.bag.warnings if ': source ' in text]
-    return bearing.events, ' | '.join(offline), ' | '.join(said)
+    return bearing.events, ' | '.join(offline), ' | '.join(live)
 
 
 def words_of(events: list[Event]) -> list[str]:
@@ -123,9 +125,11 @@ def words_of(events: list[Event]) -> list[str]:
 
 
 @pytest.mark.parametrize('bus', ['nmea', 'signalk'])
-@pytest.mark.parametrize('make', [voyage, lambda: voyage(30.0), lambda: voyage(80.0, both=40.0)])
+@pytest.mark.parametrize(
+    'make', [make_voyage, lambda: make_voyage(30.0), lambda: make_voyage(80.0, overlap=40.0)]
+)
 def test_a_spare_sender_takes_over(bus: str, make: Callable[[], list[Sample]], tmp_path: Path) -> None:
-    events, offline, live = compare(tmp_path, bus, lines_of(bus, make()))
+    events, offline, live = check_equal_events(tmp_path, bus, lines_of(bus, make()))
     assert 'STICK_SLIP' in words_of(events)
     assert "source 'ER' is used; 'II' has sent no number for " in offline
     assert "source 'ER' is used; 'II' has sent no number for " in live
@@ -134,7 +138,7 @@ def test_a_spare_sender_takes_over(bus: str, make: Callable[[], list[Sample]], t
 @pytest.mark.parametrize('bus', ['nmea', 'signalk'])
 def test_a_sender_whose_values_stand_is_given_up_later(bus: str, tmp_path: Path) -> None:
     """Half of the hold, where that is longer than the time-out: 30 s behind its last value."""
-    _, offline, _ = compare(tmp_path, bus, lines_of(bus, voyage()), speed__hold=60.0)
+    _, offline, _ = check_equal_events(tmp_path, bus, lines_of(bus, make_voyage()), speed__hold=60.0)
     assert "source 'ER' is used; 'II' has sent no number for 30.5 s" in offline
 
 
@@ -147,10 +151,10 @@ def test_bearings_of_one_shaft_have_a_sender_each_by_their_time_outs(tmp_path: P
     links |= {f'mid.{quantity}': links[f'aft.{quantity}'] for quantity in ('speed', 'load')}
     path.write_text(json.dumps(document))
     lines = lines_of(
-        'nmea', [sample for sample in voyage(80.0) if sample.source == 'II' or sample.time > 85.0]
+        'nmea', [sample for sample in make_voyage(80.0) if sample.source == 'II' or sample.time > 85.0]
     )
-    found, report, _ = differences(tmp_path, path, 'nmea', lines)
-    assert found == []
+    differing, report, _ = differences(tmp_path, path, 'nmea', lines)
+    assert differing == []
     lost = ['INPUT_STALE' in words_of(report.bearings[name].events) for name in ('aft', 'mid')]
     assert lost == [True, False]
 
@@ -175,9 +179,9 @@ def in_other_units(lines: Lines, since: float) -> Iterator[tuple[float, str]]:
 
 @pytest.mark.parametrize('since', [0.0, 30.0, 90.0])
 def test_units_of_meta_data_are_converted(since: float, tmp_path: Path) -> None:
-    lines = lines_of('signalk', voyage())
-    events, _, _ = compare(tmp_path, 'signalk', lines)
-    converted, _, live = compare(tmp_path, 'signalk', list(in_other_units(lines, since)))
+    lines = lines_of('signalk', make_voyage())
+    events, _, _ = check_equal_events(tmp_path, 'signalk', lines)
+    converted, _, live = check_equal_events(tmp_path, 'signalk', list(in_other_units(lines, since)))
     assert [(e.after, e.time_ns) for e in converted] == [(e.after, e.time_ns) for e in events]
     assert "its unit is 'kN', converted to N" in live
 
@@ -201,31 +205,31 @@ def test_random_ships(bus: str, seed: int, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_rough_random_voyages(bus: str, seed: int, tmp_path: Path) -> None:
     rough = rough_nmea_lines if bus == 'nmea' else rough_signalk_lines
-    compare(tmp_path, bus, list(rough(seed, random_voyage(random.Random(seed), (SPEED, LOAD)))))
+    check_equal_events(tmp_path, bus, list(rough(seed, random_voyage(random.Random(seed), (SPEED, LOAD)))))
 
 
 @pytest.mark.parametrize('every', [3.0, 8.0])
 def test_a_slow_bus_is_lost_as_live(every: float, tmp_path: Path) -> None:
-    """A value each 8 s is older than 5 s, on board and in the log."""
+    # A value each 8 s is older than 5 s, on board and in the log.
     samples = [
         Sample(every * k, 'II', signal, 900.0 if signal.is_load else 136.0)
         for k in range(30)
         for signal in (SPEED, LOAD)
     ]
-    events, _, _ = compare(tmp_path, 'nmea', lines_of('nmea', samples))
+    events, _, _ = check_equal_events(tmp_path, 'nmea', lines_of('nmea', samples))
     assert ('INPUT_STALE' in words_of(events)) == (every > 5.0)
 
 
 def test_a_bus_goes_on_where_its_speed_and_load_end(tmp_path: Path) -> None:
-    lines = [*lines_of('nmea', [sample for sample in voyage() if sample.time < 50.0])]
+    lines = [*lines_of('nmea', [sample for sample in make_voyage() if sample.time < 50.0])]
     lines += [sentence_line(t, 'GPGGA,1,2,3') for t in range(50, 100)]
-    events, _, _ = compare(tmp_path, 'nmea', lines)
+    events, _, _ = check_equal_events(tmp_path, 'nmea', lines)
     assert words_of(events) == ['INPUT_STALE']
 
 
 @pytest.mark.parametrize('bus', ['nmea', 'signalk'])
 def test_the_other_sender_is_no_second_column(bus: str, tmp_path: Path) -> None:
-    (tmp_path / 'a.log').write_text(''.join(line for _, line in lines_of(bus, voyage())), newline='')
+    (tmp_path / 'a.log').write_text(''.join(line for _, line in lines_of(bus, make_voyage())), newline='')
     config = load_config(ship_file(tmp_path, bus, has_columns=False))
     (bearing,) = check_recording(tmp_path / 'a.log', config).bearings.values()
     assert 'STICK_SLIP' in words_of(bearing.events)

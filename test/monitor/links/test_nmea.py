@@ -70,11 +70,11 @@ RPM = '$RCRPM,S,1,74.6,30.0,A'  # its checksum is 56
         ('IIXDR', []),
     ],
 )
-def test_what_a_sentence_brings(body: str, expected: list[float]) -> None:
+def test_numbers_of_a_sentence(body: str, expected: list[float]) -> None:
     for line in (format_sentence(body), f'UdPbC\0\\s:RC0001,n:12*39\\{format_sentence(body)}\r\n'):
-        found = list(samples([SPEED, LOAD], line))
-        assert [value for *_, value in found] == pytest.approx(expected, nan_ok=True)
-        assert {item[:2] for item in found} <= {('aft', 0), ('aft', 1)}
+        samples_of_line = list(samples([SPEED, LOAD], line))
+        assert [value for *_, value in samples_of_line] == pytest.approx(expected, nan_ok=True)
+        assert {item[:2] for item in samples_of_line} <= {('aft', 0), ('aft', 1)}
 
 
 def test_a_talker_is_chosen() -> None:
@@ -97,15 +97,15 @@ TWO = (
 @pytest.mark.parametrize('cut', range(1, len(TWO)))
 def test_a_sentence_cut_anywhere_is_whole_again(cut: int) -> None:
     stream = SentenceStream()
-    found = stream.take(TWO[:cut]) + stream.take(TWO[cut:])
-    assert found == TWO.decode().split()
+    sentences = stream.take(TWO[:cut]) + stream.take(TWO[cut:])
+    assert sentences == TWO.decode().split()
     assert stream.unused.total() == 0
 
 
 @pytest.mark.parametrize('end', [b'\r', b'\n', b'', b'\0', b' noise '])
 def test_sentences_with_any_end_or_none(end: bytes) -> None:
-    one, other = TWO.split()
-    assert SentenceStream().take(one + end + other + end) == TWO.decode().split()
+    rpm_sentence, load_sentence = TWO.split()
+    assert SentenceStream().take(rpm_sentence + end + load_sentence + end) == TWO.decode().split()
 
 
 def test_what_is_not_used_is_counted() -> None:
@@ -125,33 +125,33 @@ def test_what_is_not_used_is_counted() -> None:
 
 
 def test_a_silent_input_is_logged_with_what_was_received_instead() -> None:
-    said: list[str] = []
-    inputs = NmeaInputs([SPEED, LOAD], said.append)
+    lines: list[str] = []
+    inputs = NmeaInputs([SPEED, LOAD], lines.append)
     inputs.log_silent(0.0, {})
     for body in ('RCRPM,E,1,700,,A', 'RCRPM,E,1,700,,A', 'IIXDR,N,1.2,K,AFTLOAD', 'RCRPM,S,1,74.6,30.0,V'):
         assert not [value for *_, value in inputs.take(format_sentence(body), 1.0) if value == value]
     inputs.log_silent(4.9, {})
-    assert said == []
+    assert lines == []
     for _ in range(2):
         inputs.log_silent(5.0, {'bad checksum': 16})
-    assert said == [
+    assert lines == [
         'NMEA RPM S 1: no valid number for 5 s; received instead: bad checksum (16), RPM,E,1 (2),'
         ' invalid by its talker (1)',
         'NMEA XDR AFTLOAD: no valid number for 5 s; received instead: bad checksum (16),'
         ' XDR AFTLOAD as type N in K, and only type N in N is used (1)',
     ]
     assert list(inputs.take(format_sentence('RCRPM,S,1,74.6,30.0,A'), 6.0))
-    assert said[2:] == ['NMEA RPM S 1: values again']
+    assert lines[2:] == ['NMEA RPM S 1: values again']
     for _ in range(3):
         assert not list(inputs.take(format_sentence('HEHDT,12.0,T'), 12.0))
     assert list(inputs.take(format_sentence('IIXDR,N,1.2,N,AFTLOAD'), 12.0))
     inputs.log_silent(17.0, {})
     # What came before the last number is not heard any more.
-    what = 'no valid number for 5 s'
-    assert said[3:] == [
+    no_number = 'no valid number for 5 s'
+    assert lines[3:] == [
         'NMEA XDR AFTLOAD: values again',
-        f'NMEA RPM S 1: {what}; received instead: other sentences (4)',
-        f'NMEA XDR AFTLOAD: {what}; nothing received: check the line and the port',
+        f'NMEA RPM S 1: {no_number}; received instead: other sentences (4)',
+        f'NMEA XDR AFTLOAD: {no_number}; nothing received: check the line and the port',
     ]
 
 
@@ -170,11 +170,11 @@ def test_titles_tell_bearings_apart() -> None:
     [(20.0, AlarmKind.STICK_SLIP), (-20.0, AlarmKind.STICK_SLIP), (42.0, AlarmKind.MARGIN_LOW)],
 )
 def test_the_text_of_an_alert_says_what_to_do(rpm: float, kind: AlarmKind) -> None:
-    """The speed is that of the alarm's own text: at it the caution is over, too."""
+    # The speed is that of the alarm's own text: at it the caution is over, too.
     ship = Ship(load_config(CONFIG))
     ship.sail(20.0)
     ship.sail(20.0, rpm)
-    (alarm,) = [each for each in ship.published[-1]['alarms'] if each['alarm'] == kind]
+    (alarm,) = [row for row in ship.published[-1]['alarms'] if row['alarm'] == kind]
     panel = Panel()
     lines = panel.show(kind, 'unacknowledged', '06:00:55.50', text=alarm['text'])
     astern = ' ASTERN' if rpm < 0.0 else ''
@@ -337,19 +337,19 @@ NOW = 6 * 3600 * 10**9 + 91 * 10**9  # 06:01:31
         ('unacknowledged', ACKNOWLEDGE.replace('*32', '*33'), None, []),
     ],
 )
-def test_what_a_display_asks(state: str, line: str, action: Action | None, answer: list[str]) -> None:
+def test_request_of_a_display(state: str, line: str, action: Action | None, answer: list[str]) -> None:
     panel = Panel()
     panel.show(AlarmKind.STICK_SLIP, state, '06:00:00.00')
-    asked = action and ActionRequest(action, 'nmea', 'aft', AlarmKind.STICK_SLIP)
-    assert panel.alerts.handle_acn(line, NOW) == (answer, asked)
+    request = action and ActionRequest(action, 'nmea', 'aft', AlarmKind.STICK_SLIP)
+    assert panel.alerts.handle_acn(line, NOW) == (answer, request)
 
 
 def test_a_display_asks_for_everything_again() -> None:
     panel = Panel()
     raised = panel.show(AlarmKind.STICK_SLIP, 'unacknowledged', '06:00:55.50', text=STUCK)
-    again, asked = panel.alerts.handle_acn('$BNACN,060058.00,XXX,10002,1,Q,C*2D', NOW)
-    assert asked is None
-    assert again[0].split(',')[4:12] == raised[0].split(',')[4:12]
+    repeated, request = panel.alerts.handle_acn('$BNACN,060058.00,XXX,10002,1,Q,C*2D', NOW)
+    assert request is None
+    assert repeated[0].split(',')[4:12] == raised[0].split(',')[4:12]
 
 
 def test_a_caution_is_not_acknowledged_and_without_leave_nothing_is() -> None:

@@ -35,7 +35,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_group_is_joined_on_every_interface() -> None:
-    """What is sent to it is heard, on the interface of this machine too."""
+    """Receive what is sent to a group, on the interface of this machine too."""
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
@@ -55,24 +55,24 @@ class End:
         self.lines: list[str] = []
         self.states: list[bool | None] = []
         self.reasons: list[str] = []
-        self.port = Port('nmea.listen', address, self.lines.append, self.tell, listens, silent)
+        self.port = Port('nmea.listen', address, self.lines.append, self.report_state, listens, silent)
 
-    def tell(self, up: bool | None, why: str) -> None:
+    def report_state(self, up: bool | None, reason: str) -> None:
         if self.states[-1:] != [up]:
             self.states.append(up)
-        self.reasons.append(why)
+        self.reasons.append(reason)
 
 
-def udp(port: int = 0) -> socket.socket:
-    """A socket of the test at this machine."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    made.bind(('127.0.0.1', port))
-    made.setblocking(False)
-    return made
+def bind_udp(port: int = 0) -> socket.socket:
+    """Return a socket of the test at this machine."""
+    created = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    created.bind(('127.0.0.1', port))
+    created.setblocking(False)
+    return created
 
 
-def free() -> int:
-    with udp() as probe:
+def free_port() -> int:
+    with bind_udp() as probe:
         return int(probe.getsockname()[1])
 
 
@@ -82,11 +82,11 @@ async def at_work(port: Port) -> None:
 
 
 async def test_datagrams_in_with_or_without_an_end_of_line() -> None:
-    number = free()
+    number = free_port()
     end = End(f'udp://127.0.0.1:{number}')
     await at_work(end.port)
     assert end.states == []  # open, but nothing is known of a sender
-    with udp() as talker:
+    with bind_udp() as talker:
         talker.sendto(RPM.encode(), ('127.0.0.1', number))
         talker.sendto(f'{RPM}\r\n{RPM}\r\n'.encode(), ('127.0.0.1', number))
         await wait_until(lambda: len(end.lines) == 3)
@@ -94,32 +94,32 @@ async def test_datagrams_in_with_or_without_an_end_of_line() -> None:
     assert end.states == [True]
 
 
-async def test_datagrams_out_to_somebody_who_comes_late() -> None:
-    number = free()
+async def test_datagrams_to_a_receiver_that_starts_late() -> None:
+    number = free_port()
     end = End(f'udp://127.0.0.1:{number}', listens=False, silent=math.inf)
     await at_work(end.port)
     end.port.send([RPM])
     await wait_until(lambda: False in end.states, lambda: end.reasons)
     assert end.reasons[-1] == 'Connection refused'
-    with udp(number) as display:
+    with bind_udp(number) as display:
         # That nobody refuses a datagram does not say that somebody takes it.
         await wait_until(lambda: end.states == [None, False, None])
         end.port.send([RPM, RPM])
-        got: list[bytes] = []
-        while len(got) < 2:
-            got.append(await asyncio.get_running_loop().sock_recv(display, 1000))
-    assert got == [f'{RPM}\r\n'.encode()] * 2
+        datagrams: list[bytes] = []
+        while len(datagrams) < 2:
+            datagrams.append(await asyncio.get_running_loop().sock_recv(display, 1000))
+    assert datagrams == [f'{RPM}\r\n'.encode()] * 2
 
 
 async def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
     talkers: list[asyncio.StreamWriter] = []
-    heard: list[bytes] = []
+    received: list[bytes] = []
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         talkers.append(writer)
-        heard.append(await reader.readline())
+        received.append(await reader.readline())
 
-    number = free()
+    number = free_port()
     end = End(f'tcp://127.0.0.1:{number}')
     await at_work(end.port)
     await wait_until(lambda: end.states == [False])
@@ -131,7 +131,7 @@ async def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
     talkers[0].write(f'{RPM[10:]}\r\n'.encode())
     await wait_until(lambda: RPM in [line.strip() for line in end.lines])
     end.port.send([RPM])
-    await wait_until(lambda: heard == [f'{RPM}\r\n'.encode()])
+    await wait_until(lambda: received == [f'{RPM}\r\n'.encode()])
     talkers[0].close()
     await wait_until(lambda: len(talkers) == 2)
     assert end.states == [False, True, False]  # connected again, but silent
@@ -141,7 +141,7 @@ async def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
 
 
 async def test_what_the_other_end_does_not_take_is_not_kept() -> None:
-    """A display that hangs: the system takes some megabytes for it, and then a part of a line."""
+    """Connect a display that hangs: the system takes some megabytes for it, and then a part of a line."""
     with socket.create_server(('127.0.0.1', 0)) as display:
         end = End(f'tcp://127.0.0.1:{display.getsockname()[1]}', silent=math.inf)
         await at_work(end.port)
@@ -157,14 +157,14 @@ async def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> Non
     device = tmp_path / 'tty'
     device.symlink_to(os.ttyname(theirs))
     # Whoever had the line before left two stop bits and waits for the modem.
-    left = termios.tcgetattr(theirs)
-    left[2] |= termios.CSTOPB | termios.CRTSCTS
-    termios.tcsetattr(theirs, termios.TCSANOW, left)
+    former = termios.tcgetattr(theirs)
+    former[2] |= termios.CSTOPB | termios.CRTSCTS
+    termios.tcsetattr(theirs, termios.TCSANOW, former)
     end = End(f'serial://{device}?baud=38400')
     await at_work(end.port)
-    own = termios.tcgetattr(theirs)
-    assert own[2] & (termios.CSTOPB | termios.CRTSCTS | termios.CSIZE) == termios.CS8
-    assert own[4:6] == [termios.B38400] * 2
+    configured = termios.tcgetattr(theirs)
+    assert configured[2] & (termios.CSTOPB | termios.CRTSCTS | termios.CSIZE) == termios.CS8
+    assert configured[4:6] == [termios.B38400] * 2
     os.write(ours, f'{RPM}\r\n'.encode())
     await wait_until(lambda: end.lines)
     end.port.send([RPM])
@@ -181,8 +181,8 @@ async def test_a_serial_line_that_vanishes_and_comes_back(tmp_path: Path) -> Non
 
 
 async def test_silence_is_a_fault_where_lines_are_expected() -> None:
-    listens = End(f'udp://127.0.0.1:{free()}', silent=0.1)
-    sends = End(f'udp://127.0.0.1:{free()}', listens=False, silent=math.inf)
+    listens = End(f'udp://127.0.0.1:{free_port()}', silent=0.1)
+    sends = End(f'udp://127.0.0.1:{free_port()}', listens=False, silent=math.inf)
     await at_work(listens.port)
     await at_work(sends.port)
     await wait_until(lambda: listens.states == [False])
@@ -194,23 +194,23 @@ async def test_where_only_acknowledgements_may_come_silence_is_no_fault(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(nmea_client, 'SILENT', 0.05)
-    told: list[Any] = []
+    states: list[Any] = []
     log = logging.getLogger('test')
-    side = MonitorSide(['aft'], print, print, lambda *state: told.append(state), log)
-    client = NmeaClient(NmeaLink(f'udp://127.0.0.1:{free()}', accept_actions=True), [], side)
+    side = MonitorSide(['aft'], print, print, lambda *state: states.append(state), log)
+    client = NmeaClient(NmeaLink(f'udp://127.0.0.1:{free_port()}', accept_actions=True), [], side)
     await client.open_ports()
     asyncio.get_running_loop().create_task(client.run())
     await asyncio.sleep(0.2)
-    assert told == [('nmea_in', True, '')]
+    assert states == [('nmea_in', True, '')]
 
 
 async def test_what_cannot_be_opened_at_the_start_is_an_error(tmp_path: Path) -> None:
     no_line = tmp_path / 'file'
     no_line.touch()
-    with udp() as other:
-        taken = f'udp://127.0.0.1:{other.getsockname()[1]}'
+    with bind_udp() as occupier:
+        occupied = f'udp://127.0.0.1:{occupier.getsockname()[1]}'
         for address, reason in (
-            (taken, 'Address already in use'),
+            (occupied, 'Address already in use'),
             (f'serial://{tmp_path}/none', 'No such file or directory'),
             (f'serial://{no_line}', 'it is not a serial line'),
         ):
@@ -250,13 +250,13 @@ async def test_the_heartbeat_says_what_is_true_now(monkeypatch: pytest.MonkeyPat
     )
 
     def beats(*ticks: tuple[float, bool]) -> list[str]:
-        """The letters of the heartbeats, each at its time."""
-        found = []
-        for clock.now, there in ticks:
+        """Return the times and letters of the heartbeats."""
+        letters = []
+        for clock.now, is_monitoring in ticks:
             del sent[:]
-            client.tick(there)
-            found += [f'{clock.now:g} {line.split(",")[2]}' for line in sent]
-        return found
+            client.tick(is_monitoring)
+            letters += [f'{clock.now:g} {line.split(",")[2]}' for line in sent]
+        return letters
 
     # Not the first tick, which comes before the first record; then every 60 s, and at each change.
     assert beats((100.0, False), (100.5, False), (101.0, True), (150.0, True), (161.0, True)) == [
@@ -280,7 +280,7 @@ async def test_the_heartbeat_says_what_is_true_now(monkeypatch: pytest.MonkeyPat
 async def test_sentences_in_alerts_out_and_acknowledgements_back(caplog: pytest.LogCaptureFixture) -> None:
     samples: list[Any] = []
     requests: list[str] = []
-    told: list[Any] = []
+    states: list[Any] = []
 
     def act(request: Any) -> None:
         requests.append(str(request.action))
@@ -296,7 +296,7 @@ async def test_sentences_in_alerts_out_and_acknowledgements_back(caplog: pytest.
             ['aft'],
             lambda *sample: samples.append(sample),
             act,
-            lambda *state: told.append(state),
+            lambda *state: states.append(state),
             logging.getLogger('test'),
         ),
     )
@@ -319,5 +319,5 @@ async def test_sentences_in_alerts_out_and_acknowledgements_back(caplog: pytest.
     running.cancel()
     assert samples == [('aft', 0, 74.6)]
     assert requests == ['silence', 'acknowledge']
-    assert ('nmea_in', True, '') in told
+    assert ('nmea_in', True, '') in states
     assert 'acknowledge of aft refused: no monitor is there' in caplog.text

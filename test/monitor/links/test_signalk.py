@@ -23,12 +23,12 @@ PATH = 'propulsion.port.revolutions'
 HELLO = {'name': 'signalk-server', 'version': '2.23.0', 'self': SHIP, 'timestamp': '2026-11-21T22:00:00.000Z'}
 
 
-def delta(
+def make_delta(
     value: Any, second: float = 0.0, source: str = 'shaft.1', path: str = PATH, context: str = SHIP
 ) -> dict[str, Any]:
-    """One value, stamped so many seconds after the greeting."""
-    minute, rest = divmod(second, 60.0)
-    stamp = f'2026-11-21T22:{int(minute):02}:{rest:06.3f}Z'
+    """Return one value, stamped so many seconds after the greeting."""
+    minute, remainder = divmod(second, 60.0)
+    stamp = f'2026-11-21T22:{int(minute):02}:{remainder:06.3f}Z'
     if second < 0.0:
         stamp = f'2026-11-21T21:59:{60.0 + second:06.3f}Z'
     values = [{'path': path, 'value': value}]
@@ -40,14 +40,14 @@ class Reader:
 
     def __init__(self) -> None:
         speed = BusInput(bus='signalk', bearing='aft', place=Input.SPEED, path=PATH)
-        other = BusInput(bus='signalk', bearing='fwd', place=Input.SPEED, path=PATH)
-        self.inputs = SignalKInputs([speed, other], print)
+        forward = BusInput(bus='signalk', bearing='fwd', place=Input.SPEED, path=PATH)
+        self.inputs = SignalKInputs([speed, forward], print)
         self.inputs.greet(HELLO, 100.0)
 
     def take(self, frame: object, second: float = 0.0) -> list[float]:
-        """The values that the first bearing gets."""
-        found = self.inputs.take(frame, 100.0 + second)
-        return [value for bearing, _, value, _ in found if bearing == 'aft']
+        """Return the values that the first bearing gets."""
+        samples = self.inputs.take(frame, 100.0 + second)
+        return [value for bearing, _, value, _ in samples if bearing == 'aft']
 
 
 @pytest.mark.parametrize(
@@ -65,11 +65,11 @@ class Reader:
     ],
 )
 def test_what_is_no_number_is_no_rest(value: Any, expected: float) -> None:
-    assert Reader().take(delta(value)) == pytest.approx([expected], nan_ok=True)
+    assert Reader().take(make_delta(value)) == pytest.approx([expected], nan_ok=True)
 
 
-def meta(unit: str) -> dict[str, Any]:
-    """What the server says of the path, as version 2.23 sends it with sendMeta=all."""
+def make_meta(unit: str) -> dict[str, Any]:
+    """Return what the server says of the path, as version 2.23 sends it with sendMeta=all."""
     return {'context': SHIP, 'updates': [{'meta': [{'path': PATH, 'value': {'units': unit}}]}]}
 
 
@@ -85,29 +85,33 @@ def test_a_number_in_another_unit_is_converted_as_in_a_log(
     unit: str, expected: float, result: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     reader = Reader()
-    reader.take(meta(unit))
-    reader.take(meta(unit))
-    assert reader.take(delta(74.6)) == pytest.approx([expected], nan_ok=True)
+    reader.take(make_meta(unit))
+    reader.take(make_meta(unit))
+    assert reader.take(make_delta(74.6)) == pytest.approx([expected], nan_ok=True)
     assert capsys.readouterr().out == f"Signal K {PATH}: its unit is '{unit}', {result}\n"
-    reader.take(meta('Hz'))
-    assert reader.take(delta(1.2433)) == [1.2433]
+    reader.take(make_meta('Hz'))
+    assert reader.take(make_delta(1.2433)) == [1.2433]
 
 
 @pytest.mark.parametrize(
     'frame',
-    [meta(''), delta(3.0) | meta(''), json.loads(json.dumps(meta('rpm')).replace('port', 'starboard'))],
+    [
+        make_meta(''),
+        make_delta(3.0) | make_meta(''),
+        json.loads(json.dumps(make_meta('rpm')).replace('port', 'starboard')),
+    ],
 )
 def test_meta_data_without_a_unit_or_of_another_path_change_nothing(frame: Any) -> None:
     reader = Reader()
     reader.take(frame)
-    assert reader.take(delta(1.2433)) == [1.2433]
+    assert reader.take(make_delta(1.2433)) == [1.2433]
 
 
 @pytest.mark.parametrize('context', [SHIP, 'vessels.self'])
 def test_a_server_that_greets_without_the_word_vessels_is_heard(context: str) -> None:
     reader = Reader()
     reader.inputs.greet(HELLO | {'self': SHIP.removeprefix('vessels.')}, 100.0)
-    assert reader.take(delta(1.0, context=context)) == [1.0]
+    assert reader.take(make_delta(1.0, context=context)) == [1.0]
 
 
 @pytest.mark.parametrize(
@@ -120,8 +124,8 @@ def test_a_server_that_greets_without_the_word_vessels_is_heard(context: str) ->
         3,
         {'updates': 3},
         {'updates': [3, {'values': 3}, {'values': [3, {'value': 3}, {'path': 3}]}]},
-        delta(3.0, context='vessels.urn:mrn:imo:mmsi:111'),  # somebody else's shaft, by AIS
-        delta(3.0, path='propulsion.port'),
+        make_delta(3.0, context='vessels.urn:mrn:imo:mmsi:111'),  # somebody else's shaft, by AIS
+        make_delta(3.0, path='propulsion.port'),
     ],
 )
 def test_frames_that_bring_nothing(frame: object) -> None:
@@ -130,14 +134,14 @@ def test_frames_that_bring_nothing(frame: object) -> None:
 
 def test_a_value_that_the_server_had_kept_is_dropped_once() -> None:
     reader = Reader()
-    assert reader.take(delta(3.0, second=-45.0), 0.1) == []
-    assert reader.take(delta(3.1, second=-44.0), 0.2) == [3.1]  # a clock that is slow all the time
-    assert reader.take(delta(3.2, second=-4.0, source='young'), 0.3) == []  # another sends
+    assert reader.take(make_delta(3.0, second=-45.0), 0.1) == []
+    assert reader.take(make_delta(3.1, second=-44.0), 0.2) == [3.1]  # a clock that is slow all the time
+    assert reader.take(make_delta(3.2, second=-4.0, source='young'), 0.3) == []  # another sends
     reader = Reader()
-    assert reader.take(delta(3.0, second=-4.0), 0.5) == [3.0]
+    assert reader.take(make_delta(3.0, second=-4.0), 0.5) == [3.0]
     reader.inputs.greet({**HELLO, 'timestamp': '2026-11-21T22:01:00.000Z'}, 160.0)
-    assert reader.take(delta(3.0, second=1.0), 60.1) == []  # after a reconnection once more
-    frame = delta(3.0)
+    assert reader.take(make_delta(3.0, second=1.0), 60.1) == []  # after a reconnection once more
+    frame = make_delta(3.0)
     frame['updates'][0]['timestamp'] = 'yesterday'
     assert Reader().take(frame) == []
 
@@ -146,9 +150,9 @@ def test_stamps_are_those_of_the_sender() -> None:
     """They tell a copy, of the same stamp and value, from a clock that stands."""
     reader = Reader()
     for value in (3.0, 3.0, 3.1):
-        ((*_, stamp), _) = reader.inputs.take(delta(value, second=1.0), 101.0)
+        ((*_, stamp), _) = reader.inputs.take(make_delta(value, second=1.0), 101.0)
         assert stamp == 1_795_298_401 * 10**9  # 2026-11-21T22:00:01Z
-    bad = delta(3.0)
+    bad = make_delta(3.0)
     bad['updates'][0]['timestamp'] = 'noon'
     ((*_, stamp), _) = reader.inputs.take(bad, 102.0)
     assert stamp is None
@@ -180,9 +184,9 @@ def test_values(record: dict[str, Any] | None, expected: list[Any]) -> None:
     update = json.loads(json.dumps(out.make_update('aft_stern', record), allow_nan=False))
     assert update['$source'] == 'stickslip_monitor'
     names = ['foldMargin', 'hopfMargin', 'stickSlipAmplitude', 'load', 'regime']
-    found = {item['path']: item['value'] for item in update['values']}
-    assert found == {AT + name: value for name, value in zip(names, expected, strict=True)}
-    assert len(found) == len(update['values'])
+    values = {item['path']: item['value'] for item in update['values']}
+    assert values == {AT + name: value for name, value in zip(names, expected, strict=True)}
+    assert len(values) == len(update['values'])
 
 
 def test_meta_has_units_and_no_zones_and_a_load_of_theirs_is_not_ours() -> None:
@@ -207,14 +211,14 @@ STICK = 'notifications.p.aft.stickSlip'
 
 
 class Server:
-    """What a server makes of notifications."""
+    """A server that stores notifications and echoes them."""
 
     def __init__(self, resets: bool = True) -> None:
         self.resets = resets
         self.out = Notifications(['aft'], 'p', 'run')
         self.status: dict[tuple[str, str], dict[str, bool]] = {}
         self.values: dict[tuple[str, str], dict[str, Any]] = {}
-        self.asked: list[ActionRequest] = []
+        self.requests: list[ActionRequest] = []
 
     def alarm(
         self,
@@ -223,7 +227,7 @@ class Server:
         silenced: bool = False,
         text: str = 'aft: text',
     ) -> list[dict[str, Any]]:
-        """The list of alarms changes; what is sent is taken, and echoed, until all is quiet."""
+        """Change the list of alarms; take and echo what is sent until all is quiet."""
         alarm = {
             'bearing': 'aft',
             'alarm': kind.value,
@@ -250,10 +254,10 @@ class Server:
         return key
 
     def echo(self, source: str, path: str = STICK) -> list[dict[str, Any]]:
-        """The server tells of a notification."""
+        """Echo a notification, as the server does."""
         value = {**self.values[source, path], 'status': dict(self.status[source, path])}
-        updates, asked = self.out.take_echo(delta(value, source=source, path=path), SHIP)
-        self.asked += asked
+        updates, requests = self.out.take_echo(make_delta(value, source=source, path=path), SHIP)
+        self.requests += requests
         return updates
 
 
@@ -280,44 +284,44 @@ def test_every_state_as_a_notification(
     assert (value['state'], value['method'], flag) == (*expected[:2], {expected[2]} if expected[2] else set())
     assert value['data']['lifecycle'] == state
     messages = {'returned_unacknowledged': 'Over: aft: text'}
-    shown = '' if value['state'] == 'normal' else 'aft: text'
-    assert value['message'] == messages.get(state, shown)
+    expected_message = '' if value['state'] == 'normal' else 'aft: text'
+    assert value['message'] == messages.get(state, expected_message)
 
 
 def test_rounds_at_a_server_that_forgets_no_acknowledgement() -> None:
-    """As 2.23 does of a source: none is invented, and none lost."""
+    """Invent no acknowledgement and lose none, as 2.23 forgets those of a source."""
     server = Server(resets=False)
-    asked = [ActionRequest(Action.ACKNOWLEDGE, 'signal k', 'aft', AlarmKind.STICK_SLIP)]
+    expected = [ActionRequest(Action.ACKNOWLEDGE, 'signal k', 'aft', AlarmKind.STICK_SLIP)]
     for _ in range(3):
-        server.asked = []
+        server.requests = []
         source = server.alarm('unacknowledged')[-1]['source']
-        assert server.asked == []
+        assert server.requests == []
         assert server.status[source, STICK]['acknowledged'] is False
         server.status[source, STICK]['acknowledged'] = True
-        assert (server.echo(source), server.asked) == ([], asked)
+        assert (server.echo(source), server.requests) == ([], expected)
         server.alarm('acknowledged')
         server.alarm('normal')
 
 
-def test_an_echo_of_an_earlier_occurrence_or_run_is_nobodys_act() -> None:
+def test_an_echo_of_an_earlier_occurrence_or_run_is_no_request() -> None:
     server = Server()
     server.alarm('unacknowledged')
-    late = dict(server.values['stickslip_monitor', STICK])
+    earlier = dict(server.values['stickslip_monitor', STICK])
     server.alarm('acknowledged')
     server.alarm('normal')
     server.alarm('unacknowledged')
-    for token in (late['data']['occurrence'], 'before-3', None):
-        value = {**late, 'data': {'occurrence': token}, 'status': {'acknowledged': True}}
-        frame = delta(value, source='stickslip_monitor', path=STICK)
+    for token in (earlier['data']['occurrence'], 'before-3', None):
+        value = {**earlier, 'data': {'occurrence': token}, 'status': {'acknowledged': True}}
+        frame = make_delta(value, source='stickslip_monitor', path=STICK)
         assert server.out.take_echo(frame, SHIP) == ([], [])
     # One that an earlier run left under a source of its own is put to rest there.
-    frame = delta(late, source='stickslip_monitor.before-3', path=STICK)
-    ((update,), asked) = server.out.take_echo(frame, SHIP)
-    assert asked == []
+    frame = make_delta(earlier, source='stickslip_monitor.before-3', path=STICK)
+    ((update,), requests) = server.out.take_echo(frame, SHIP)
+    assert requests == []
     assert update['$source'] == 'stickslip_monitor.before-3'
     assert update['values'][0]['value']['state'] == 'normal'
     # Of somebody else's source nothing is said.
-    assert server.out.take_echo(delta(late, source='gps', path=STICK), SHIP) == ([], [])
+    assert server.out.take_echo(make_delta(earlier, source='gps', path=STICK), SHIP) == ([], [])
 
 
 def test_an_alarm_that_latched_and_comes_again_passes_through_normal() -> None:
@@ -336,12 +340,12 @@ def test_a_sound_that_an_older_client_took_away_is_a_silence() -> None:
     value['method'] = []
     assert server.echo('stickslip_monitor') == []
     silence = ActionRequest(Action.SILENCE, 'signal k', 'aft', AlarmKind.STICK_SLIP)
-    assert server.asked == [silence]
+    assert server.requests == [silence]
     server.alarm('unacknowledged', silenced=True)
     server.alarm('unacknowledged')
     # The echo of what was sent before, without sound, comes late.
-    late = {**old, 'method': ['visual'], 'status': {}}
-    frame = delta(late, source='stickslip_monitor', path=STICK)
+    delayed = {**old, 'method': ['visual'], 'status': {}}
+    frame = make_delta(delayed, source='stickslip_monitor', path=STICK)
     assert server.out.take_echo(frame, SHIP) == ([], [])
 
 

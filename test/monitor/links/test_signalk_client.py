@@ -33,7 +33,7 @@ MARGIN = 'p.shaft.aft.foldMargin'
 
 
 def alarm_list_in(state: str) -> dict[str, Any]:
-    """A list in which one alarm is in a state."""
+    """Return a list in which one alarm is in a state."""
     alarm = {
         'bearing': 'aft',
         'alarm': AlarmKind.STICK_SLIP.value,
@@ -55,7 +55,7 @@ class Ship:
         self.server = server
         self.values: list[float] = []
         self.requests: list[str] = []
-        self.told: list[tuple[str, bool]] = []
+        self.links: list[tuple[str, bool]] = []
         self.reasons: list[str] = []
         self.client = SignalKClient(
             link,
@@ -68,38 +68,38 @@ class Ship:
                 ['aft'],
                 lambda bearing, place, value, stamp: self.values.append(value),
                 lambda request: self.requests.append(str(request.action)),
-                self.tell,
+                self.report_link,
                 logging.getLogger('test'),
             ),
         )
         self.client.take_alarms(alarm_list_in('normal'))
 
-    def tell(self, name: str, up: bool, why: str) -> None:
-        if (name, up) not in self.told[-2:]:
-            self.told.append((name, up))
-        self.reasons.append(why)
+    def report_link(self, name: str, up: bool, reason: str) -> None:
+        if (name, up) not in self.links[-2:]:
+            self.links.append((name, up))
+        self.reasons.append(reason)
 
     def up(self, name: str) -> bool:
-        return next((up for told, up in reversed(self.told) if told == name), False)
+        return next((up for link, up in reversed(self.links) if link == name), False)
 
-    async def until(self, condition: Callable[[], Any], there: bool = True) -> None:
+    async def until(self, condition: Callable[[], Any], is_monitoring: bool = True) -> None:
         """Wait, while time passes for the client, with a monitor that is there or not."""
 
-        def passes() -> Any:
-            self.client.tick(there)
+        def tick_and_check() -> Any:
+            self.client.tick(is_monitoring)
             return condition()
 
-        await wait_until(passes, lambda: (self.told, self.reasons[-1:]))
+        await wait_until(tick_and_check, lambda: (self.links, self.reasons[-1:]))
 
-    def kept(self, path: str) -> Any:
-        """What the server has of us."""
-        found = [v for (s, p), (v, _) in self.server.kept.items() if p == path and s != 'shaft.1']
-        return found[-1] if found else None
+    def latest(self, path: str) -> Any:
+        """Return the newest value that the monitor sent to the server."""
+        values = [v for (s, p), (v, _) in self.server.values.items() if p == path and s != 'shaft.1']
+        return values[-1] if values else None
 
 
 @asynccontextmanager
 async def connected_client(ship: Ship) -> AsyncIterator[Ship]:
-    """The client at work, connected."""
+    """Yield the client at work, connected."""
     task = asyncio.create_task(ship.client.run())
     try:
         await ship.until(lambda: ship.up('signalk_in') or task.done())
@@ -124,23 +124,23 @@ async def test_a_server_that_forgets_gets_everything_back(server: SmallServer) -
     async with connected_client(Ship(server)) as ship:
         ship.client.take_alarms(alarm_list_in('unacknowledged'))
         ship.client.take_record(RECORD)
-        await ship.until(lambda: ship.kept(MARGIN) == -0.5 and ship.up('signalk_out'))
-        assert ship.kept(STICK)['state'] == 'alarm'
+        await ship.until(lambda: ship.latest(MARGIN) == -0.5 and ship.up('signalk_out'))
+        assert ship.latest(STICK)['state'] == 'alarm'
         await server.stop()
         await ship.until(lambda: not ship.up('signalk_in') and not ship.up('signalk_out'))
-        server.kept.clear()
+        server.values.clear()
         server.received.clear()
         server.status.clear()
         await server.start()
-        await ship.until(lambda: ship.up('signalk_out') and ship.kept(MARGIN) == -0.5)
-        assert ship.kept(STICK)['state'] == 'alarm'
-        assert ship.kept('notifications.p.shaft.monitor')['state'] == 'normal'
+        await ship.until(lambda: ship.up('signalk_out') and ship.latest(MARGIN) == -0.5)
+        assert ship.latest(STICK)['state'] == 'alarm'
+        assert ship.latest('notifications.p.shaft.monitor')['state'] == 'normal'
         assert any('meta' in update for update in server.received)
         await server.publish(PATH, 3.0)
         await ship.until(lambda: ship.values == [3.0])
         assert ship.requests == []
         # No name that only Python has for a part of the connection.
-        assert not [why for why in ship.reasons if '<' in why or 'ssl' in why]
+        assert not [reason for reason in ship.reasons if '<' in reason or 'ssl' in reason]
 
 
 class _Sleeps:
@@ -185,7 +185,7 @@ async def test_what_is_not_taken_is_told(server: SmallServer, monkeypatch: pytes
     monkeypatch.setattr(signalk_client, 'UNHEARD', 0.2)
     server.deaf = True
     async with connected_client(Ship(server)) as ship:
-        await ship.until(lambda: ('signalk_out', False) in ship.told)
+        await ship.until(lambda: ('signalk_out', False) in ship.links)
         assert ship.reasons[-1] == 'no echo from the server for 0.2 s'
         assert ship.up('signalk_in')
         server.deaf = False
@@ -194,7 +194,7 @@ async def test_what_is_not_taken_is_told(server: SmallServer, monkeypatch: pytes
 
 
 @pytest.mark.parametrize(
-    ('status', 'value', 'token', 'why'),
+    ('status', 'value', 'token', 'reason'),
     [
         (401, 'no', False, 'the server gives nothing without a token: name a file as'),
         (403, 'no', True, 'the token may not read'),
@@ -209,8 +209,8 @@ async def test_what_is_not_taken_is_told(server: SmallServer, monkeypatch: pytes
         (0, 'Connection refused', False, 'asked for it the server answers Connection refused'),
     ],
 )
-def test_why_a_path_brings_nothing(status: int, value: str, token: bool, why: str) -> None:
-    assert signalk_client._explain_silence(status, value, token).startswith(why)
+def test_the_reason_of_a_path_without_values(status: int, value: str, token: bool, reason: str) -> None:
+    assert signalk_client._explain_silence(status, value, token).startswith(reason)
 
 
 @pytest.mark.parametrize('accepts', [False, True])
@@ -218,7 +218,7 @@ async def test_people_act_at_the_server(server: SmallServer, accepts: bool) -> N
     async with connected_client(Ship(server, accept_actions=accepts)) as ship:
         for state in ('unacknowledged', 'acknowledged', 'normal', 'unacknowledged'):
             ship.client.take_alarms(alarm_list_in(state))
-            await ship.until(lambda state=state: ship.kept(STICK)['data']['lifecycle'] == state)
+            await ship.until(lambda state=state: ship.latest(STICK)['data']['lifecycle'] == state)
         assert ship.requests == []
         await server.act(STICK, silenced=True)
         await server.act(STICK, acknowledged=True)
@@ -231,17 +231,17 @@ async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) 
     async with connected_client(Ship(server)) as ship:
         ship.client.take_alarms(alarm_list_in('unacknowledged'))
         ship.client.take_record(RECORD)
-        await ship.until(lambda: ship.kept(MARGIN) == -0.5)
+        await ship.until(lambda: ship.latest(MARGIN) == -0.5)
         words = ['No data from the monitor.', 'The monitor was stopped.']
 
         def said() -> str:
-            return str(ship.kept('notifications.p.shaft.monitor')['message'])
+            return str(ship.latest('notifications.p.shaft.monitor')['message'])
 
-        await ship.until(lambda: said() == words[0], there=False)
+        await ship.until(lambda: said() == words[0], is_monitoring=False)
         await ship.client.finish()
-        await wait_until(lambda: (ship.kept(MARGIN), said()) == (None, words[1]))
-        assert ship.kept(STICK)['state'] == 'alarm'
-        assert ship.kept('notifications.p.shaft.monitor')['state'] == 'warn'
+        await wait_until(lambda: (ship.latest(MARGIN), said()) == (None, words[1]))
+        assert ship.latest(STICK)['state'] == 'alarm'
+        assert ship.latest('notifications.p.shaft.monitor')['state'] == 'warn'
 
 
 @pytest.mark.parametrize(
@@ -263,7 +263,7 @@ async def test_a_wrong_token_at_the_start_is_an_error_and_later_a_fault(server: 
     async with connected_client(Ship(server, token='the-right-one', token_file='token')) as ship:
         server.token = 'another'
         await server.restart()
-        await ship.until(lambda: any('the token is refused' in why for why in ship.reasons))
+        await ship.until(lambda: any('the token is refused' in reason for reason in ship.reasons))
         assert not ship.up('signalk_in')
         server.token = 'the-right-one'
         await ship.until(lambda: ship.up('signalk_in'))
@@ -291,11 +291,11 @@ async def test_a_server_that_takes_an_acknowledgement_from_anybody(
 
 @pytest.fixture(scope='module')
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A server's certificate, signed by itself, with its key."""
+    """Return a folder with a server's certificate, signed by itself, and its key."""
     folder = tmp_path_factory.mktemp('tls')
-    made = ['-x509', '-newkey', 'rsa:2048', '-nodes', '-days', '2', '-subj', '/CN=ship']
+    request = ['-x509', '-newkey', 'rsa:2048', '-nodes', '-days', '2', '-subj', '/CN=ship']
     files = ['-addext', 'subjectAltName=IP:127.0.0.1', '-keyout', 'key.pem', '-out', 'cert.pem']
-    command = ['openssl', 'req', *made, *files]
+    command = ['openssl', 'req', *request, *files]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return folder
 
@@ -328,14 +328,14 @@ async def test_a_token_is_asked_for(
 ) -> None:
     server.requests, server.permission = states, permission
     link = SignalKLink(f'http://127.0.0.1:{server.port}', 'token', '', '', False)
-    said: list[str] = []
-    asked = request_token(link, 'id', said.append, every=0.01)
+    lines: list[str] = []
+    request = request_token(link, 'id', lines.append, every=0.01)
     if expected is None:
         with pytest.raises(LinkError, match='was denied'):
-            await asked
+            await request
     else:
-        assert await asked == expected
-    assert said == [f'Approve stickslip_monitor in the pages of {link.url} (Security, Access Requests)']
+        assert await request == expected
+    assert lines == [f'Approve stickslip_monitor in the pages of {link.url} (Security, Access Requests)']
     await server.stop()
     with pytest.raises(LinkError, match=r'cannot be asked for a token: [^<]+$'):
-        await request_token(link, 'id', said.append)
+        await request_token(link, 'id', lines.append)

@@ -16,7 +16,7 @@ pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 
 import aiohttp
 
-from benchmarks.signalk_servers import RealServer, missing, officer_token
+from benchmarks.signalk_servers import RealServer, missing_program, officer_token
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links.buses import BusInput, LiveMonitor, MonitorSide, SignalKLink
@@ -42,14 +42,14 @@ CHANGES = INPUTS | {f'alarm.{name}': 0.0 for name in AT_ONCE}
 
 @pytest.fixture(scope='module')
 def installed() -> None:
-    """Skips what needs the real server where it is not installed."""
-    if why := missing():
-        pytest.skip(why)
+    """Skip what needs the real server where it is not installed."""
+    if reason := missing_program():
+        pytest.skip(reason)
 
 
 @pytest.fixture(scope='module')
 def server(installed: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealServer]:
-    """The real server, at the loopback address."""
+    """Yield the real server, at the loopback address."""
     server = RealServer(tmp_path_factory.mktemp('signalk'))
     yield server
     server.stop()
@@ -78,10 +78,10 @@ class Ship(Sink):
             token,
             SignalKInputs(inputs, log.warning),
             [],
-            MonitorSide([BEARING], self.live.take, self.live.act, self.tell, log),
+            MonitorSide([BEARING], self.live.take, self.live.act, self.report_link, log),
         )
 
-    def tell(self, name: str, up: bool, why: str) -> None:
+    def report_link(self, name: str, up: bool, reason: str) -> None:
         self.links[name] = up
 
     def take_record(self, record: dict[str, Any]) -> None:
@@ -107,50 +107,52 @@ class Ship(Sink):
                         await use(ws)
             await asyncio.sleep(0.2)
 
-    async def meter(self, ws: Any) -> None:
+    async def run_meter(self, ws: Any) -> None:
         """Publish speed and load ten times a second."""
         while not ws.closed:
             values = [{'path': SPEED, 'value': self.rpm}, {'path': LOAD, 'value': 1000.0}]
             await ws.send_json({'updates': [{'$source': 'meter.1', 'values': values}]})
             await asyncio.sleep(0.1)
 
-    async def watchman(self, ws: Any) -> None:
-        """See the notifications as another display does, the newest of each occurrence."""
+    async def run_display(self, ws: Any) -> None:
+        """Read the notifications as another display does, the newest of each occurrence."""
         await ws.send_json({'context': 'vessels.self', 'subscribe': [{'path': STICK}]})
         async for message in ws:
-            self.look(message.json())
+            self.take_frame(message.json())
 
-    def look(self, frame: Any) -> None:
+    def take_frame(self, frame: Any) -> None:
         for update in frame.get('updates', ()):
             for item in update.get('values', ()):
                 token = item['value'].get('data', {}).get('occurrence')
                 self.seen[token] = item['value']
 
-    async def tick(self) -> None:
+    async def run_ticks(self) -> None:
         while True:
             self.client.tick(True)
             await asyncio.sleep(0.1)
 
-    async def until(self, condition: Callable[[], Any], what: str) -> None:
-        await wait_until(condition, lambda: (what, self.states, self.links, self.seen))
+    async def until(self, condition: Callable[[], Any], event: str) -> None:
+        await wait_until(condition, lambda: (event, self.states, self.links, self.seen))
 
     def sounds(self) -> dict[str, Any] | None:
-        """The notification that calls for attention aloud and is not acknowledged."""
+        """Return the notification that calls for attention aloud and is not acknowledged, if any."""
         for value in self.seen.values():
             if 'sound' in value['method'] and not value['status']['acknowledged']:
                 return dict(value)
         return None
 
-    async def do(self, what: str, token: str) -> None:
+    async def act_on(self, verb: str, token: str) -> None:
         """Acknowledge or silence an occurrence by the server's own interface."""
         api = f'{self.server.url}/signalk/v2/api/notifications'
         async with aiohttp.ClientSession() as session:
             async with session.get(api) as answer:
-                known = await answer.json()
+                notifications = await answer.json()
             (number,) = [
-                key for key, item in known.items() if item['value'].get('data', {}).get('occurrence') == token
+                key
+                for key, item in notifications.items()
+                if item['value'].get('data', {}).get('occurrence') == token
             ]
-            async with session.post(f'{api}/{number}/{what}') as answer:
+            async with session.post(f'{api}/{number}/{verb}') as answer:
                 assert answer.status == 200, await answer.text()
 
 
@@ -159,8 +161,8 @@ async def connected_ship(
     server: RealServer, token: str = '', link: str = 'signalk_out'
 ) -> AsyncIterator[Ship]:
     ship = Ship(server, token)
-    works = [ship.client.run(), ship.live.run(), ship.tick()]
-    works += [ship.as_another(ship.meter), ship.as_another(ship.watchman)]
+    works = [ship.client.run(), ship.live.run(), ship.run_ticks()]
+    works += [ship.as_another(ship.run_meter), ship.as_another(ship.run_display)]
     tasks = [asyncio.create_task(work) for work in works]
     try:
         await ship.until(lambda: ship.links.get(link), link)
@@ -185,20 +187,20 @@ async def test_rounds_with_none_invented_and_none_lost(
             await ship.until(ship.sounds, f'alarm {number} with its sound')
             assert ship.states['stick_slip'] == 'unacknowledged'
             if number % 4 == 3:
-                await ship.do('silence', ship.sounds()['data']['occurrence'])
+                await ship.act_on('silence', ship.sounds()['data']['occurrence'])
                 await ship.until(lambda: ship.sounds() is None, f'silence {number}')
                 assert ship.states['stick_slip'] == 'unacknowledged'
             token = next(iter(t for t, v in ship.seen.items() if v['state'] == 'alarm'))
-            await ship.do('acknowledge', token)
+            await ship.act_on('acknowledge', token)
             await ship.until(lambda: ship.states.get('stick_slip') == 'acknowledged', f'its end {number}')
             ship.rpm = AHEAD
             await ship.until(lambda: 'stick_slip' not in ship.states, f'the end {number}')
             await ship.until(lambda: all(v['state'] == 'normal' for v in ship.seen.values()), 'normal')
-        own = [(c['alarm'], c['what']) for c in ship.changes if c['by'] == 'signal k']
+        actions = [(c['alarm'], c['what']) for c in ship.changes if c['by'] == 'signal k']
         # Who knows of the worst alarm knows of what it covers.
-        assert {alarm for alarm, _ in own} <= {'stick_slip', 'bistable', 'margin_low'}
-        assert own.count(('stick_slip', 'acknowledge')) == 8
-        assert own.count(('stick_slip', 'silence')) == 2
+        assert {alarm for alarm, _ in actions} <= {'stick_slip', 'bistable', 'margin_low'}
+        assert actions.count(('stick_slip', 'acknowledge')) == 8
+        assert actions.count(('stick_slip', 'silence')) == 2
         raised = [c['alarm'] for c in ship.changes if c['to'] == 'unacknowledged' != c['from']]
         assert raised.count('stick_slip') == 8
 

@@ -62,13 +62,13 @@ def watch(tmp_path: Path) -> Iterator[Callable[..., Program]]:
         return started[-1]
 
     yield start
-    for each in started:
-        each.end()
+    for program in started:
+        program.end()
 
 
 @pytest.fixture
 def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
-    """The socket of a service manager, which wants to hear of a program twice a second."""
+    """Yield the socket of a service manager, which wants to hear of a program twice a second."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / 'notify'))
         manager.settimeout(DEADLINE)
@@ -81,9 +81,9 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     bus, alarm = Bus(), BEARING['alarm'] | {'amplitude_limit': 0.9}  # meant in mm
     path = ship_file(tmp_path, bus.links('aft_stern'), alarm=alarm)
     document = yaml.safe_load(path.read_text())
-    kept = tmp_path / 'alarms.json'
-    kept.write_bytes(bytes(99))  # as a power cut leaves it
-    document['/**']['ros__parameters']['state_file'] = str(kept)
+    state_file = tmp_path / 'alarms.json'
+    state_file.write_bytes(bytes(99))  # as a power cut leaves it
+    document['/**']['ros__parameters']['state_file'] = str(state_file)
     path.write_text(yaml.safe_dump(document))
     ship = watch(path, '--port', '0')
     assert [manager.recv(100) for _ in range(3)] == [b'READY=1', *[b'WATCHDOG=1'] * 2]
@@ -96,8 +96,8 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     assert bus.alarms['10002'] == 'A'
 
     def metrics() -> str:
-        found: bytes = urllib.request.urlopen(f'{page}metrics', timeout=10.0).read()
-        return found.decode()
+        text: bytes = urllib.request.urlopen(f'{page}metrics', timeout=10.0).read()
+        return text.decode()
 
     # The alert goes out before the record of the bearing.
     stale = 'condition="input_stale",namespace="/"} 1.0'
@@ -105,23 +105,23 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     assert 'stickslip_link_up{link="nmea_in"} 1.0' in metrics()
     assert main(['health', '--page', page]) == 0
     assert 'aft_stern: Input speed lost: no valid value on NMEA RPM S 1 for' in ship.output
-    assert f'state_file {kept} is damaged: ' in ship.output
+    assert f'state_file {state_file} is damaged: ' in ship.output
     assert 'load may move the lining by 0.9 m: is alarm.amplitude_limit in metres?' in ship.output
     # The file cannot be written: log and page say so.
-    kept.unlink()
-    kept.mkdir()
+    state_file.unlink()
+    state_file.mkdir()
     fault = 'the alarms are not kept: Is a directory'
     ship.until(bus.sails('20.0', lambda: fault in ship.output))
     with urllib.request.urlopen(f'{page}events', timeout=10.0) as stream:
         assert fault in next(line.decode() for line in stream if line.startswith(b'data: '))
-    kept.rmdir()
+    state_file.rmdir()
     assert 'is in use by another monitor' in refusal_of_watch(path)
     assert ship.stop(signal.SIGHUP) == 0  # as when its terminal goes
     assert main(['health', '--page', page]) == 2
     bus.listen()
     assert bus.beats[-1] == 'V'  # nobody watches any more
     assert 'Traceback' not in ship.output
-    assert kept.is_file()
+    assert state_file.is_file()
 
 
 @pytest.mark.parametrize(
@@ -148,28 +148,28 @@ def test_an_assumed_load_needs_no_bus(load: dict[str, Any], text: str, tmp_path:
 
 
 def refusal_of_watch(path: Path, *arguments: str) -> str:
-    """The one line that the command ends with."""
-    done = subprocess.run(
+    """Return the error line that the command ends with."""
+    completed = subprocess.run(
         [sys.executable, '-c', WITHOUT_ROS, 'watch', '-c', str(path), *arguments],
         capture_output=True,
         text=True,
         timeout=DEADLINE,
     )
-    lines = [line for line in done.stderr.splitlines() if line.startswith('ERROR: ')]
-    assert (done.returncode, len(lines)) == (2, 1), (done.stdout, done.stderr)
-    assert 'Traceback' not in done.stderr
+    lines = [line for line in completed.stderr.splitlines() if line.startswith('ERROR: ')]
+    assert (completed.returncode, len(lines)) == (2, 1), (completed.stdout, completed.stderr)
+    assert 'Traceback' not in completed.stderr
     return lines[0]
 
 
-def test_what_it_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_and_options_that_watch_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     links = Bus().links('aft_stern')
     topics = {q: BEARING[q] | {'topic': f'/{q}'} for q in ('speed', 'load')}
     path = ship_file(tmp_path, links, **topics)
     assert 'ROS 2 is not available' in refusal_of_watch(path, '--node')
-    with socket.socket() as other:
-        other.bind(('127.0.0.1', 0))
-        other.listen()
-        port = str(other.getsockname()[1])
+    with socket.socket() as listener:
+        listener.bind(('127.0.0.1', 0))
+        listener.listen()
+        port = str(listener.getsockname()[1])
         for arguments, words in (
             (['--request-token'], '--request-token needs signalk.url and signalk.token_file'),
             (['--port', port], f'cannot listen at 127.0.0.1 port {port}'),
@@ -192,12 +192,12 @@ def signalk_ship(folder: Path, server: SmallServer, **more: str) -> Path:
 
 
 @pytest.mark.slow
-async def test_what_a_server_or_its_token_ends(server: SmallServer, tmp_path: Path) -> None:
+async def test_a_bad_token_ends_watch_and_a_new_one_is_requested(server: SmallServer, tmp_path: Path) -> None:
     token = tmp_path / 'token'
     server.token = 'a-token-of-the-server'
     path = signalk_ship(tmp_path, server, token_file=str(token))
-    said = await asyncio.to_thread(refusal_of_watch, path)
-    assert f"token file '{token}' cannot be read: No such file or directory" in said
+    refusal = await asyncio.to_thread(refusal_of_watch, path)
+    assert f"token file '{token}' cannot be read: No such file or directory" in refusal
     token.write_text('a.wrong-token.of-somebody')
     token.chmod(0o640)
     assert 'can be read by others: chmod 600 it' in await asyncio.to_thread(refusal_of_watch, path)
@@ -205,8 +205,8 @@ async def test_what_a_server_or_its_token_ends(server: SmallServer, tmp_path: Pa
     assert 'the token is refused' in await asyncio.to_thread(refusal_of_watch, path)
     # Another is asked for, which an officer approves.
     command = [sys.executable, '-c', WITHOUT_ROS, 'watch', '-c', str(path), '--request-token']
-    done = await asyncio.to_thread(subprocess.run, command, timeout=DEADLINE)
-    assert done.returncode == 0
+    completed = await asyncio.to_thread(subprocess.run, command, timeout=DEADLINE)
+    assert completed.returncode == 0
     assert token.read_text() == 'eyJ.a.token.of.the.server\n'
     assert token.stat().st_mode & 0o777 == 0o600
 
@@ -252,7 +252,7 @@ def test_copies_are_not_published_where_no_stamp_is_seen(caplog: pytest.LogCaptu
 
 
 @pytest.mark.parametrize(
-    ('figures', 'code', 'said'),
+    ('figures', 'code', 'expected'),
     [
         ('stickslip_monitor_up{namespace="/"} 1.0\nstickslip_link_up{link="nmea_in"} 1.0', 0, 'Monitoring.'),
         ('stickslip_monitor_up{namespace="/"} 0.0', 1, 'not working: monitor /'),
@@ -265,20 +265,24 @@ def test_copies_are_not_published_where_no_stamp_is_seen(caplog: pytest.LogCaptu
     ],
 )
 def test_health_by_a_page(
-    figures: str, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    figures: str,
+    code: int,
+    expected: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(urllib.request, 'urlopen', lambda *_, **__: io.BytesIO(figures.encode()))
     assert main(['health', '--page', 'http://127.0.0.1:1']) == code
-    assert capsys.readouterr().out == f'{said}\n'
+    assert capsys.readouterr().out == f'{expected}\n'
 
 
 @pytest.mark.slow
 def test_a_log_that_nobody_reads_stops_nothing(tmp_path: Path) -> None:
-    """A line for each of 1,296 talkers is more than a pipe of 64 kB holds."""
+    """Print a line for each of 1,296 talkers, more than a pipe of 64 kB holds."""
     bus = Bus()
     path = str(ship_file(tmp_path, bus.links('aft_stern')))
     letters = string.ascii_uppercase + string.digits
-    others = [f'{a}{b}RPM,S,1,50.0,,A' for a in letters for b in letters]
+    talkers = [f'{a}{b}RPM,S,1,50.0,,A' for a in letters for b in letters]
     command = [sys.executable, '-c', WITHOUT_ROS, 'watch', '-c', path]
     with subprocess.Popen(command, stderr=subprocess.PIPE) as ship:
 
@@ -293,7 +297,7 @@ def test_a_log_that_nobody_reads_stops_nothing(tmp_path: Path) -> None:
 
         try:
             sails(lambda: bus.alarms.get('10002') == 'V')
-            sails(lambda: True, *(others[k : k + 8] for k in range(0, len(others), 8)))
+            sails(lambda: True, *(talkers[k : k + 8] for k in range(0, len(talkers), 8)))
             bus.beats.clear()
             sails(lambda: len(bus.beats) > 1)
             ship.send_signal(signal.SIGINT)

@@ -33,8 +33,8 @@ Span = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Sent:
-    """What comes: a bearing, for how long [s], its speed; times are those of arrival [s]."""
+class Scenario:
+    """Messages to one bearing, with the faults on their way; times are those of arrival [s]."""
 
     bearing: str = 'ship'
     end: float = 120.0
@@ -51,24 +51,28 @@ class Sent:
 
     @property
     def config(self) -> MonitorConfig:
-        own = {'level__topic': '/v', 'level__unit': self.unit}
-        own |= {} if math.isnan(self.threshold) else {'level__threshold': self.threshold}
-        return configured(NAME, BEARINGS[self.bearing][0], **(own if self.level else {}), **self.settings)
+        level_parameters = {'level__topic': '/v', 'level__unit': self.unit}
+        level_parameters |= {} if math.isnan(self.threshold) else {'level__threshold': self.threshold}
+        return configured(
+            NAME, BEARINGS[self.bearing][0], **(level_parameters if self.level else {}), **self.settings
+        )
 
     def messages(self) -> Messages:
-        """What comes, in the order of its arrival."""
+        """Return the messages as they arrive, in that order."""
         _, fold, nominal = BEARINGS[self.bearing]
-        sent = every(Input.SPEED, self.period, self.end, scaled(self.share, fold))
-        sent += every(Input.LOAD, self.load_period or self.period, self.end, scaled(self.load, nominal))
+        messages = every(Input.SPEED, self.period, self.end, scale_number(self.share, fold))
+        messages += every(
+            Input.LOAD, self.load_period or self.period, self.end, scale_number(self.load, nominal)
+        )
         if self.level is not None:
-            sent += every(Input.LEVEL, self.level_period, self.end, self.level)
-        kept = [message for message in sent if not math.isnan(message.value)]
-        return sorted(self.spoilt(kept), key=lambda message: message.arrival)
+            messages += every(Input.LEVEL, self.level_period, self.end, self.level)
+        finite = [message for message in messages if not math.isnan(message.value)]
+        return sorted(self.spoilt(finite), key=lambda message: message.arrival)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Told:
-    """What is to be told of it."""
+class Expectation:
+    """Report that a monitor must give of a scenario."""
 
     first: Span | None = None  # when stick-slip, first
     onsets: tuple[Span, ...] | None = None  # when each onset
@@ -81,28 +85,28 @@ class Told:
 
 
 class Case(NamedTuple):
-    """A row: what it is, what comes, and what is to be told."""
+    """A scenario with its title and what must be reported."""
 
-    what: str
-    sent: Sent
-    told: Told
-
-
-def make_case(what: str, sent: Sent, **told: Any) -> Case:
-    return Case(what, sent, Told(**told))
+    title: str
+    scenario: Scenario
+    expected: Expectation
 
 
-def step_at(at: float, before: float, after: float) -> Number:
-    """One number before a time [s], another from it on."""
+def make_case(title: str, scenario: Scenario, **expected: Any) -> Case:
+    return Case(title, scenario, Expectation(**expected))
+
+
+def step_number(at: float, before: float, after: float) -> Number:
+    """Return a number that steps from one value to another at a time [s]."""
     return lambda t: before if t < at else after
 
 
-def scaled(number: Number, by: float) -> Number:
-    return lambda t: by * number_at(number, t)
+def scale_number(number: Number, factor: float) -> Number:
+    return lambda t: factor * number_at(number, t)
 
 
-class Heard:
-    """What a monitor says of messages."""
+class MonitorRun:
+    """A monitor that takes messages, and what it reports of them."""
 
     def __init__(self, config: MonitorConfig, messages: Iterable[Message]) -> None:
         self.monitor = Monitor(config)
@@ -119,23 +123,23 @@ class Heard:
             self.used.append(update.status.valid)
             self._conditions.append((arrival, str(self.monitor.condition(NAME))))
 
-    def seconds(self, conditions: Iterable[str], begin: float = 0.0) -> float:
-        """For how long one of some conditions stood [s]."""
-        own = set(conditions)
+    def seconds_in(self, conditions: Iterable[str], begin: float = 0.0) -> float:
+        """Return for how long one of some conditions stood [s]."""
+        wanted = set(conditions)
         times = [*self._conditions, (self._conditions[-1][0], '')]
         return sum(
             after - max(at, begin)
             for (at, condition), (after, _) in pairwise(times)
-            if condition in own and after > begin
+            if condition in wanted and after > begin
         )
 
-    def first(self) -> float:
-        """When stick-slip was first told [s]; ``inf`` for never."""
-        return next((at for at, told in self._conditions if told in STICKING), math.inf)
+    def first_sticking(self) -> float:
+        """Return when stick-slip was first reported [s]; ``inf`` for never."""
+        return next((at for at, condition in self._conditions if condition in STICKING), math.inf)
 
     @property
     def onsets(self) -> list[float]:
-        """When stick-slip was announced [s]."""
+        """Times at which stick-slip was announced [s]."""
         return [e.time_ns / SECOND for e in self.events if e.onset]
 
     @property
@@ -147,12 +151,12 @@ class Heard:
 
 
 def spoil_input(place: Input, spoilt: Callable[[int, Message], Message | None]) -> Spoil:
-    """Something becomes of the messages of one input, by their number; ``None``: it is lost."""
+    """Return a fault that replaces the messages of one input, by their number; ``None`` loses a message."""
 
-    def spoil(sent: Messages) -> Messages:
-        own = [m for m in sent if m.place is place]
-        kept = (spoilt(k, m) for k, m in enumerate(own))
-        return [m for m in sent if m.place is not place] + [m for m in kept if m is not None]
+    def spoil(messages: Messages) -> Messages:
+        before = [m for m in messages if m.place is place]
+        after = (spoilt(k, m) for k, m in enumerate(before))
+        return [m for m in messages if m.place is not place] + [m for m in after if m is not None]
 
     return spoil
 
@@ -166,17 +170,17 @@ def offset_stamps(off: float, every_nth: int, first: int = 0, last: int = 10**9)
 
 
 def replace_values(place: Input, value: float, rows: Callable[[int, float], bool]) -> Spoil:
-    """Some have another value, by number and time."""
+    """Return a fault that gives some rows, by number and time, another value."""
     return spoil_input(place, lambda k, m: m._replace(value=value) if rows(k, m.stamp) else m)
 
 
-def in_bursts(period: float, copies: int, stamped_at: str) -> Spoil:
-    """A stalled executor or a gateway hands several speeds over within milliseconds."""
+def deliver_in_bursts(period: float, copies: int, stamped_at: str) -> Spoil:
+    """Return a fault that delivers several speeds at once, as a stalled executor or gateway does."""
 
-    def spoil(sent: Messages) -> Messages:
-        own = [m for m in sent if m.place is Input.SPEED]
-        found = [m for m in sent if m.place is not Input.SPEED]
-        for m in own:
+    def spoil(received: Messages) -> Messages:
+        speeds = [m for m in received if m.place is Input.SPEED]
+        messages = [m for m in received if m.place is not Input.SPEED]
+        for m in speeds:
             for copy in range(copies):
                 at = m.stamp + copy * 0.001
                 stamp = {
@@ -184,70 +188,70 @@ def in_bursts(period: float, copies: int, stamped_at: str) -> Spoil:
                     'at the source': m.stamp + ((copy + 1) / copies - 1) * period,
                     'alike': m.stamp,
                 }[stamped_at]
-                found.append(m._replace(arrival=at, stamp=stamp))
-        return found
+                messages.append(m._replace(arrival=at, stamp=stamp))
+        return messages
 
     return spoil
 
 
-def set_by(step: float, at: float) -> Spoil:
-    """All stamps are of clocks that are set at a time."""
-    return lambda sent: [m._replace(stamp=m.stamp + (step if m.arrival > at else 0.0)) for m in sent]
+def step_clocks(step: float, at: float) -> Spoil:
+    """Return a fault that sets all clocks by a step [s] at a time [s]."""
+    return lambda messages: [m._replace(stamp=m.stamp + (step if m.arrival > at else 0.0)) for m in messages]
 
 
 def drop_between(begin: float, end: float) -> Spoil:
     """Nothing arrives between two times [s]."""
-    return lambda sent: [m for m in sent if not begin <= m.arrival < end]
+    return lambda messages: [m for m in messages if not begin <= m.arrival < end]
 
 
-def load_from(time: float) -> Spoil:
-    """The load comes later than the speed [s]."""
+def drop_load_before(time: float) -> Spoil:
+    """Return a fault that loses the load before a time [s]."""
     return spoil_input(Input.LOAD, lambda _, m: m if m.stamp >= time else None)
 
 
-def late_by(seconds: Callable[[int], float]) -> Spoil:
-    """The speed is measured and comes later [s], by its number."""
+def delay_speed(seconds: Callable[[int], float]) -> Spoil:
+    """Return a fault that delays the speed and its stamps [s], by number."""
     return spoil_input(
         Input.SPEED, lambda k, m: m._replace(arrival=m.arrival + seconds(k), stamp=m.stamp + seconds(k))
     )
 
 
-def in_pairs(sent: Messages) -> Messages:
-    """Each value once more, a tenth of a second later."""
-    return sent + [m._replace(arrival=m.arrival + 0.1, stamp=m.stamp + 0.1) for m in sent]
+def repeat_later(messages: Messages) -> Messages:
+    """Return each value twice, the copy a tenth of a second later."""
+    return messages + [m._replace(arrival=m.arrival + 0.1, stamp=m.stamp + 0.1) for m in messages]
 
 
-def send_twice(sent: Messages) -> Messages:
-    return [m for m in sent for _ in range(2)]
+def send_twice(messages: Messages) -> Messages:
+    return [m for m in messages for _ in range(2)]
 
 
-def swap_pairs(sent: Messages) -> Messages:
-    """Of each input the second of each two comes before the first, when that one should."""
-    found = []
+def swap_pairs(messages: Messages) -> Messages:
+    """Return the messages of each input with each two swapped."""
+    swapped = []
     for place in Input:
-        own = [m for m in sent if m.place is place]
-        for a, b in zip(own[::2], own[1::2], strict=False):
-            found += [b._replace(arrival=a.arrival), a._replace(arrival=b.arrival)]
-    return found
+        inputs = [m for m in messages if m.place is place]
+        for a, b in zip(inputs[::2], inputs[1::2], strict=False):
+            swapped += [b._replace(arrival=a.arrival), a._replace(arrival=b.arrival)]
+    return swapped
 
 
 def apply_all(*spoils: Spoil) -> Spoil:
-    """One after the other."""
+    """Return a fault that applies several in order."""
 
-    def spoil(sent: Messages) -> Messages:
-        for each in spoils:
-            sent = each(sent)
-        return sent
+    def spoil(messages: Messages) -> Messages:
+        for spoil_one in spoils:
+            messages = spoil_one(messages)
+        return messages
 
     return spoil
 
 
 def add_publisher(period: float, ahead: float, value: float, begin: float = 0.0) -> Spoil:
-    """A second publisher of the speed, by a clock of its own."""
+    """Return a fault that adds a second publisher of the speed, by a clock of its own."""
 
-    def spoil(sent: Messages) -> Messages:
-        other = every(Input.SPEED, period, sent[-1].arrival, value, begin)
-        return sent + [m._replace(stamp=m.stamp + ahead) for m in other]
+    def spoil(messages: Messages) -> Messages:
+        added = every(Input.SPEED, period, messages[-1].arrival, value, begin)
+        return messages + [m._replace(stamp=m.stamp + ahead) for m in added]
 
     return spoil
 
@@ -270,7 +274,7 @@ def loud_when(when: Callable[[float], bool]) -> Number:
 
 
 def knock_that_beats(beat: float, low: float) -> Number:
-    """One loud sample at 50 s; from 200 s on a knock that beats."""
+    """Return a level with one loud sample at 50 s, and from 200 s on a knock that beats."""
 
     def level(t: float) -> float:
         if t < 200.0:
@@ -281,7 +285,7 @@ def knock_that_beats(beat: float, low: float) -> Number:
 
 
 def ringing_blow(t: float) -> float:
-    """A blow rings down; another goes on."""
+    """Return a level in which a blow rings down, and another goes on."""
     ringing = 20.0 * math.exp(-(t - 200.0) / 5.0) if 200.0 <= t < 260.0 else 0.0
     return 44.0 if t >= 260.0 else 22.0 + ringing
 
@@ -296,8 +300,8 @@ def two_bursts(t: float) -> float:
     return (44.0 if 100.0 <= t < 104.0 or 240.0 <= t < 244.5 else 22.0) + 0.1 * math.sin(t)
 
 
-def _with_pauses(t: float) -> float:
-    """One bit of dither, and the cable breaks for 6 s in 30."""
+def dithering_level_with_pauses(t: float) -> float:
+    """Return a level of one bit of dither, whose cable breaks for 6 s in 30."""
     return math.nan if t % 30.0 < 6.0 else 21.0 + 0.1 * (round(4.0 * t) % 2)
 
 
@@ -321,96 +325,100 @@ QUANTITIES = (Input.SPEED, Input.LOAD)
 
 def stamp_cases() -> Iterable[Case]:
     for copies, at in product((2, 20), ('at the source', 'on arrival', 'alike')):
-        sent = Sent('ship', 60.0, 0.4, period=2.0, spoilt=in_bursts(2.0, copies, at))
+        scenario = Scenario('ship', 60.0, 0.4, period=2.0, spoilt=deliver_in_bursts(2.0, copies, at))
         seconds = {'stick_slip': (48.0, 60.0), 'input_stale': NEVER}
-        yield make_case(f'bursts of {copies}, stamped {at}', sent, first=(0.0, 10.0), seconds=seconds)
+        yield make_case(f'bursts of {copies}, stamped {at}', scenario, first=(0.0, 10.0), seconds=seconds)
     for off in (-3600.0, -7.0, 4.8, 6.0, 3600.0):
-        sent, used = (
-            Sent('ship', 300.0, 0.5, period=0.2, spoilt=offset_stamps(off, 7)),
+        scenario, used = (
+            Scenario('ship', 300.0, 0.5, period=0.2, spoilt=offset_stamps(off, 7)),
             0.9 + 0.099 * (off > 0.0),
         )
         seconds = {'stick_slip': (285.0, 300.0)}
-        what = f'one stamp in seven off by {off} s'
-        yield make_case(what, sent, first=(0.0, 10.0), events=9, used=used, seconds=seconds)
-        sent, used = Sent('steep', spoilt=offset_stamps(off, 1, 100, 102)), 0.99 + 0.01 * (off > 0.0)
-        yield make_case(f'two stamps off by {off} s', sent, events=0, used=used)
+        title = f'one stamp in seven off by {off} s'
+        yield make_case(title, scenario, first=(0.0, 10.0), events=9, used=used, seconds=seconds)
+        scenario, used = Scenario('steep', spoilt=offset_stamps(off, 1, 100, 102)), 0.99 + 0.01 * (off > 0.0)
+        yield make_case(f'two stamps off by {off} s', scenario, events=0, used=used)
 
 
 def clock_cases() -> Iterable[Case]:
     for period in (2.0, 4.8):
-        sent = Sent('ship', 200.0, ramps([0, 100, 101], [2.0, 2.0, 0.4]), period=period, spoilt=in_pairs)
-        told = {'used': 0.95, 'first': (100.0, 112.0), 'seconds': {'input_stale': NEVER}}
-        yield make_case(f'values in pairs, {period} s apart', sent, **told)
+        scenario = Scenario(
+            'ship', 200.0, ramps([0, 100, 101], [2.0, 2.0, 0.4]), period=period, spoilt=repeat_later
+        )
+        expected = {'used': 0.95, 'first': (100.0, 112.0), 'seconds': {'input_stale': NEVER}}
+        yield make_case(f'values in pairs, {period} s apart', scenario, **expected)
     for (bearing, period), by, spoil in product(
         (('ship', 0.1), ('steep', 1.0)), (-3600.0, -3.0, 3.0, 600.0), (send_twice, swap_pairs)
     ):
-        spoilt = apply_all(drop_between(40.0, 50.0), spoil, set_by(by, 50.0))
-        sent = Sent(bearing, 160.0, step_at(100.0, 2.0, 0.4), period=period, spoilt=spoilt)
+        spoilt = apply_all(drop_between(40.0, 50.0), spoil, step_clocks(by, 50.0))
+        scenario = Scenario(bearing, 160.0, step_number(100.0, 2.0, 0.4), period=period, spoilt=spoilt)
         onset = (100.0, 115.0 + 8.0 * period)
-        what = f'clock set by {by} s in a gap, {spoil.__name__}, {bearing}'
-        yield make_case(what, sent, onsets=(onset,), first=onset)
+        title = f'clock set by {by} s in a gap, {spoil.__name__}, {bearing}'
+        yield make_case(title, scenario, onsets=(onset,), first=onset)
     for period, by in ((10.0, -3600.0), (20.0, -120.0)):
-        sent = Sent('table', 900.0, 0.4, period=period, spoilt=set_by(by, 25.0))
-        what = f'values each {period} s, the clock set by {by} s at once'
-        yield make_case(what, sent, used=0.95, ends='stick_slip')
+        scenario = Scenario('table', 900.0, 0.4, period=period, spoilt=step_clocks(by, 25.0))
+        title = f'values each {period} s, the clock set by {by} s at once'
+        yield make_case(title, scenario, used=0.95, ends='stick_slip')
     timeouts = {'speed__timeout': 60.0, 'load__timeout': 60.0}
-    share, spoilt = step_at(105.0, 2.0, 0.4), set_by(-50.0, 100.0)
-    sent = Sent('ship', 200.0, share, period=0.2, spoilt=spoilt, settings=timeouts)
-    yield make_case('clock set by -50 s within a long time-out', sent, first=(105.0, 109.0))
+    share, spoilt = step_number(105.0, 2.0, 0.4), step_clocks(-50.0, 100.0)
+    scenario = Scenario('ship', 200.0, share, period=0.2, spoilt=spoilt, settings=timeouts)
+    yield make_case('clock set by -50 s within a long time-out', scenario, first=(105.0, 109.0))
     for ahead in (-7.0, 0.4, 7.0):
-        sent = Sent('ship', 120.0, 0.4, spoilt=add_publisher(0.5, ahead, rpm_of_share('ship', 0.6), 0.23))
-        what = f'a second publisher far outside, its clock {ahead} s off'
-        yield make_case(what, sent, seconds={'stick_slip': (100.0, 120.0)})
+        scenario = Scenario(
+            'ship', 120.0, 0.4, spoilt=add_publisher(0.5, ahead, rpm_of_share('ship', 0.6), 0.23)
+        )
+        title = f'a second publisher far outside, its clock {ahead} s off'
+        yield make_case(title, scenario, seconds={'stick_slip': (100.0, 120.0)})
 
 
 def value_cases() -> Iterable[Case]:
     for (bearing, period, nth), place in product((('steep', 0.05, 7), ('ship', 0.1, 4)), QUANTITIES):
         value = (0.05, 20.0)[place] * BEARINGS[bearing][1 + place]
         spoilt = replace_values(place, value, lambda k, _, n=nth: k >= 9 and (k - 9) % n == 0)
-        what = f'one odd {INPUTS[place]} in {nth} far outside'
+        title = f'one odd {INPUTS[place]} in {nth} far outside'
         yield make_case(
-            what, Sent(bearing, period=period, spoilt=spoilt), onsets=(), seconds={'bistable': NEVER}
+            title, Scenario(bearing, period=period, spoilt=spoilt), onsets=(), seconds={'bistable': NEVER}
         )
     for place in QUANTITIES:
         value = (0.9, 30.0)[place] * BEARINGS['ship'][1 + place]
         spoilt = replace_values(place, value, lambda k, _: 500 <= k < 3000 and k % 500 == 0)
         level = {'level': loud_between(0.0, high=90.0), 'unit': 'mm/s', 'threshold': 40.0}
-        sent = Sent('ship', 600.0, 1.75, period=0.2, spoilt=spoilt, **level)
-        yield make_case(f'one odd {INPUTS[place]} and a vibration', sent, seconds={'stick_slip': NEVER})
+        scenario = Scenario('ship', 600.0, 1.75, period=0.2, spoilt=spoilt, **level)
+        yield make_case(f'one odd {INPUTS[place]} and a vibration', scenario, seconds={'stick_slip': NEVER})
         spoilt = replace_values(place, 0.0, lambda _, t: 130.0 < t < 131.4)
-        sent = Sent('steep', 180.0, EPISODE, period=0.2, spoilt=spoilt)
-        what = f'{INPUTS[place]} drops to zero for 1.4 s in an episode'
-        yield make_case(what, sent, onsets=(ALWAYS,), ends='stick_slip')
+        scenario = Scenario('steep', 180.0, EPISODE, period=0.2, spoilt=spoilt)
+        title = f'{INPUTS[place]} drops to zero for 1.4 s in an episode'
+        yield make_case(title, scenario, onsets=(ALWAYS,), ends='stick_slip')
     for bearing, place in product(('reference', 'viscous'), QUANTITIES):
         spoilt = replace_values(place, 0.0, lambda _, t: t > 40.0 and t % 1.0 < 0.5)
-        sent = Sent(bearing, 200.0, step_at(40.0, 0.4, 2.0), period=0.1, spoilt=spoilt)
-        what = f'{INPUTS[place]} drops out half of the time, {bearing}'
-        yield make_case(what, sent, onsets=(ALWAYS,), seconds={'stick_slip': NEVER}, since=70.0)
+        scenario = Scenario(bearing, 200.0, step_number(40.0, 0.4, 2.0), period=0.1, spoilt=spoilt)
+        title = f'{INPUTS[place]} drops out half of the time, {bearing}'
+        yield make_case(title, scenario, onsets=(ALWAYS,), seconds={'stick_slip': NEVER}, since=70.0)
     for period in (0.1, 1.0):
-        sent = Sent('reference', 60.0, step_at(0.01, 0.05, 2.0), period=period, load_period=0.1)
-        yield make_case(f'the filter of a tachometer starts at zero, each {period} s', sent, onsets=())
+        scenario = Scenario('reference', 60.0, step_number(0.01, 0.05, 2.0), period=period, load_period=0.1)
+        yield make_case(f'the filter of a tachometer starts at zero, each {period} s', scenario, onsets=())
     for bearing, (_, fold, _) in BEARINGS.items():
-        sent = Sent(bearing, 120.0, 0.04 / fold, period=1.0)
-        yield make_case(f'a stopped shaft whose tachometer shows 0.04 rpm, {bearing}', sent, events=0)
+        scenario = Scenario(bearing, 120.0, 0.04 / fold, period=1.0)
+        yield make_case(f'a stopped shaft whose tachometer shows 0.04 rpm, {bearing}', scenario, events=0)
     for size in (1.0, 4.0):
         fine, share = ramps([0, 120], [2.0, 0.3]), size / BEARINGS['steep'][1]
-        sent = Sent('steep', 150.0, lambda t, s=share, f=fine: s * round(f(t) / s), load_period=0.2)
-        yield make_case(f'speeds in steps of {size} rpm', sent, onsets=(ALWAYS,), ends='stick_slip')
+        scenario = Scenario('steep', 150.0, lambda t, s=share, f=fine: s * round(f(t) / s), load_period=0.2)
+        yield make_case(f'speeds in steps of {size} rpm', scenario, onsets=(ALWAYS,), ends='stick_slip')
 
 
 def pace_cases() -> Iterable[Case]:
-    slow, lag = {'speed__timeout': 4.0, 'load__timeout': 4.0}, late_by(lambda k: k % 2 * 0.02)
-    sent = Sent('viscous', 600.0, period=4.0, load_period=0.5, spoilt=lag, settings=slow)
-    what = 'values as slow as the time-out, every second 20 ms late'
-    yield make_case(what, sent, since=10.0, seconds={'input_stale': NEVER})
+    slow, lag = {'speed__timeout': 4.0, 'load__timeout': 4.0}, delay_speed(lambda k: k % 2 * 0.02)
+    scenario = Scenario('viscous', 600.0, period=4.0, load_period=0.5, spoilt=lag, settings=slow)
+    title = 'values as slow as the time-out, every second 20 ms late'
+    yield make_case(title, scenario, since=10.0, seconds={'input_stale': NEVER})
     for period in (6.0, 30.0):
-        what = f'values slower than the time-out, each {period} s'
-        yield make_case(what, Sent('ship', 1800.0, 0.4, period=period), used=0.9, ends='stick_slip')
+        title = f'values slower than the time-out, each {period} s'
+        yield make_case(title, Scenario('ship', 1800.0, 0.4, period=period), used=0.9, ends='stick_slip')
     for period in (1.0, 4.0):
-        sent = Sent('steep', 60.0, step_at(21.0, 2.0, 0.3), period=0.1, load_period=period)
-        yield make_case(f'a load each {period} s delays no onset', sent, first=(21.0, 23.0))
+        scenario = Scenario('steep', 60.0, step_number(21.0, 2.0, 0.3), period=0.1, load_period=period)
+        yield make_case(f'a load each {period} s delays no onset', scenario, first=(21.0, 23.0))
     for period in (2.0, 60.0):
-        sent = Sent(
+        scenario = Scenario(
             'ship',
             4500.0,
             lambda t: 0.4 if t % 600.0 < 300.0 and t < 1200.0 else 2.0,
@@ -418,51 +426,51 @@ def pace_cases() -> Iterable[Case]:
             load_period=1.0,
             settings={'speed__timeout': 30.0},
         )
-        told = {'onsets': (ALWAYS, ALWAYS), 'since': 1200.0 + 4 * period, 'ends': 'normal'}
+        expected = {'onsets': (ALWAYS, ALWAYS), 'since': 1200.0 + 4 * period, 'ends': 'normal'}
         seconds = dict.fromkeys(('stick_slip', 'bistable', 'caution'), NEVER)
-        what = f'two episodes, then an hour outside, a speed each {period} s'
-        yield make_case(what, sent, seconds=seconds, **told)
+        title = f'two episodes, then an hour outside, a speed each {period} s'
+        yield make_case(title, scenario, seconds=seconds, **expected)
     for apart in (50.0, 250.0):
-        last, kept = 100.0 + 2.0 * apart, (100.0 + apart, 100.0 + 2.0 * apart)
+        last, single_times = 100.0 + 2.0 * apart, (100.0 + apart, 100.0 + 2.0 * apart)
         spoilt = spoil_input(
             Input.SPEED,
-            lambda _, m, own=kept: (
-                m if m.stamp < 100.0 or min(abs(m.stamp - at) for at in own) < 0.04 else None
+            lambda _, m, times=single_times: (
+                m if m.stamp < 100.0 or min(abs(m.stamp - at) for at in times) < 0.04 else None
             ),
         )
-        sent = Sent('ship', last + 60.0, period=0.1, spoilt=spoilt)
-        what = f'two single speeds {apart} s apart are no slow sensor'
-        yield make_case(what, sent, since=last, seconds={'normal': (0.0, 15.0)}, ends='input_stale')
-    sent = Sent('ship', 5 * 3600.0, 1.6, period=5.0, load_period=3600.0)
+        scenario = Scenario('ship', last + 60.0, period=0.1, spoilt=spoilt)
+        title = f'two single speeds {apart} s apart are no slow sensor'
+        yield make_case(title, scenario, since=last, seconds={'normal': (0.0, 15.0)}, ends='input_stale')
+    scenario = Scenario('ship', 5 * 3600.0, 1.6, period=5.0, load_period=3600.0)
     lost = {'input_stale': (0.85 * 5 * 3600.0, math.inf)}
-    yield make_case('a load that comes once an hour is lost in between', sent, seconds=lost)
+    yield make_case('a load that comes once an hour is lost in between', scenario, seconds=lost)
 
 
 def course_cases() -> Iterable[Case]:
     for bearing, high, low in (('steep', 2.0, 0.4), ('viscous', 1.8, 0.5)):
         begins = (60.0, 360.0, 660.0, 960.0)
         times = [begin + after for begin in begins for after in (0.0, 20.0, 50.0, 70.0)]
-        sent = Sent(bearing, 1260.0, ramps(times, [high, low, low, high] * 4), period=0.2)
+        scenario = Scenario(bearing, 1260.0, ramps(times, [high, low, low, high] * 4), period=0.2)
         onsets, seconds = tuple((begin, begin + 30.0) for begin in begins), {'stick_slip': (0.0, 4 * 70.0)}
-        what = f'each of four episodes ends and is announced, {bearing}'
-        yield make_case(what, sent, onsets=onsets, seconds=seconds, ends='normal')
-    what = 'nothing is known of a bearing that starts in the bistable range'
+        title = f'each of four episodes ends and is announced, {bearing}'
+        yield make_case(title, scenario, onsets=onsets, seconds=seconds, ends='normal')
+    title = 'nothing is known of a bearing that starts in the bistable range'
     yield make_case(
-        what, Sent('steep', 60.0, 0.9, period=0.25), ends='bistable', says='Vibration state unknown.'
+        title, Scenario('steep', 60.0, 0.9, period=0.25), ends='bistable', says='Vibration state unknown.'
     )
     limit = {'alarm__amplitude_limit': 0.8e-3}
-    sent = Sent('reference', 60.0, 0.5, period=0.2, load=6.0, settings=limit)
-    what = 'the amplitude limit is that of the exact cycle: 0.94 mm, averaged 0.55'
-    yield make_case(what, sent, ends='amplitude_limit')
+    scenario = Scenario('reference', 60.0, 0.5, period=0.2, load=6.0, settings=limit)
+    title = 'the amplitude limit is that of the exact cycle: 0.94 mm, averaged 0.55'
+    yield make_case(title, scenario, ends='amplitude_limit')
 
 
 def level_cases() -> Iterable[Case]:
     for high in (8.0, 25.0):
         level = {'level': loud_between(400.0, high=high, low=2.0), 'unit': 'mm/s', 'threshold': math.nan}
-        sent = Sent('ship', 900.0, 1.13, **level)
-        yield make_case(f'a genset outside the fold, {high} mm/s', sent, seconds={'stick_slip': NEVER})
+        scenario = Scenario('ship', 900.0, 1.13, **level)
+        yield make_case(f'a genset outside the fold, {high} mm/s', scenario, seconds={'stick_slip': NEVER})
     for dither in (0.0, 0.04):
-        sent = Sent(
+        scenario = Scenario(
             'viscous',
             600.0,
             0.9,
@@ -472,116 +480,128 @@ def level_cases() -> Iterable[Case]:
                 else 21.0 + 0.7 * math.sin(3.0 * t)
             ),
         )
-        what = f'a limit cycle is constant to {dither} dB, and no stuck level'
-        yield make_case(what, sent, first=(400.0, 406.0), ends='stick_slip')
+        title = f'a limit cycle is constant to {dither} dB, and no stuck level'
+        yield make_case(title, scenario, first=(400.0, 406.0), ends='stick_slip')
     # Beyond the fold a vibration is never taken for stick-slip; caution stands there anyway.
     inside, beyond = ('viscous', 0.9, 'stick_slip'), ('ship', 1.1, 'caution')
     for lasting, (bearing, share, ends) in product((2.0, 8.0), (inside, beyond)):
         level = loud_when(lambda t, n=lasting: t % 60.0 < n or t > 1000.0)
-        sent = Sent(bearing, 1100.0, share, level=level, unit='mm/s', threshold=20.0)
+        scenario = Scenario(bearing, 1100.0, share, level=level, unit='mm/s', threshold=20.0)
         onsets = ((1000.0, 1020.0),) if ends == 'stick_slip' else ()
         yield make_case(
-            f'bursts of {lasting} s, then one that goes on, at {share}', sent, ends=ends, onsets=onsets
+            f'bursts of {lasting} s, then one that goes on, at {share}', scenario, ends=ends, onsets=onsets
         )
     for bearing, period in product(('viscous', 'ship'), (0.1, 2.0)):
         share = ramps([0, 100, 102], [1.6, 1.6, 0.93])
-        sent = Sent(bearing, 160.0, share, level=loud_between(101.8), period=period)
-        what = f'the knock of a crash manoeuvre, {bearing}, a speed each {period} s'
-        yield make_case(what, sent, first=(101.8, 130.0))
+        scenario = Scenario(bearing, 160.0, share, level=loud_between(101.8), period=period)
+        title = f'the knock of a crash manoeuvre, {bearing}, a speed each {period} s'
+        yield make_case(title, scenario, first=(101.8, 130.0))
     for begin in (0.9, 1.6):
         share = ramps([0, 60, 80], [begin, begin, 0.9])
-        sent = Sent('ship', 900.0, share, level=loud_between(0.0, high=46.0))
-        what = f'an engine order that is loud from the start, at {begin}'
-        yield make_case(what, sent, seconds={'stick_slip': NEVER})
+        scenario = Scenario('ship', 900.0, share, level=loud_between(0.0, high=46.0))
+        title = f'an engine order that is loud from the start, at {begin}'
+        yield make_case(title, scenario, seconds={'stick_slip': NEVER})
 
     # A sensor's floor, or 0 of an amplifier that is off, is no background of a shaft under way.
     for floor in (0.0, 0.01):
         share = ramps([0, 400, 405, 415, 445], [0.0, 0.0, 1.6, 1.6, 0.9])
-        level = {'level': step_at(400.0, floor, 2.0), 'unit': 'mm/s', 'threshold': math.nan}
-        sent = Sent('ship', 800.0, share, period=0.25, **level)
-        yield make_case(f'under way from a berth where the level was {floor}', sent, onsets=((400.0, 402.0),))
+        level = {'level': step_number(400.0, floor, 2.0), 'unit': 'mm/s', 'threshold': math.nan}
+        scenario = Scenario('ship', 800.0, share, period=0.25, **level)
+        yield make_case(
+            f'under way from a berth where the level was {floor}', scenario, onsets=((400.0, 402.0),)
+        )
 
     # For three seconds in thirty the amplifier says nothing.
-    sent = Sent(
+    scenario = Scenario(
         'ship', 300.0, 0.9, level=lambda t: 0.0 if t % 30.0 < 3.0 else 2.0, unit='mm/s', threshold=math.nan
     )
-    yield make_case('a level with drop-outs to 0 in the bistable range', sent, ends='bistable', onsets=())
+    yield make_case('a level with drop-outs to 0 in the bistable range', scenario, ends='bistable', onsets=())
 
 
 def _level_knocks() -> Iterable[Case]:
     for beat, low in ((6.0, 29.0), (8.0, 33.0), (12.0, 32.0)):
         share = ramps([0, 100, 120], [1.6, 1.6, 0.92])
-        sent = Sent('viscous', 300.0, share, level=knock_that_beats(beat, low), load_period=0.2)
-        what = f'a knock that beats each {beat} s, after one loud sample elsewhere'
-        yield make_case(what, sent, first=(200.0, 232.0))
+        scenario = Scenario('viscous', 300.0, share, level=knock_that_beats(beat, low), load_period=0.2)
+        title = f'a knock that beats each {beat} s, after one loud sample elsewhere'
+        yield make_case(title, scenario, first=(200.0, 232.0))
     for bearing, after in product(('viscous', 'ship'), (0.5, 3.0)):
         share = ramps([0, 100, 105, 200, 206], [1.8, 1.8, 0.4, 0.4, 1.8])
-        sent = Sent(bearing, 300.0, share, level=loud_between(103.0, 202.6 + after, 46.0), period=0.2)
-        what = f'the lining rings {after} s after an episode, {bearing}'
-        yield make_case(what, sent, onsets=(ALWAYS,), seconds={'vibration': NEVER}, ends='normal')
+        scenario = Scenario(bearing, 300.0, share, level=loud_between(103.0, 202.6 + after, 46.0), period=0.2)
+        title = f'the lining rings {after} s after an episode, {bearing}'
+        yield make_case(title, scenario, onsets=(ALWAYS,), seconds={'vibration': NEVER}, ends='normal')
     pump = loud_when(lambda t: 400.0 <= t < 440.0 or 500.0 <= t < 540.0)
-    for share, onsets in ((step_at(450.0, 1.6, 0.9), ()), (0.9, ((400.0, 404.0),))):
-        sent = Sent('ship', 600.0, share, level=pump, unit='mm/s', threshold=20.0)
-        where = 'in the bistable range' if onsets else 'beyond the fold'
-        yield make_case(f'a pump that has run {where} is known', sent, onsets=onsets, ends='bistable')
+    for share, onsets in ((step_number(450.0, 1.6, 0.9), ()), (0.9, ((400.0, 404.0),))):
+        scenario = Scenario('ship', 600.0, share, level=pump, unit='mm/s', threshold=20.0)
+        place = 'in the bistable range' if onsets else 'beyond the fold'
+        yield make_case(f'a pump that has run {place} is known', scenario, onsets=onsets, ends='bistable')
     # The end of an episode beyond the fold is nothing else that vibrates, nor is what a lost level said last.
     share = ramps([0, 100, 105, 200, 206, 300, 306], [1.8, 1.8, 0.4, 0.4, 1.8, 1.8, 0.9])
     for silent in (False, True):
         level = loud_when(lambda t: 103.0 <= t < 205.6 or t >= 550.0)
-        heard = (
-            (lambda t, own=level: math.nan if 190.0 <= t < 300.0 else number_at(own, t)) if silent else level
+        measured = (
+            (
+                lambda t, level_until_lost=level: (
+                    math.nan if 190.0 <= t < 300.0 else number_at(level_until_lost, t)
+                )
+            )
+            if silent
+            else level
         )
-        sent = Sent('ship', 600.0, share, level=heard, unit='mm/s', threshold=20.0)
-        what = f'a shock after an episode whose end was {"not " * silent}heard'
-        yield make_case(what, sent, onsets=(ALWAYS, (550.0, 555.0)), ends='stick_slip')
+        scenario = Scenario('ship', 600.0, share, level=measured, unit='mm/s', threshold=20.0)
+        title = f'a shock after an episode whose end was {"not " * silent}heard'
+        yield make_case(title, scenario, onsets=(ALWAYS, (550.0, 555.0)), ends='stick_slip')
     for lasting, rises in product((3.5, 5.5), (True, False)):
         level = loud_when(
             lambda t, n=lasting, r=rises: 100.0 <= t % 300.0 < 100.0 + n or (r and 320.0 < t < 920.0)
         )
-        sent = Sent('ship', 1500.0, AGAIN, level=level, unit='mm/s', threshold=20.0)
-        what = f'bursts of {lasting} s, then an episode with{"" if rises else "out"} a rise'
-        yield make_case(what, sent, onsets=((300.0, 400.0),), ends='bistable' if rises else 'stick_slip')
+        scenario = Scenario('ship', 1500.0, AGAIN, level=level, unit='mm/s', threshold=20.0)
+        title = f'bursts of {lasting} s, then an episode with{"" if rises else "out"} a rise'
+        yield make_case(title, scenario, onsets=((300.0, 400.0),), ends='bistable' if rises else 'stick_slip')
 
 
 def _level_episodes() -> Iterable[Case]:
     for period in (3.0, 10.0):
         level, short = loud_between(400.0), {'level__timeout': 2.0}
-        sent = Sent('viscous', 600.0, 0.9, level=level, level_period=period, settings=short)
-        what = f'a level each {period} s is slower than its time-out'
-        yield make_case(what, sent, first=(400.0, 401.0 + 3.0 * period), ends='stick_slip')
+        scenario = Scenario('viscous', 600.0, 0.9, level=level, level_period=period, settings=short)
+        title = f'a level each {period} s is slower than its time-out'
+        yield make_case(title, scenario, first=(400.0, 401.0 + 3.0 * period), ends='stick_slip')
     level = loud_between(400.0, high=60.0, low=3.0)
-    sent = Sent('ship', 600.0, 1.1, level=level, unit='mm/s', threshold=20.0)
+    scenario = Scenario('ship', 600.0, 1.1, level=level, unit='mm/s', threshold=20.0)
     says = 'Vibration is measured where none is predicted'
     yield make_case(
-        'a worn bearing sticks where its parameters say caution', sent, onsets=(), ends='caution', says=says
+        'a worn bearing sticks where its parameters say caution',
+        scenario,
+        onsets=(),
+        ends='caution',
+        says=says,
     )
-    told = {'onsets': (), 'seconds': {'bistable': NEVER}}
-    sent = replace(sent, settings={'tolerance__damping': 0.2})
-    yield make_case('the same of a bearing with tolerances', sent, **told)
-    sent = Sent('viscous', 300.0, 0.9, level=ringing_blow)
-    yield make_case('a blow that goes on, after one that rang down', sent, onsets=((260.0, 277.0),))
-    for what, later, ramp, left, end in (
+    expected = {'onsets': (), 'seconds': {'bistable': NEVER}}
+    scenario = replace(scenario, settings={'tolerance__damping': 0.2})
+    yield make_case('the same of a bearing with tolerances', scenario, **expected)
+    scenario = Scenario('viscous', 300.0, 0.9, level=ringing_blow)
+    yield make_case('a blow that goes on, after one that rang down', scenario, onsets=((260.0, 277.0),))
+    for title, later, ramp, end_of_sticking, end in (
         ('dies', lambda t: 1.0 + 0.01 * (round(2 * t) % 2), 20.0, 520.0, 900.0),
-        ('dies, with pauses', _with_pauses, 20.0, 620.0, 900.0),
+        ('dies, with pauses', dithering_level_with_pauses, 20.0, 620.0, 900.0),
         ('beats with the shaft', beating_level, 10.0, 430.0, 700.0),
         ('has a loose contact', loose_contact, 10.0, 430.0, 700.0),
     ):
-        times = [60, 80, 200, 220, 400, 400 + ramp, left, left + ramp]
+        times = [60, 80, 200, 220, 400, 400 + ramp, end_of_sticking, end_of_sticking + ramp]
         share = ramps(times, [1.5, 0.4, 0.4, 1.5, 1.5, 0.4, 0.4, 0.9])
-        sent = Sent('ship', end, share, period=0.2, level=second_episode(later), level_period=0.25)
-        what = f'a level that {what} ends no second episode'
-        yield make_case(what, sent, onsets=(ALWAYS, ALWAYS), ends='stick_slip')
-    share, level = ramps([0, 60, 80, 120, 140], [1.5, 1.5, 0.4, 0.4, 0.9]), step_at(0.0, 1.0, 1.0)
-    sent = Sent('ship', 600.0, share, period=0.2, level=level, unit='mm/s', threshold=40.0)
-    yield make_case('a dead level ends no running alarm', sent, onsets=(ALWAYS,), ends='stick_slip')
-    share, spoilt = ramps([150.0, 180.0], [1.6, 0.9]), set_by(-3600.0, 200.0)
-    sent = Sent('viscous', 300.0, share, spoilt=spoilt, level=two_bursts)
-    what = 'a burst outside, the clocks set back, and the same inside'
-    yield make_case(what, sent, onsets=(), used=0.99)
+        scenario = Scenario('ship', end, share, period=0.2, level=second_episode(later), level_period=0.25)
+        title = f'a level that {title} ends no second episode'
+        yield make_case(title, scenario, onsets=(ALWAYS, ALWAYS), ends='stick_slip')
+    share, level = ramps([0, 60, 80, 120, 140], [1.5, 1.5, 0.4, 0.4, 0.9]), step_number(0.0, 1.0, 1.0)
+    scenario = Scenario('ship', 600.0, share, period=0.2, level=level, unit='mm/s', threshold=40.0)
+    yield make_case('a dead level ends no running alarm', scenario, onsets=(ALWAYS,), ends='stick_slip')
+    share, spoilt = ramps([150.0, 180.0], [1.6, 0.9]), step_clocks(-3600.0, 200.0)
+    scenario = Scenario('viscous', 300.0, share, spoilt=spoilt, level=two_bursts)
+    title = 'a burst outside, the clocks set back, and the same inside'
+    yield make_case(title, scenario, onsets=(), used=0.99)
     level = loud_between(0.0, high=90.0)
-    sent = Sent('ship', 200.0, 0.4, level=level, unit='mm/s', threshold=math.nan)
-    what = 'a level that shows an episode from the start, without a threshold'
-    yield make_case(what, sent, ends='stick_slip', says='does its sensor reach the bearing?')
+    scenario = Scenario('ship', 200.0, 0.4, level=level, unit='mm/s', threshold=math.nan)
+    title = 'a level that shows an episode from the start, without a threshold'
+    yield make_case(title, scenario, ends='stick_slip', says='does its sensor reach the bearing?')
 
 
 ROWS = (
@@ -597,91 +617,91 @@ ROWS = (
 CASES = [case for rows in ROWS for case in rows()]
 
 
-@pytest.mark.parametrize('case', CASES, ids=lambda case: case.what)
-def test_what_is_told(case: Case) -> None:
-    what, sent, told = case
-    heard = Heard(sent.config, sent.messages())
-    if told.first is not None:
-        assert told.first[0] <= heard.first() <= told.first[1]
-    if told.onsets is not None:
-        assert len(heard.onsets) == len(told.onsets), heard.onsets
-        for onset, (begin, end) in zip(heard.onsets, told.onsets, strict=True):
+@pytest.mark.parametrize('case', CASES, ids=lambda case: case.title)
+def test_report_of_a_scenario(case: Case) -> None:
+    title, scenario, expected = case
+    run = MonitorRun(scenario.config, scenario.messages())
+    if expected.first is not None:
+        assert expected.first[0] <= run.first_sticking() <= expected.first[1]
+    if expected.onsets is not None:
+        assert len(run.onsets) == len(expected.onsets), run.onsets
+        for onset, (begin, end) in zip(run.onsets, expected.onsets, strict=True):
             assert begin <= onset <= end
-    for condition, (least, most) in told.seconds.items():
+    for condition, (min_seconds, max_seconds) in expected.seconds.items():
         conditions = STICKING if condition == 'stick_slip' else (condition,)
-        assert least <= heard.seconds(conditions, told.since) <= most, condition
-    assert told.ends in ('', heard.condition)
-    assert told.events is None or len(heard.events) <= told.events
-    assert sum(heard.used) >= told.used * len(heard.used)
-    times = [event.time_ns for event in heard.events]
-    assert times == sorted(times) or 'set by' in what or 'set back' in what
-    assert told.says in heard.monitor.bearings[NAME].text()
+        assert min_seconds <= run.seconds_in(conditions, expected.since) <= max_seconds, condition
+    assert expected.ends in ('', run.condition)
+    assert expected.events is None or len(run.events) <= expected.events
+    assert sum(run.used) >= expected.used * len(run.used)
+    times = [event.time_ns for event in run.events]
+    assert times == sorted(times) or 'set by' in title or 'set back' in title
+    assert expected.says in run.monitor.bearings[NAME].text()
 
 
 @pytest.mark.parametrize('times', [2, 6])
 def test_copies_change_nothing(times: int) -> None:
     share = ramps([0, 60, 90, 150], [1.6, 0.5, 0.5, 1.6])
-    case = Sent('table', 180.0, share, period=0.25)
+    case = Scenario('table', 180.0, share, period=0.25)
     # A stamp is the sender's own if the message comes later.
-    sent = [m._replace(arrival=m.arrival + 0.01) for m in case.messages()]
-    copied = [m for m in sent for _ in range(times)]
-    once, often = (Heard(case.config, given) for given in (sent, copied))
-    assert len(once.onsets) == 1
-    told = [[(brief(e), e.text) for e in heard.events] for heard in (once, often)]
-    assert told[0] == told[1]
+    messages = [m._replace(arrival=m.arrival + 0.01) for m in case.messages()]
+    copied = [m for m in messages for _ in range(times)]
+    plain, repeated = (MonitorRun(case.config, received) for received in (messages, copied))
+    assert len(plain.onsets) == 1
+    texts = [[(brief(e), e.text) for e in run.events] for run in (plain, repeated)]
+    assert texts[0] == texts[1]
 
 
-def test_a_speed_that_is_steady_again_falls_no_more() -> None:
+def test_a_speed_that_is_steady_again_is_no_longer_called_slowing() -> None:
     share, settings = ramps([30, 50, 70], [1.5, 1.08, 1.12]), {'alarm__caution_margin': 0.1}
-    case = Sent('viscous', 300.0, share, settings=settings)
-    heard = Heard(case.config, case.messages())
-    assert 'Slowing' in ' '.join(e.text for e in heard.events)
-    assert 'Slowing' not in heard.monitor.bearings[NAME].text()
+    case = Scenario('viscous', 300.0, share, settings=settings)
+    run = MonitorRun(case.config, case.messages())
+    assert 'Slowing' in ' '.join(e.text for e in run.events)
+    assert 'Slowing' not in run.monitor.bearings[NAME].text()
 
 
-def test_a_steady_speed_near_a_doubtful_fold_does_not_fall() -> None:
-    """Half above the fold, a tolerance of a half asks for caution, and no trend does."""
+def test_a_steady_speed_near_a_doubtful_fold_is_not_called_slowing() -> None:
+    # Half above the fold a tolerance of a half asks for caution, although no trend does.
     share, settings = ramps([0], [1.5]), {'tolerance__damping': 0.5}
-    case = Sent('viscous', 60.0, share, settings=settings)
-    heard = Heard(case.config, case.messages())
-    assert [str(e.after) for e in heard.events] == ['caution']
-    assert 'Slowing' not in ' '.join(e.text for e in heard.events)
+    case = Scenario('viscous', 60.0, share, settings=settings)
+    run = MonitorRun(case.config, case.messages())
+    assert [str(e.after) for e in run.events] == ['caution']
+    assert 'Slowing' not in ' '.join(e.text for e in run.events)
 
 
 @pytest.mark.parametrize('pause', [-3600.0, 5.0, 60.0, 200.0])
-def test_a_restart_in_an_episode_goes_on_and_blames_no_input(pause: float) -> None:
-    case = Sent('steep', 120.0, EPISODE, period=0.25)
-    heard = Heard(case.config, case.messages())
-    kept = json.loads(json.dumps(heard.monitor.bearings[NAME].state.record()))
-    heard.monitor, before = Monitor(case.config, {NAME: State.of_record(kept)}), heard.events
-    heard.events, begin = [], 120.0 + pause
-    heard.events += heard.monitor.advance(round(begin * SECOND))
-    after = replace(case, share=0.9, end=60.0, spoilt=load_from(1.0)).messages()
-    heard.take(m._replace(arrival=m.arrival + begin, stamp=m.stamp + begin) for m in after)
-    assert before
-    assert heard.events == []
-    assert heard.condition == 'stick_slip'
+def test_after_a_restart_an_episode_goes_on_and_no_input_is_blamed(pause: float) -> None:
+    case = Scenario('steep', 120.0, EPISODE, period=0.25)
+    run = MonitorRun(case.config, case.messages())
+    memory = json.loads(json.dumps(run.monitor.bearings[NAME].state.record()))
+    run.monitor, earlier_events = Monitor(case.config, {NAME: State.of_record(memory)}), run.events
+    run.events, begin = [], 120.0 + pause
+    run.events += run.monitor.advance(round(begin * SECOND))
+    later_messages = replace(case, share=0.9, end=60.0, spoilt=drop_load_before(1.0)).messages()
+    run.take(m._replace(arrival=m.arrival + begin, stamp=m.stamp + begin) for m in later_messages)
+    assert earlier_events
+    assert run.events == []
+    assert run.condition == 'stick_slip'
     # Of inputs that stay away the time-out counts from the restart.
-    dead = Monitor(case.config, {NAME: State.of_record(kept)})
+    dead = Monitor(case.config, {NAME: State.of_record(memory)})
     assert dead.advance(round((begin + 4.0) * SECOND)) == []
     assert dead.advance(round((begin + 8.0) * SECOND)) == []
     assert [str(e.after) for e in dead.advance(round((begin + 10.0) * SECOND))] == ['input_stale']
 
 
 def test_a_hold_up_before_the_first_message_is_no_time() -> None:
-    monitor = Monitor(Sent().config)
+    monitor = Monitor(Scenario().config)
     monitor.bearings[NAME].discount_stall(5 * SECOND)
     assert monitor.advance(10**18) == []
 
 
 def test_a_numpy_number_is_a_number() -> None:
-    monitor = Monitor(Sent(level=loud_between(0.0), unit='mm/s').config)
+    monitor = Monitor(Scenario(level=loud_between(0.0), unit='mm/s').config)
     for time, kind in enumerate((np.float32, np.float64, np.int32, int)):
         assert feed(monitor, time, 'level', kind(3), NAME).status.valid
 
 
 @pytest.mark.parametrize(
-    ('before', 'back', 'expected'),
+    ('duration', 'back', 'expected'),
     [
         (1.2, 1.75, 'normal'),
         (1.2, 0.9, 'bistable'),
@@ -690,28 +710,28 @@ def test_a_numpy_number_is_a_number() -> None:
         (40.0, 0.9, 'stick_slip'),
     ],
 )
-def test_what_was_before_a_gap_of_a_quarter_of_an_hour_begins_nothing_after_it(
-    before: float, back: float, expected: str
+def test_a_growth_before_a_long_gap_starts_no_alarm_after_it(
+    duration: float, back: float, expected: str
 ) -> None:
-    """In the middle of a growth, or of stick-slip, both inputs go, and come back elsewhere."""
-    left = 60.0 + before
-    case = Sent(
+    # Both inputs go away in the middle of a growth, or of stick-slip, and come back elsewhere.
+    gap_start = 60.0 + duration
+    case = Scenario(
         'ship',
         1000.0,
         lambda t: 1.5 if t < 60.0 else 0.5 if t < 900.0 else back,
         period=0.1,
-        spoilt=drop_between(left, 960.0),
+        spoilt=drop_between(gap_start, 960.0),
     )
-    heard = Heard(case.config, case.messages())
-    assert len(heard.onsets) == (before > 2.0)
-    assert heard.condition == expected
+    run = MonitorRun(case.config, case.messages())
+    assert len(run.onsets) == (duration > 2.0)
+    assert run.condition == expected
 
 
 def test_a_load_that_steps_is_one_onset_with_a_tolerance_too() -> None:
-    """The probability follows the load by a lag of 4 s; growth does not."""
-    case = Sent('ship', 60.0, 0.5, period=0.1, load=lambda t: 0.0 if t < 12.0 else 1.0)
-    believing = replace(case, settings={'tolerance__load': 0.02})
-    found = [Heard(each.config, each.messages()) for each in (case, believing)]
-    assert found[0].onsets == found[1].onsets
-    (onset,) = (event for event in found[1].events if event.onset)
+    # The probability follows the load by a lag of 4 s; growth does not.
+    case = Scenario('ship', 60.0, 0.5, period=0.1, load=lambda t: 0.0 if t < 12.0 else 1.0)
+    with_belief = replace(case, settings={'tolerance__load': 0.02})
+    runs = [MonitorRun(scenario.config, scenario.messages()) for scenario in (case, with_belief)]
+    assert runs[0].onsets == runs[1].onsets
+    (onset,) = (event for event in runs[1].events if event.onset)
     assert 'possible with' not in onset.text

@@ -35,82 +35,82 @@ class Panel:
     def stamp(self) -> int:
         return T0 + round(self.second * SECOND)
 
-    def at(self, second: float) -> Panel:
+    def advance_to(self, second: float) -> Panel:
         self.second = second
         self.log += self.alarms.advance(round(second * SECOND), self.stamp)
         return self
 
-    def goes(self, condition: str) -> Panel:
-        before, self.condition = self.condition, Condition(condition)
+    def enter_condition(self, condition: str) -> Panel:
+        previous, self.condition = self.condition, Condition(condition)
         sticking = (Condition.STICK_SLIP, Condition.AMPLITUDE)
-        return self._hears(before, onset=before not in sticking and self.condition in sticking)
+        return self._take_change(previous, onset=previous not in sticking and self.condition in sticking)
 
-    def begins(self) -> Panel:
-        """Stick-slip begins anew while its condition stands."""
-        return self._hears(self.condition, onset=True)
+    def restart_stick_slip(self) -> Panel:
+        """Report a new onset of stick-slip while its condition stands."""
+        return self._take_change(self.condition, onset=True)
 
-    def _hears(self, before: Condition, onset: bool = False) -> Panel:
-        event = change(self.stamp, before, self.condition, onset=onset)
+    def _take_change(self, previous: Condition, onset: bool = False) -> Panel:
+        event = change(self.stamp, previous, self.condition, onset=onset)
         self.log += self.alarms.take_event(event)
         return self
 
-    def turns(self, speed: float) -> Panel:
+    def take_speed(self, speed: float) -> Panel:
         self.log += self.alarms.take_verdict(verdict_at(self.stamp, speed))
         return self
 
-    def runs(self, seconds: float, speed: float = 0.1) -> Panel:
-        """Stick-slip is predicted for so long, with a point each second."""
+    def predict_stick_slip(self, seconds: float, speed: float = 0.1) -> Panel:
+        """Predict stick-slip for some seconds, with a point each second."""
         end = self.second + seconds
         while self.second < end:
             self.log += self.alarms.take_verdict(verdict_at(self.stamp, speed, sticking=True))
-            self.at(min(self.second + 1.0, end))
+            self.advance_to(min(self.second + 1.0, end))
         self.log += self.alarms.take_verdict(verdict_at(self.stamp, speed, sticking=True))
         return self
 
-    def absurd(self) -> Panel:
+    def take_absurd_value(self) -> Panel:
         self.log += self.alarms.take_fault('aft', 0, VALUE_FAULTS[Status.IMPLAUSIBLE], self.stamp)
         return self
 
-    def does(self, action: str, kind: str | None = None, by: str = 'Ada') -> list[AlarmChange]:
+    def act(self, action: str, kind: str | None = None, by: str = 'Ada') -> list[AlarmChange]:
         changes = self.alarms.act(Action(action), self.stamp, by, 'aft', AlarmKind(kind) if kind else None)
         self.log += changes
         return changes
 
-    def plays(self, script: str) -> Panel:
-        """Times [s], conditions, and what somebody does, `shelve:stick_slip` to one alarm."""
+    def play(self, script: str) -> Panel:
+        """Play times [s], conditions and actions, such as `shelve:stick_slip`."""
         for word in script.split():
-            what, _, whom = word.partition(':')
+            verb, _, argument = word.partition(':')
             if word[0].isdigit():
-                self.at(float(word))
-            elif what in CONDITIONS:
-                self.goes(what)
-            elif what in ('turns', 'runs'):
-                getattr(self, what)(float(whom))
-            elif what in ('begins', 'absurd'):
-                getattr(self, what)()
-            elif what == 'restart':
+                self.advance_to(float(word))
+            elif verb in CONDITIONS:
+                self.enter_condition(verb)
+            elif verb in ('turns', 'runs'):
+                (self.take_speed if verb == 'turns' else self.predict_stick_slip)(float(argument))
+            elif verb in ('begins', 'absurd'):
+                (self.restart_stick_slip if verb == 'begins' else self.take_absurd_value)()
+            elif verb == 'restart':
                 self.alarms.restart()
             else:
-                self.does(what, whom or None)
+                self.act(verb, argument or None)
         return self
 
-    def state(self, kind: str) -> str:
+    def state_of(self, kind: str) -> str:
         return self.alarms.alarms['aft'][AlarmKind(kind)].state.value
 
     @property
     def states(self) -> dict[str, str]:
-        """The states that are not normal."""
-        found = {alarm.kind.value: alarm.state.value for alarm in self.alarms}
-        return {kind: state for kind, state in found.items() if state != 'normal'}
+        """States of the alarms that are not normal."""
+        states = {alarm.kind.value: alarm.state.value for alarm in self.alarms}
+        return {kind: state for kind, state in states.items() if state != 'normal'}
 
     @property
-    def given(self) -> list[str]:
-        """The alarms that people were given, in order."""
+    def raised(self) -> list[str]:
+        """Alarms that were raised to people, in order."""
         return [change.kind.value for change in self.log if change.raised]
 
     @property
-    def aloud(self) -> list[str]:
-        """The alarms that began to sound, or sounded anew, in order."""
+    def sounded(self) -> list[str]:
+        """Alarms that began to sound, or sounded again, in order."""
         return [change.kind.value for change in self.log if change.aloud]
 
 
@@ -138,17 +138,17 @@ LADDER = [
 
 @pytest.mark.parametrize(('kind', 'condition'), LADDER)
 def test_it_comes_and_goes_before_and_after_somebody_looks(panel: Build, kind: str, condition: str) -> None:
-    aft = panel().at(1).goes(condition)
-    assert (aft.given, aft.state(kind)) == ([kind], 'unacknowledged')
-    aft.at(5).does('acknowledge')
-    assert aft.state(kind) == 'acknowledged'
-    aft.at(30).goes('normal').at(41)
+    aft = panel().advance_to(1).enter_condition(condition)
+    assert (aft.raised, aft.state_of(kind)) == ([kind], 'unacknowledged')
+    aft.advance_to(5).act('acknowledge')
+    assert aft.state_of(kind) == 'acknowledged'
+    aft.advance_to(30).enter_condition('normal').advance_to(41)
     assert aft.states == {}
     alarm, text = aft.alarms.alarms['aft'][AlarmKind(kind)], f'aft: {Condition(condition).sentence}'
     assert (alarm.since_ns, alarm.count, alarm.text) == (T0 + SECOND, 1, text)
-    aft.at(50).goes(condition).at(53).goes('normal').at(70)
+    aft.advance_to(50).enter_condition(condition).advance_to(53).enter_condition('normal').advance_to(70)
     assert (aft.states, aft.alarms.sounding) == ({kind: 'returned_unacknowledged'}, False)
-    aft.does('acknowledge')
+    aft.act('acknowledge')
     assert aft.states == {}
 
 
@@ -208,11 +208,11 @@ SCENES: list[tuple[str, dict[str, Any], dict[str, str], list[str]]] = [
 
 
 @pytest.mark.parametrize(('script', 'settings', 'states', 'given'), SCENES)
-def test_what_becomes_of_alarms(
+def test_states_and_raised_alarms_after_a_script(
     panel: Build, script: str, settings: dict[str, Any], states: dict[str, str], given: list[str]
 ) -> None:
-    aft = panel(**settings).plays(script)
-    assert aft.given == given
+    aft = panel(**settings).play(script)
+    assert aft.raised == given
     assert aft.states.items() >= states.items()
     assert states or not aft.states
 
@@ -257,12 +257,12 @@ def test_what_becomes_of_alarms(
     ],
 )
 def test_what_sounds(panel: Build, script: str, aloud: list[str], sounding: bool) -> None:
-    aft = panel().plays(script)
-    assert (aft.aloud, aft.alarms.sounding) == (aloud, sounding)
+    aft = panel().play(script)
+    assert (aft.sounded, aft.alarms.sounding) == (aloud, sounding)
 
 
 def test_absurd_values_are_named(panel: Build) -> None:
-    assert panel().plays('1 absurd 2 absurd 3 absurd').log[-1].text == (
+    assert panel().play('1 absurd 2 absurd 3 absurd').log[-1].text == (
         'aft: Input speed implausible: on /shaft/speed, values are beyond the largest plausible magnitude.'
     )
 
@@ -270,53 +270,53 @@ def test_absurd_values_are_named(panel: Build) -> None:
 def test_an_input_that_flickers_is_one_alarm(panel: Build) -> None:
     aft = panel()
     for second in range(0, 3600, 12):
-        aft.at(second).goes('input_stale').at(second + 5).goes('normal')
-        aft.does('acknowledge')
-    assert aft.given == ['input_lost']
-    aft.at(3600 + 5)
+        aft.advance_to(second).enter_condition('input_stale').advance_to(second + 5).enter_condition('normal')
+        aft.act('acknowledge')
+    assert aft.raised == ['input_lost']
+    aft.advance_to(3600 + 5)
     assert aft.states == {}
 
 
 def test_the_shelf_ends_by_itself(panel: Build) -> None:
-    aft = panel().at(1).goes('stick_slip')
-    aft.does('shelve')
+    aft = panel().advance_to(1).enter_condition('stick_slip')
+    aft.act('shelve')
     alarm = aft.alarms.alarms['aft'][AlarmKind.STICK_SLIP]
     assert alarm.shelved_until_ns == T0 + 601 * SECOND
-    aft.at(600.9)
-    assert (aft.state('stick_slip'), aft.alarms.sounding) == ('shelved', False)
-    aft.at(601)
-    assert aft.state('stick_slip') == 'unacknowledged'
+    aft.advance_to(600.9)
+    assert (aft.state_of('stick_slip'), aft.alarms.sounding) == ('shelved', False)
+    aft.advance_to(601)
+    assert aft.state_of('stick_slip') == 'unacknowledged'
     assert [(c.what, c.by) for c in aft.log if c.kind is AlarmKind.STICK_SLIP] == [
         ('raise', 'monitor'),
         ('shelve', 'Ada'),
         ('unshelve', 'timer'),
     ]
     # The covered ones came back with it, and it speaks for them.
-    assert aft.given == ['stick_slip', 'stick_slip']
+    assert aft.raised == ['stick_slip', 'stick_slip']
 
 
 def test_noise_about_the_minimum_speed_changes_nothing(panel: Build) -> None:
-    aft = panel().at(0).turns(0.0).at(11)
+    aft = panel().advance_to(0).take_speed(0.0).advance_to(11)
     changes = len(aft.log)
     for second in range(12, 3600):
-        aft.at(second).turns(20.0 if second % 2 else 0.0)
+        aft.advance_to(second).take_speed(20.0 if second % 2 else 0.0)
     assert len(aft.log) == changes == 4
 
 
 def test_silence_is_a_flag_beside_the_life(panel: Build) -> None:
-    aft = panel().at(1).goes('bistable')
-    (change,) = aft.does('silence')
+    aft = panel().advance_to(1).enter_condition('bistable')
+    (change,) = aft.act('silence')
     assert change.before == change.after == 'unacknowledged'
     assert not aft.alarms.sounding
-    aft.at(2).goes('input_stale')  # a new alarm sounds
+    aft.advance_to(2).enter_condition('input_stale')  # a new alarm sounds
     assert aft.alarms.sounding
-    aft.does('silence')
-    aft.at(31.9)
+    aft.act('silence')
+    aft.advance_to(31.9)
     assert aft.alarms.sounding  # the first one: 30 s are over
-    aft.does('acknowledge', 'bistable')
-    aft.at(31.95)
+    aft.act('acknowledge', 'bistable')
+    aft.advance_to(31.95)
     assert not aft.alarms.sounding
-    aft.at(32)
+    aft.advance_to(32)
     assert aft.alarms.sounding
     assert [(c.what, c.by, c.kind.value) for c in aft.log if 'silence' in c.what] == [
         ('silence', 'Ada', 'bistable'),
@@ -332,30 +332,30 @@ def test_an_unknown_bearing_is_refused(panel: Build) -> None:
 
 
 def test_an_alarm_that_stands_acknowledged_is_given_again_after_ten_minutes() -> None:
-    panel = Panel(configured()).at(0.0).goes('stick_slip')
-    panel.does('acknowledge')
+    panel = Panel(configured()).advance_to(0.0).enter_condition('stick_slip')
+    panel.act('acknowledge')
     for second in (30.0, 60.0, 599.0):
-        panel.at(second).begins()
+        panel.advance_to(second).restart_stick_slip()
     alarm = panel.alarms.alarms['aft'][AlarmKind.STICK_SLIP]
     assert alarm.state is AlarmState.ACKNOWLEDGED
     assert [c.what for c in panel.log if c.raised] == ['raise']
     assert (alarm.came_back, alarm.first_ns) == (3, T0)
-    panel.at(600.0).begins()
+    panel.advance_to(600.0).restart_stick_slip()
     assert alarm.state is AlarmState.UNACKNOWLEDGED
     assert [c.what for c in panel.log if c.raised] == ['raise', 'recur']
-    panel.at(600.0 + 601.0).begins()
+    panel.advance_to(600.0 + 601.0).restart_stick_slip()
     assert (alarm.came_back, alarm.first_ns) == (0, T0 + 1201 * SECOND)
 
 
 def test_short_stick_slip_again_and_again_sounds_every_ten_minutes(panel: Build) -> None:
-    """Mooring: a kick ahead of 14 s each 45 s, for an hour; somebody acknowledges after 20 s."""
+    # Mooring: a kick ahead of 14 s each 45 s, for an hour, acknowledged after 20 s.
     aft = panel()
     for number in range(80):
-        aft.at(45.0 * number).goes('stick_slip').runs(14.0)
-        aft.at(45.0 * number + 20.0).does('acknowledge')
-        aft.goes('normal').turns(0.0)
+        aft.advance_to(45.0 * number).enter_condition('stick_slip').predict_stick_slip(14.0)
+        aft.advance_to(45.0 * number + 20.0).act('acknowledge')
+        aft.enter_condition('normal').take_speed(0.0)
     # At 0 s, and with the first kick of each ten minutes after a sound, which is each 14th: 630 s.
-    assert aft.aloud == ['stick_slip'] * 6
+    assert aft.sounded == ['stick_slip'] * 6
     # A flood counts what people are given anew: in ten minutes one of these.
     assert aft.alarms.flood.most == 1
 
@@ -367,89 +367,101 @@ def test_a_manoeuvre_that_somebody_has_acknowledged_is_one_matter(
     """Kicks of 25 s each 60 s for 34 minutes; the first sound is acknowledged, or every alarm is left."""
     aft = panel()
     for number in range(34):
-        aft.at(60.0 * number).goes('stick_slip').runs(25.0)
+        aft.advance_to(60.0 * number).enter_condition('stick_slip').predict_stick_slip(25.0)
         if answered:
-            aft.does('acknowledge')
-        aft.goes('normal').turns(0.0)
-    assert len(aft.aloud) == sounds
+            aft.act('acknowledge')
+        aft.enter_condition('normal').take_speed(0.0)
+    assert len(aft.sounded) == sounds
 
 
 def test_of_an_acknowledged_manoeuvre_what_lasts_longer_sounds(panel: Build) -> None:
-    aft = panel().plays('0 stick_slip runs:20 acknowledge normal turns:0.1 60 stick_slip')
-    assert (aft.state('stick_slip'), aft.aloud) == ('acknowledged', ['stick_slip'])
-    assert aft.runs(34.0).aloud == ['stick_slip']
-    assert aft.runs(1.0).aloud == ['stick_slip'] * 2
+    aft = panel().play('0 stick_slip runs:20 acknowledge normal turns:0.1 60 stick_slip')
+    assert (aft.state_of('stick_slip'), aft.sounded) == ('acknowledged', ['stick_slip'])
+    assert aft.predict_stick_slip(34.0).sounded == ['stick_slip']
+    assert aft.predict_stick_slip(1.0).sounded == ['stick_slip'] * 2
     # Acknowledged after 35 s: the next one sounds after 50 s, this one not again.
-    aft.plays('acknowledge runs:100 normal turns:0.1 270 stick_slip runs:49')
-    assert aft.aloud == ['stick_slip'] * 2
-    assert aft.runs(1.0).aloud == ['stick_slip'] * 3
+    aft.play('acknowledge runs:100 normal turns:0.1 270 stick_slip runs:49')
+    assert aft.sounded == ['stick_slip'] * 2
+    assert aft.predict_stick_slip(1.0).sounded == ['stick_slip'] * 3
 
 
 def test_stick_slip_under_an_acknowledged_alarm_sounds_once_it_lasts_longer(panel: Build) -> None:
-    aft = panel().plays('0 stick_slip runs:20 acknowledge turns:0.1 60 begins runs:34')
-    assert aft.aloud == ['stick_slip']
-    assert aft.runs(1.0).aloud == ['stick_slip'] * 2
+    aft = panel().play('0 stick_slip runs:20 acknowledge turns:0.1 60 begins runs:34')
+    assert aft.sounded == ['stick_slip']
+    assert aft.predict_stick_slip(1.0).sounded == ['stick_slip'] * 2
 
 
 @pytest.mark.parametrize('action', ['shelve', 'remove'])
 def test_what_was_put_away_makes_no_sound_however_long_it_lasts(panel: Build, action: str) -> None:
-    aft = panel().plays('0 stick_slip runs:20 acknowledge turns:0.1 60 begins runs:10')
-    aft.does(action, 'stick_slip')
-    assert aft.runs(100.0).aloud == ['stick_slip']
+    aft = panel().play('0 stick_slip runs:20 acknowledge turns:0.1 60 begins runs:10')
+    aft.act(action, 'stick_slip')
+    assert aft.predict_stick_slip(100.0).sounded == ['stick_slip']
 
 
 def test_what_is_worse_than_an_acknowledged_manoeuvre_sounds(panel: Build) -> None:
-    aft = panel().plays('0 stick_slip runs:20 acknowledge normal turns:0.1 60 stick_slip 61 amplitude_limit')
-    assert aft.aloud == ['stick_slip', 'amplitude_limit']
+    aft = panel().play('0 stick_slip runs:20 acknowledge normal turns:0.1 60 stick_slip 61 amplitude_limit')
+    assert aft.sounded == ['stick_slip', 'amplitude_limit']
 
 
 def test_after_a_pause_it_is_another_manoeuvre(panel: Build) -> None:
-    aft = panel().at(0.0).goes('stick_slip').runs(25.0)
-    aft.does('acknowledge')
-    aft.goes('normal').turns(0.1)
-    aft.at(25.0 + 121.0).goes('stick_slip').runs(14.0)
-    assert aft.aloud == ['stick_slip']
-    assert aft.runs(1.0).aloud == ['stick_slip'] * 2
+    aft = panel().advance_to(0.0).enter_condition('stick_slip').predict_stick_slip(25.0)
+    aft.act('acknowledge')
+    aft.enter_condition('normal').take_speed(0.1)
+    aft.advance_to(25.0 + 121.0).enter_condition('stick_slip').predict_stick_slip(14.0)
+    assert aft.sounded == ['stick_slip']
+    assert aft.predict_stick_slip(1.0).sounded == ['stick_slip'] * 2
 
 
 def test_a_stop_does_not_count_and_a_pause_begins_anew(panel: Build) -> None:
-    aft = panel().plays(AGAIN).runs(10.0).runs(20.0, speed=0.0)
+    aft = panel().play(AGAIN).predict_stick_slip(10.0).predict_stick_slip(20.0, speed=0.0)
     assert not aft.alarms.sounding
-    aft.turns(0.1).at(aft.second + 121.0).runs(14.0)
+    aft.take_speed(0.1).advance_to(aft.second + 121.0).predict_stick_slip(14.0)
     assert not aft.alarms.sounding
-    assert aft.runs(1.0).alarms.sounding
+    assert aft.predict_stick_slip(1.0).alarms.sounding
 
 
 def test_one_row_a_bearing() -> None:
-    panel = Panel(configured()).at(0.0).goes('caution').at(1.0).goes('stick_slip')
+    panel = (
+        Panel(configured())
+        .advance_to(0.0)
+        .enter_condition('caution')
+        .advance_to(1.0)
+        .enter_condition('stick_slip')
+    )
     (row,) = alarms_record(panel.alarms, [], T0, 1, text_of=lambda name: f'{name}: now')['rows']
     assert (row['alarm'], row['state']) == ('stick_slip', 'unacknowledged')
     assert (row['text'], row['first_text']) == ('aft: now', 'aft: Stick-slip predicted.')
     assert row['kinds'] == ['stick_slip', 'bistable', 'margin_low']
 
 
-def test_what_is_active_comes_before_what_is_over_and_waits() -> None:
-    panel = Panel(configured()).at(0.0).goes('stick_slip').at(20.0).goes('normal')
+def test_active_alarms_are_listed_before_returned_ones() -> None:
+    panel = (
+        Panel(configured())
+        .advance_to(0.0)
+        .enter_condition('stick_slip')
+        .advance_to(20.0)
+        .enter_condition('normal')
+    )
 
-    def row() -> tuple[str, str]:
-        (one,) = alarms_record(panel.alarms, [], T0, 1, text_of=str)['rows']
-        return one['alarm'], one['state']
+    def only_alarm() -> tuple[str, str]:
+        (only_row,) = alarms_record(panel.alarms, [], T0, 1, text_of=str)['rows']
+        return only_row['alarm'], only_row['state']
 
-    assert row() == ('stick_slip', 'returned_unacknowledged')
-    panel.at(30.0).goes('input_stale').at(60.0)
-    assert row() == ('input_lost', 'unacknowledged')
-    panel.does('acknowledge', 'input_lost')
+    assert only_alarm() == ('stick_slip', 'returned_unacknowledged')
+    panel.advance_to(30.0).enter_condition('input_stale').advance_to(60.0)
+    assert only_alarm() == ('input_lost', 'unacknowledged')
+    panel.act('acknowledge', 'input_lost')
     # Its colleague still waits for somebody.
-    assert row() == ('input_lost', 'unacknowledged')
-    panel.does('acknowledge')
-    assert row() == ('input_lost', 'acknowledged')
+    assert only_alarm() == ('input_lost', 'unacknowledged')
+    panel.act('acknowledge')
+    assert only_alarm() == ('input_lost', 'acknowledged')
 
 
 MINUTE = 60 * SECOND
 
 
-def flood_figures(lately: int, most: int, flooding: bool) -> dict[str, int]:
-    return {'alarms_10min': lately, 'most_10min': most, 'flooding': flooding}
+def flood_figures(lately: int, max_count: int, flooding: bool) -> dict[str, int]:
+    return {'alarms_10min': lately, 'most_10min': max_count, 'flooding': flooding}
 
 
 def test_a_flood_begins_above_ten_and_ends_below_five() -> None:
@@ -466,7 +478,7 @@ def test_a_flood_begins_above_ten_and_ends_below_five() -> None:
 
 
 def watch_recording(config: MonitorConfig, stream: Stream, hours: int) -> tuple[list[AlarmChange], int]:
-    """The events of a recording, with somebody who acknowledges once a minute."""
+    """Return the alarms of a recording that is acknowledged once a minute, and the most in ten minutes."""
     events = Monitor(config).scan({'aft': stream}, 0, hours * 3600 * SECOND)['aft'].events
     annunciator, log = Annunciator(config), []
     times = [(event.time_ns, event) for event in events]
@@ -494,12 +506,12 @@ def test_eight_hours_of_chatter_about_every_threshold_are_no_flood() -> None:
     sent = [Message(t, Input.SPEED, t, n) for t, n in zip(time.tolist(), rpm.tolist(), strict=True)]
     sent += [Message(t, Input.LOAD, t, 1000.0) for t in np.cumsum(random.choice([4.8, 5.2], 5600)).tolist()]
     stream = stream_of(sorted(m for m in sent if m.arrival < 8 * 3600.0))
-    given, most = watch_recording(config, stream, 8)
+    raised, max_10min = watch_recording(config, stream, 8)
     crossings = int(np.sum(np.abs(np.diff(np.sign(rpm - mean))) > 0))
     assert crossings > 10_000
-    assert {change.kind.value for change in given} == {
+    assert {change.kind.value for change in raised} == {
         *('margin_low', 'bistable', 'stick_slip', 'amplitude_limit', 'input_lost')
     }
     # ISA-18.2: more than ten in ten minutes are a flood, one is very likely acceptable.
-    assert most <= 10
-    assert len(given) <= 48  # one in ten minutes
+    assert max_10min <= 10
+    assert len(raised) <= 48  # one in ten minutes

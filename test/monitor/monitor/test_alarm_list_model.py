@@ -32,8 +32,8 @@ class Life(RuleBasedStateMachine):
     @initialize(latch=st.booleans(), inhibit=st.sampled_from([0.0, 20.0]))
     def begin(self, latch: bool, inhibit: float) -> None:
         delays = {'alarm.on_delay': 2.0, 'alarm.off_delay': 5.0, 'alarm.input_off_delay': 4.0}
-        own = {'alarm.latch': latch, 'alarm.startup_inhibit': inhibit, 'level.topic': '/v'}
-        config = configured('b', delays | own)
+        parameters = {'alarm.latch': latch, 'alarm.startup_inhibit': inhibit, 'level.topic': '/v'}
+        config = configured('b', delays | parameters)
         config = replace(config, shelve_time_ns=60 * SECOND, silence_time_ns=30 * SECOND)
         self.config = config
         self.annunciator = Annunciator(config)
@@ -41,15 +41,15 @@ class Life(RuleBasedStateMachine):
         self.condition = Condition.NORMAL
         self.rung = 0
         self.waiting: set[AlarmKind] = set()
-        self.told: list[AlarmChange] = []
+        self.changes: list[AlarmChange] = []
 
-    def own(self) -> dict[AlarmKind, LiveAlarm]:
+    def alarms(self) -> dict[AlarmKind, LiveAlarm]:
         return self.annunciator.alarms['b']
 
-    def heard(self, changes: list[AlarmChange]) -> None:
-        self.told += changes
+    def take_changes(self, changes: list[AlarmChange]) -> None:
+        self.changes += changes
         for change in changes:
-            alarm = self.own()[change.kind]
+            alarm = self.alarms()[change.kind]
             if change.what == 'raise':
                 # No alarm without a cause; and none while the cause means nothing.
                 assert alarm.active
@@ -63,7 +63,7 @@ class Life(RuleBasedStateMachine):
     @rule(seconds=st.sampled_from([0.0, 0.5, 1.0, 4.0, 5.0, 20.0, 61.0, -30.0]))
     def time_passes(self, seconds: float) -> None:
         self.now += round(seconds * SECOND)
-        self.heard(self.annunciator.advance(self.now, self.now))
+        self.take_changes(self.annunciator.advance(self.now, self.now))
 
     @rule(condition=st.sampled_from(Condition))
     def condition_changes(self, condition: Condition) -> None:
@@ -72,33 +72,33 @@ class Life(RuleBasedStateMachine):
         event = sent_change(self.now, self.condition, condition, bearing='b')
         self.condition = condition
         rung, self.rung = self.rung, LADDER.index(condition) if condition in LADDER else self.rung
-        before = {kind: alarm.state for kind, alarm in self.own().items()}
+        old_states = {kind: alarm.state for kind, alarm in self.alarms().items()}
         changes = self.annunciator.take_event(event)
-        self.heard(changes)
-        given = [c.kind for c in changes if c.raised and c.what == 'raise' and c.kind in RUNG_OF]
+        self.take_changes(changes)
+        raised = [c.kind for c in changes if c.raised and c.what == 'raise' and c.kind in RUNG_OF]
         if self.rung <= rung:
             # Easing gives nothing, and of several rungs at once only the worst on show is given.
-            assert given == []
-        assert len(given) <= 1
+            assert raised == []
+        assert len(raised) <= 1
         # No cause is lost: whoever is in service gets the worst alarm that has come.
         free = [
             kind
             for kind in LADDER_KINDS
             if rung < RUNG_OF[kind] <= self.rung
-            and before[kind] in (AlarmState.NORMAL, AlarmState.LATCHED)
-            and not self.own()[kind].suppressed_by
+            and old_states[kind] in (AlarmState.NORMAL, AlarmState.LATCHED)
+            and not self.alarms()[kind].suppressed_by
             and not self.annunciator.causes['b'].recalled
         ]
-        worse = {k for k in LADDER_KINDS if self.own()[k].state is AlarmState.UNACKNOWLEDGED}
+        worse = {k for k in LADDER_KINDS if self.alarms()[k].state is AlarmState.UNACKNOWLEDGED}
         assert not free or worse & set(LADDER_KINDS[: LADDER_KINDS.index(free[0]) + 1])
 
     @rule(place=st.integers(0, 1))
     def absurd_value(self, place: int) -> None:
-        self.heard(self.annunciator.take_fault('b', place, 'values are odd', self.now))
+        self.take_changes(self.annunciator.take_fault('b', place, 'values are odd', self.now))
 
     @rule(speed=st.sampled_from([0.0, 0.1]))
     def operating_point(self, speed: float) -> None:
-        self.heard(self.annunciator.take_verdict(verdict_at(self.now, speed, 'b')))
+        self.take_changes(self.annunciator.take_verdict(verdict_at(self.now, speed, 'b')))
 
     @rule(
         action=st.sampled_from(Action),
@@ -108,18 +108,18 @@ class Life(RuleBasedStateMachine):
     def person_acts(self, action: Action, kind: AlarmKind | None, bearing: str | None) -> None:
         changes = self.annunciator.act(action, self.now, 'Ada', bearing, kind)
         assert {change.by for change in changes} <= {'Ada'}
-        self.heard(changes)
+        self.take_changes(changes)
 
     @precondition(lambda self: self.condition in (Condition.STICK_SLIP, Condition.AMPLITUDE))
     @rule()
-    def stick_slip_begins_anew(self) -> None:
-        here = self.condition
-        event = sent_change(self.now, here, here, onset=True, bearing='b')
-        self.heard(self.annunciator.take_event(event))
-        own = [self.own()[kind] for kind in LATCHING]
-        free = [a for a in own if a.active and not a.suppressed_by and a.state in ON_SHOW]
+    def stick_slip_restarts(self) -> None:
+        condition = self.condition
+        event = sent_change(self.now, condition, condition, onset=True, bearing='b')
+        self.take_changes(self.annunciator.take_event(event))
+        latching = [self.alarms()[kind] for kind in LATCHING]
+        free = [a for a in latching if a.active and not a.suppressed_by and a.state in ON_SHOW]
         # No onset without a sound, unless it was put away, or has sounded within ten minutes.
-        lately = [a for a in own if a.sounded_ns is not None and self.now - a.sounded_ns < 600 * SECOND]
+        lately = [a for a in latching if a.sounded_ns is not None and self.now - a.sounded_ns < 600 * SECOND]
         assert self.annunciator.sounding or not free or lately
 
     @precondition(lambda self: self.now > 0)
@@ -128,19 +128,19 @@ class Life(RuleBasedStateMachine):
         document = state_record(self.annunciator, self.now)
         fresh = Annunciator(self.config)
         recall_state(fresh, document, self.now + down)
-        for kind, alarm in self.own().items():
-            found = fresh.alarms['b'][kind]
-            assert (found.state, found.since_ns, found.by) == (alarm.state, alarm.since_ns, alarm.by)
+        for kind, alarm in self.alarms().items():
+            restored = fresh.alarms['b'][kind]
+            assert (restored.state, restored.since_ns, restored.by) == (alarm.state, alarm.since_ns, alarm.by)
         self.annunciator, self.now = fresh, 0
         self.condition, self.rung = Condition.NORMAL, 0
 
     @invariant()
     def no_alarm_is_lost(self) -> None:
         if hasattr(self, 'annunciator'):
-            waits = {kind for kind, alarm in self.own().items() if alarm.state in WAITING}
+            waits = {kind for kind, alarm in self.alarms().items() if alarm.state in WAITING}
             assert self.waiting <= waits
             # What waits was given, or lay with its latch on the shelf.
-            assert all(self.own()[kind].occurred for kind in waits)
+            assert all(self.alarms()[kind].occurred for kind in waits)
 
     @invariant()
     def what_is_on_show_has_its_cause(self) -> None:
@@ -163,8 +163,8 @@ class Life(RuleBasedStateMachine):
             record: dict[str, Any] = alarms_record(self.annunciator, [], self.now, 0)
             assert len(record['alarms']) == len(AlarmKind)
             assert len(self.annunciator.flood._times) <= 1000
-            given = sum(alarm.count for alarm in self.annunciator)
-            assert record['flood']['alarms_10min'] <= record['flood']['most_10min'] <= given
+            raised_count = sum(alarm.count for alarm in self.annunciator)
+            assert record['flood']['alarms_10min'] <= record['flood']['most_10min'] <= raised_count
 
 
 TestLife = Life.TestCase

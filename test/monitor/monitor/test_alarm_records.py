@@ -27,8 +27,8 @@ def config() -> MonitorConfig:
     return replace(configured(), shelve_time_ns=600 * SECOND, silence_time_ns=30 * SECOND)
 
 
-def condition_change(second: int, before: Condition, after: Condition) -> Event:
-    return change(T0 + second * SECOND, before, after)
+def condition_change(second: int, previous: Condition, current: Condition) -> Event:
+    return change(T0 + second * SECOND, previous, current)
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def stuck(config: MonitorConfig) -> Annunciator:
 
 
 def restart_annunciator(old: Annunciator, down: int, second: int = 2) -> Annunciator:
-    """A new annunciator after a restart that took some seconds."""
+    """Return a new annunciator after a restart that took some seconds."""
     document = json.loads(json.dumps(state_record(old, T0 + second * SECOND)))
     new = Annunciator(old.config)
     recall_state(new, document, T0 + (second + down) * SECOND)
@@ -49,36 +49,41 @@ def restart_annunciator(old: Annunciator, down: int, second: int = 2) -> Annunci
 
 
 def test_the_record(stuck: Annunciator) -> None:
-    """Its keys are held to the schema in test/ros/test_interfaces.py."""
+    """Check its values; test/ros/test_interfaces.py holds its keys to the schema."""
     changes = stuck.act(Action.ACKNOWLEDGE, T0 + 2 * SECOND, 'Ada')
     record = json.loads(json.dumps(alarms_record(stuck, changes, T0 + 2 * SECOND, 7)))
     assert (record['schema'], record['time']) == ('stickslip_monitor/alarm/1', T0 + 2 * SECOND)
     assert (record['sequence'], record['sounding'], record['unacknowledged']) == (7, False, 0)
     assert record['flood'] == {'alarms_10min': 1, 'most_10min': 1, 'flooding': False}
     (change,) = record['changes']
-    told = {'from': 'unacknowledged', 'to': 'acknowledged', 'by': 'Ada', 'text': 'aft: Stick-slip predicted.'}
-    assert change.items() >= (told | {'alarm': 'stick_slip', 'what': 'acknowledge'}).items()
+    expected_change = {
+        'from': 'unacknowledged',
+        'to': 'acknowledged',
+        'by': 'Ada',
+        'text': 'aft: Stick-slip predicted.',
+    }
+    assert change.items() >= (expected_change | {'alarm': 'stick_slip', 'what': 'acknowledge'}).items()
     alarms = {alarm['alarm']: alarm for alarm in record['alarms']}
     assert [*alarms, 'vibration'] == [kind.value for kind in AlarmKind]
-    own = {'state': 'acknowledged', 'active': True, 'shelved_until': None, 'by': 'Ada', 'count': 1}
+    expected_alarm = {'state': 'acknowledged', 'active': True, 'shelved_until': None, 'by': 'Ada', 'count': 1}
     times = {'since': T0 + SECOND, 'changed': T0 + 2 * SECOND}
-    assert alarms['stick_slip'].items() >= (own | times).items()
+    assert alarms['stick_slip'].items() >= (expected_alarm | times).items()
 
 
 @pytest.mark.parametrize(
-    ('down', 'left'),
+    ('down', 'remaining'),
     # Shelved for 600 s at second 2; a clock that went back says that no time has passed.
     [(0, 600), (100, 500), (10_000, 0), (-10_000, 600)],
 )
-def test_the_shelf_survives_a_restart(stuck: Annunciator, down: int, left: int) -> None:
+def test_the_shelf_survives_a_restart(stuck: Annunciator, down: int, remaining: int) -> None:
     stuck.act(Action.SHELVE, T0 + 2 * SECOND, 'Ada')
     new = restart_annunciator(stuck, down)
     alarm = new.alarms['aft'][AlarmKind.STICK_SLIP]
     # By the clock as it is now.
-    assert alarm.shelved_until_ns == T0 + (2 + down + left) * SECOND
-    new.advance(left * SECOND - 1, T0)
-    assert alarm.state == ('shelved' if left else 'unacknowledged')
-    new.advance(left * SECOND, T0)
+    assert alarm.shelved_until_ns == T0 + (2 + down + remaining) * SECOND
+    new.advance(remaining * SECOND - 1, T0)
+    assert alarm.state == ('shelved' if remaining else 'unacknowledged')
+    new.advance(remaining * SECOND, T0)
     assert alarm.state == 'unacknowledged'
 
 
@@ -98,37 +103,37 @@ def test_the_alarms_of_0_2_0_are_taken_over_though_it_kept_no_memories(stuck: An
     assert new.alarms['aft'][AlarmKind.STICK_SLIP].state == 'unacknowledged'
 
 
-@pytest.mark.parametrize('other', [[], ['at_rest']])
+@pytest.mark.parametrize('reasons', [[], ['at_rest']])
 @pytest.mark.parametrize(('condition', 'state'), [('stick_slip', 'unacknowledged'), ('normal', 'normal')])
-def test_alarms_of_a_locked_shaft_come_back_aloud(
-    config: MonitorConfig, other: list[str], condition: str, state: str
+def test_alarms_of_a_locked_shaft_sound_again_after_an_update(
+    config: MonitorConfig, reasons: list[str], condition: str, state: str
 ) -> None:
-    """A state of 0.3.0 or earlier, whose shaft a person had locked."""
+    """Restore a state of 0.3.0 or earlier, whose shaft a person had locked."""
     old = Annunciator(config)
     document = state_record(old, T0)
-    own = document['bearings']['aft']
-    own['shaft_locked'] = True
-    for kind, kept in own['alarms'].items():
-        kept |= {'state': 'suppressed', 'suppressed_by': ['shaft_locked', *other]}
-        kept['active'] = kind in (condition, 'input_lost') and condition != 'normal'
+    bearing_record = document['bearings']['aft']
+    bearing_record['shaft_locked'] = True
+    for kind, alarm_record in bearing_record['alarms'].items():
+        alarm_record |= {'state': 'suppressed', 'suppressed_by': ['shaft_locked', *reasons]}
+        alarm_record['active'] = kind in (condition, 'input_lost') and condition != 'normal'
     new = Annunciator(config)
     recall_state(new, document, T0)
     new.advance(SECOND, T0)
-    found = new.alarms['aft']
-    assert {found[kind].state.value for kind in (AlarmKind.STICK_SLIP, AlarmKind.INPUT_LOST)} == {state}
+    alarms = new.alarms['aft']
+    assert {alarms[kind].state.value for kind in (AlarmKind.STICK_SLIP, AlarmKind.INPUT_LOST)} == {state}
     assert new.sounding == (condition != 'normal')
     assert not any(alarm.suppressed_by for alarm in new)
 
 
 def spoil_document(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
-    *way, last = path.split('.')
+    *parents, key = path.split('.')
     place = document
-    for step in way:
+    for step in parents:
         place = place[step]
     if value is KeyError:
-        del place[last]
+        del place[key]
     else:
-        place[last] = value
+        place[key] = value
     return document
 
 
@@ -162,12 +167,12 @@ def test_what_is_no_state_at_all(stuck: Annunciator, document: Any) -> None:
 
 def test_the_row_of_an_input_that_is_back_says_since_when_and_when_it_clears(config: MonitorConfig) -> None:
     annunciator = Annunciator(config)
-    for second, before, after in (
+    for second, previous, current in (
         (5, Condition.NORMAL, Condition.INPUT_STALE),
         (8, Condition.INPUT_STALE, Condition.NORMAL),
     ):
         annunciator.advance(second * SECOND, T0 + second * SECOND)
-        annunciator.take_event(condition_change(second, before, after))
+        annunciator.take_event(condition_change(second, previous, current))
     annunciator.advance(9 * SECOND, T0 + 9 * SECOND)
     (row,) = alarms_record(annunciator, [], T0 + 9 * SECOND, 1)['rows']
     # The default input_off_delay is a minute.

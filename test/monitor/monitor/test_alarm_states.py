@@ -38,13 +38,13 @@ def test_only_a_person_takes_an_unacknowledged_alarm_away() -> None:
 
 
 def test_only_a_reset_or_removal_takes_a_latch_away() -> None:
-    left = {
+    triggers = {
         trigger
         for trigger, facts in product(Trigger, EVERY_FACTS)
         if not facts.active and next_state(AlarmState.LATCHED, trigger, facts) is not AlarmState.LATCHED
     }
     # 'raise' and 'covered' come with an active cause.
-    assert left - {Trigger.RAISE, Trigger.UNSUPPRESS} == {Trigger.RESET, Trigger.REMOVE}
+    assert triggers - {Trigger.RAISE, Trigger.UNSUPPRESS} == {Trigger.RESET, Trigger.REMOVE}
 
 
 def test_nothing_but_a_cause_gives_an_alarm_and_none_while_suppressed() -> None:
@@ -68,8 +68,8 @@ def test_the_published_transitions() -> None:
     # One state serves as D and E.
     by_letter = {letter: state for state in AlarmState for letter in state.letter.split(', ')}
     for row in PUBLISHED.split(','):
-        before, trigger, after = row.split()
-        assert next_state(by_letter[before], Trigger(trigger), Facts()) is by_letter[after], row
+        old, trigger, new = row.split()
+        assert next_state(by_letter[old], Trigger(trigger), Facts()) is by_letter[new], row
 
 
 @pytest.mark.parametrize(

@@ -101,15 +101,17 @@ def test_regime_agrees_with_the_margin_to_the_last_bit(law: str, load: float) ->
 
 @pytest.mark.parametrize('name', LAWS)
 def test_assessment_repeats_the_physics(name: str) -> None:
-    """Its columns are the functions of the physics, at the same points."""
+    # Each column is the function of the physics at the same points.
     bearing = _with_law(LAWS[name])
     speed, load = np.meshgrid([0.01, 0.1, 0.2, 0.25, 0.5], [300.0, 1600.0])
     verdict = assess(bearing, speed, load)
     np.testing.assert_array_equal(verdict.hopf_speed, hopf_speed(bearing, load))
     np.testing.assert_array_equal(verdict.fold_speed_kbm, fold_speed(bearing, load))
     np.testing.assert_array_equal(verdict.hopf_load, hopf_load(bearing, speed))
-    there = speed[has_load := np.isfinite(verdict.fold_load)]
-    heavier, lighter = (assess(bearing, there, f * verdict.fold_load[has_load]) for f in (1.002, 0.998))
+    cyclic_speed = speed[has_load := np.isfinite(verdict.fold_load)]
+    heavier, lighter = (
+        assess(bearing, cyclic_speed, f * verdict.fold_load[has_load]) for f in (1.002, 0.998)
+    )
     assert not np.isin('stable', heavier.regime)
     assert np.all(lighter.regime == 'stable')
     np.testing.assert_array_equal(verdict.growth_rate, growth_rate(bearing, speed, load))
@@ -126,24 +128,29 @@ def test_assessment_repeats_the_physics(name: str) -> None:
 
 @pytest.mark.parametrize('law', [*LAWS.values(), NOISY], ids=[*LAWS, 'noisy'])
 def test_many_points_are_judged_as_each_by_itself(law: FrictionLaw) -> None:
-    """Many read boundaries off a table, one asks the solver, also beyond the table's loads."""
+    # Many points read the boundaries off a table, one asks the solver, also beyond the table's loads.
     bearing = _with_law(law)
     rng = np.random.default_rng(7)
     speed, load = rng.uniform(0.01, 1.0, 300), np.exp(rng.uniform(3.0, 14.5, 300))
     many = assess(bearing, speed, load)
-    each = [assess(bearing, *point) for point in zip(speed[::10].tolist(), load[::10].tolist(), strict=True)]
+    points = [
+        assess(bearing, *point) for point in zip(speed[::10].tolist(), load[::10].tolist(), strict=True)
+    ]
     # To 8 times a table's last load the averaged fold grows by a power, which is right to 1 %.
     inside = load[::10] < 1e5
     for name in ('fold_speed', 'fold_speed_kbm'):
-        found, fold = getattr(many, name)[::10], np.array([getattr(point, name) for point in each])
-        np.testing.assert_allclose(found[inside], fold[inside], rtol=2e-3)
+        from_table, from_solver = (
+            getattr(many, name)[::10],
+            np.array([getattr(point, name) for point in points]),
+        )
+        np.testing.assert_allclose(from_table[inside], from_solver[inside], rtol=2e-3)
         if name == 'fold_speed_kbm':
-            np.testing.assert_allclose(found, fold, rtol=1e-2)
-    near = np.array([abs(point.fold_margin) < 0.03 for point in each])
+            np.testing.assert_allclose(from_table, from_solver, rtol=1e-2)
+    near = np.array([abs(point.fold_margin) < 0.03 for point in points])
     # Beyond a table's last load the averaged fold stands for an exact one that is not in proportion to it.
-    between = [min(point.fold_margin, point.fold_margin_kbm) < 0.0 for point in each]
-    near |= ~inside & between & np.array([point.regime is Regime.STABLE for point in each])
-    regimes = np.array([str(point.regime) for point in each])
+    between = [min(point.fold_margin, point.fold_margin_kbm) < 0.0 for point in points]
+    near |= ~inside & between & np.array([point.regime is Regime.STABLE for point in points])
+    regimes = np.array([str(point.regime) for point in points])
     assert np.all((many.regime[::10] == regimes) | near)
 
 
@@ -216,13 +223,13 @@ def test_no_bearing_raises_or_warns(mass: float, damping: float, stiffness: floa
 def test_columns_have_the_shape_of_speed_and_load() -> None:
     for law in LAWS.values():
         grid = assess(_with_law(law), np.full((3, 1), 0.1), np.full(4, 1e3))
-        none = assess(_with_law(law), np.zeros(0), 1.0)
-        one = assess(_with_law(law), 0.1, 1000)
+        empty = assess(_with_law(law), np.zeros(0), 1.0)
+        single = assess(_with_law(law), 0.1, 1000)
         for field in (*COLUMNS, 'regime_code'):
             assert getattr(grid, field).shape == (3, 4), field
-            assert getattr(none, field).shape == (0,), field
+            assert getattr(empty, field).shape == (0,), field
             number = int if field.endswith('_code') else float
-            assert type(getattr(one, field)) is number, field
+            assert type(getattr(single, field)) is number, field
         assert all(np.isnan(getattr(grid, field)).all() for field in BELIEFS)
 
 
@@ -235,30 +242,30 @@ POINTS = st.lists(st.tuples(NUMBERS, st.floats(-10.0, 5e3)), min_size=1, max_siz
 @settings(max_examples=80, deadline=None)
 @given(name=st.sampled_from(['stribeck', 'viscous', 'rising', 'level']), points=POINTS)
 def test_batch_is_bit_identical_to_single_points(name: str, points: list[tuple[float, float]]) -> None:
-    """All columns but those by the exact fold: many loads start from neighbours."""
+    # Columns by the exact fold differ: many loads start from neighbours.
     bearing = _with_law(LAWS[name])
     batch = assess(bearing, *(np.array(column) for column in zip(*points, strict=True)))
     for i, (v, n) in enumerate(points):
-        one = assess(bearing, v, n)
+        single = assess(bearing, v, n)
         for field in COLUMNS:
-            a, b = np.float64(getattr(batch, field)[i]), np.float64(getattr(one, field))
+            a, b = np.float64(getattr(batch, field)[i]), np.float64(getattr(single, field))
             if field in ('fold_speed', 'fold_margin', 'stability_margin'):
                 assert a == pytest.approx(b, rel=1e-9, abs=1e-9, nan_ok=True), (field, v, n)
                 continue
             assert a.tobytes() == b.tobytes() or (np.isnan(a) and np.isnan(b)), (field, v, n)
-        assert batch.outcome[i] == one.outcome
-        assert batch.regime[i] == one.regime
+        assert batch.outcome[i] == single.outcome
+        assert batch.regime[i] == single.regime
 
 
 @pytest.mark.parametrize('name', LAWS)
-def test_no_exact_cycle_is_left_out_beyond_the_boundaries(name: str) -> None:
+def test_exact_cycles_beyond_the_boundaries_are_found(name: str) -> None:
     bearing = _with_law(LAWS[name], 20.0)
     points = assess(bearing, np.full(9, 0.1), np.geomspace(10.0, 2000.0, 9))
     ends = np.fmax(points.fold_speed, points.hopf_speed)
     speed = np.where(np.isfinite(ends), ends, 0.1) * np.array([0.9, 0.999, 1.02, 1.3, 3.0])[:, None]
-    found = assess(bearing, speed, points.load).amplitude_exact
+    amplitude = assess(bearing, speed, points.load).amplitude_exact
     # Cycles are followed together, and who is with them decides the last digits.
-    np.testing.assert_allclose(found, exact_amplitude(bearing, speed, points.load), rtol=1e-7)
+    np.testing.assert_allclose(amplitude, exact_amplitude(bearing, speed, points.load), rtol=1e-7)
 
 
 def test_the_exact_amplitude_and_what_averaging_misses() -> None:

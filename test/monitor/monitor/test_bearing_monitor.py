@@ -27,9 +27,9 @@ UNSTABLE, INSIDE, CAUTION, QUIET = 20.0, 35.0, 43.0, 60.0
 
 
 def update_point(monitor: Monitor, time: float, rpm: float, bearing: str = 'aft') -> list[Any]:
-    """Both inputs at one instant; returns the events as (seconds, before, after)."""
-    both = (('speed', rpm), ('load', 1000.0))
-    updates = [feed(monitor, time, quantity, value, bearing) for quantity, value in both]
+    """Send both inputs at one instant; return the events as (seconds, before, after)."""
+    inputs = (('speed', rpm), ('load', 1000.0))
+    updates = [feed(monitor, time, quantity, value, bearing) for quantity, value in inputs]
     return [brief(event) for update in updates for event in update.events]
 
 
@@ -88,7 +88,7 @@ def test_coast_down_and_recovery() -> None:
 
 
 def test_what_returns_within_a_minute_is_held_for_a_minute() -> None:
-    """A change of speed counts a point later, by the median of three; both conditions clear in 10 s."""
+    # A change of speed counts a point later, by the median of three; both conditions clear in 10 s.
     monitor, speeds = Monitor(configured()), [INSIDE, QUIET, INSIDE, QUIET, QUIET, QUIET, QUIET]
     events = [e for k in range(700) for e in update_point(monitor, k / 5, speeds[k // 100])]
     cleared = [time for time, _, after in events if after == 'normal']
@@ -149,7 +149,7 @@ def test_a_first_sample_before_the_start_moves_the_start() -> None:
 
 
 def test_the_clock_jumps_back() -> None:
-    """The memory of the lining and the delays go on, from the first message after it."""
+    # The memory of the lining and the delays go on, from the first message after the jump.
     monitor = Monitor(configured(alarm__on_delay=0.0, alarm__off_delay=2.0))
     for time in (97.0, 98.0, 99.0, 100.0, 101.0, 102.0):
         update_point(monitor, time, UNSTABLE)
@@ -220,16 +220,16 @@ def test_texts_of_milder_conditions_say_what_to_do() -> None:
     for time in range(80):  # from 80 rpm down by 1 rpm/s, past the fold, and on there
         update_point(monitor, time, max(80.0 - time, 36.0))
         texts.append(monitor.bearings['aft'].text())
-    said = ' '.join(texts)
-    assert 'Slowing towards stick-slip: stay above 50 rpm. Now 5' in said
-    assert 'Near the stick-slip boundary. Clears above 50 rpm.' in said
-    assert 'In the bistable range for less than 2 s: no alarm yet.' in said
+    text = ' '.join(texts)
+    assert 'Slowing towards stick-slip: stay above 50 rpm. Now 5' in text
+    assert 'Near the stick-slip boundary. Clears above 50 rpm.' in text
+    assert 'In the bistable range for less than 2 s: no alarm yet.' in text
     last = 'Bistable: quiet so far, but a shock can start stick-slip. Raise speed above 50 rpm,'
     assert texts[-1].startswith(f'aft: {last} or stop the shaft. Now 36 rpm, 1 kN, 12 % below')
 
 
 def test_a_mild_condition_gives_the_order_of_the_worse_that_is_starting() -> None:
-    """From near the boundary straight into the unstable range, of which the delay is still running."""
+    """Go from near the boundary straight into the unstable range, whose delay is still running."""
     monitor = Monitor(configured(alarm__on_delay=4.0))
     for time in range(12):
         update_point(monitor, time, 45.0)  # 1.1 times the fold: margin low
@@ -244,17 +244,17 @@ def test_a_mild_condition_gives_the_order_of_the_worse_that_is_starting() -> Non
 @pytest.mark.parametrize(('sign', 'astern'), [(1.0, ''), (-1.0, ' astern')])
 def test_the_order_is_that_of_the_text(sign: float, astern: str) -> None:
     """Caution clears above 1.22 times the fold of 40.723 rpm: 49.7, and so 50 rpm."""
-    monitor, found = Monitor(configured(load__timeout=600.0)), set()
+    monitor, kinds = Monitor(configured(load__timeout=600.0)), set()
     phrases = {'raise_speed': 'Raise speed above', 'stay_above': 'stay above', 'clears_above': 'Clears above'}
     for time in range(80):
         update_point(monitor, time, sign * max(80.0 - time, 36.0))
-        text, given = monitor.bearings['aft'].text(), order(monitor.bearings['aft'])
-        assert (given is None) == (' above 50 rpm' not in text)
-        if given is not None:
-            found.add(given.kind.value)
-            assert f'{phrases[given.kind.value]} 50 rpm{astern}' in text
-            assert given.rpm == sign * 50.0
-    assert found == set(phrases)
+        text, speed_order = monitor.bearings['aft'].text(), order(monitor.bearings['aft'])
+        assert (speed_order is None) == (' above 50 rpm' not in text)
+        if speed_order is not None:
+            kinds.add(speed_order.kind.value)
+            assert f'{phrases[speed_order.kind.value]} 50 rpm{astern}' in text
+            assert speed_order.rpm == sign * 50.0
+    assert kinds == set(phrases)
 
 
 def test_retune_keeps_the_state() -> None:
@@ -312,14 +312,14 @@ def test_retune_converts_the_values_that_stand() -> None:
 
 
 def test_retune_with_other_bearings_is_refused_whole() -> None:
-    one = configured()
-    two = two_bearings(**{'aft.alarm.on_delay': 0.0})
-    for before, after in ((one, two), (two, one)):
-        monitor = Monitor(before)
+    one_bearing = configured()
+    both_bearings = two_bearings(**{'aft.alarm.on_delay': 0.0})
+    for config, other_config in ((one_bearing, both_bearings), (both_bearings, one_bearing)):
+        monitor = Monitor(config)
         with pytest.raises(ConfigurationError, match=r'bearings = \[aft.*must stay \[aft'):
-            monitor.retune(after)
-        assert monitor.config is before
-        assert monitor.bearings['aft'].config is before.bearing('aft')
+            monitor.retune(other_config)
+        assert monitor.config is config
+        assert monitor.bearings['aft'].config is config.bearing('aft')
 
 
 def test_unknown_names() -> None:
@@ -382,11 +382,11 @@ def test_a_number_that_means_no_value_hides_no_stick_slip(number: float) -> None
     assert feed(monitor, 61.0, 'load', float(np.float32(number))).status is Status.NO_VALUE
 
 
-def test_what_no_ship_has_is_not_judged() -> None:
-    """A speed above 3000 rpm, and a load below zero unless its sensor may show one."""
+def test_implausible_speeds_and_negative_loads_are_rejected() -> None:
+    # A speed above 3000 rpm is implausible, and so is a load below zero unless its sensor may show one.
     monitor = Monitor(configured())
-    found = [feed(monitor, k, 'speed', rpm).status for k, rpm in enumerate([2990.0, -3010.0])]
-    assert found == [Status.ACCEPTED, Status.IMPLAUSIBLE]
+    statuses = [feed(monitor, k, 'speed', rpm).status for k, rpm in enumerate([2990.0, -3010.0])]
+    assert statuses == [Status.ACCEPTED, Status.IMPLAUSIBLE]
     assert feed(monitor, 3.0, 'load', -44e3).status is Status.BELOW_MINIMUM
     signed = Monitor(configured(load__minimum=-50e3))
     assert feed(signed, 3.0, 'load', -44e3).status is Status.ACCEPTED
@@ -408,10 +408,10 @@ def test_a_stamp_near_its_arrival_is_the_time_of_a_value(off: float, expected: f
 def test_an_equal_stamp_is_a_copy_with_an_equal_value_only() -> None:
     monitor = Monitor(configured())
     sent = [(10.0, 60.0), (10.0, 60.0), (10.0, 61.0), (10.0, 60.0)]
-    found = [
+    statuses = [
         feed(monitor, stamp, 'speed', rpm, arrival=10.1 + k).status for k, (stamp, rpm) in enumerate(sent)
     ]
-    assert found == [Status.ACCEPTED, Status.REPEATED, Status.ACCEPTED, Status.ACCEPTED]
+    assert statuses == [Status.ACCEPTED, Status.REPEATED, Status.ACCEPTED, Status.ACCEPTED]
 
 
 def test_what_the_latest_value_ends_is_not_begun() -> None:
@@ -424,7 +424,7 @@ def test_what_the_latest_value_ends_is_not_begun() -> None:
 
 
 def test_a_stop_warns_before_the_range_that_it_goes_through() -> None:
-    """From 120 rpm by 8 rpm/s: within 20 s it is astern, on the other side of the range."""
+    # From 120 rpm by 8 rpm/s: within 20 s it is astern, on the other side of the range.
     monitor = Monitor(configured())
     events = [
         event
@@ -438,7 +438,7 @@ def test_a_stop_warns_before_the_range_that_it_goes_through() -> None:
 
 
 def test_no_sentence_says_normal_of_values_within_the_region() -> None:
-    """The alarm goes by medians of three: the first values of a slow-down have not moved them yet."""
+    # The alarm goes by medians of three: the first values of a slow-down have not moved them yet.
     monitor = Monitor(configured())
     for time in range(40):
         update_point(monitor, time, QUIET)
@@ -449,10 +449,10 @@ def test_no_sentence_says_normal_of_values_within_the_region() -> None:
 
 
 def test_the_limits_of_whole_numbers_mean_no_value() -> None:
-    """Of 16 and 32 bits, whole, in tenths (NMEA 2000's temperatures) and in quarters (J1939's speeds)."""
-    whole = {2**15 - 1, -(2**15), 2**16 - 1, 2**31 - 1, -(2**31), 2**32 - 1}
+    # These are the largest numbers of 16 and 32 bits, in whole, tenths (NMEA 2000) and quarters (J1939).
+    integers = {2**15 - 1, -(2**15), 2**16 - 1, 2**31 - 1, -(2**31), 2**32 - 1}
     tenths = {(2**15 - 1) / 10, -(2**15) / 10, (2**16 - 2) / 10 + 0.1}
-    assert {*NO_VALUES} >= whole | tenths | {(2**16 - 1) / 4, (2**16 - 2) / 4}
+    assert {*NO_VALUES} >= integers | tenths | {(2**16 - 1) / 4, (2**16 - 2) / 4}
 
 
 @pytest.mark.parametrize('apart', [0.0, 0.001, 0.1])
@@ -460,14 +460,14 @@ def test_the_limits_of_whole_numbers_mean_no_value() -> None:
 def test_values_in_pairs_are_not_lost(copies: int, apart: float) -> None:
     # Minimum, mean and maximum of ten seconds: known until the next are late, as a single value is.
     monitor = BearingMonitor(configured().bearing('aft'))
-    found = []
+    events = []
     for k in range(1, 60):
         for copy in range(copies):
             for place, value in ((Input.SPEED, 80.0 + copy), (Input.LOAD, 1000.0 + copy)):
                 update = monitor.update(place, int((10.0 * k + apart * copy) * 1e9), value)
-                found += [(event.time_ns, event.after) for event in update.events]
-        found += [(event.time_ns, event.after) for event in monitor.advance(int((10.0 * k + 9.9) * 1e9))]
-    assert max((time_ns for time_ns, after in found if after is Condition.INPUT_STALE), default=0) < 40e9
+                events += [(event.time_ns, event.after) for event in update.events]
+        events += [(event.time_ns, event.after) for event in monitor.advance(int((10.0 * k + 9.9) * 1e9))]
+    assert max((time_ns for time_ns, after in events if after is Condition.INPUT_STALE), default=0) < 40e9
     assert monitor.condition is Condition.NORMAL
     assert len(monitor.advance(int(630e9))) == 1
 
@@ -500,15 +500,15 @@ def test_an_input_is_lost_until_its_first_value_and_after_its_timeout() -> None:
 
 
 @pytest.mark.parametrize(
-    ('verdict', 'heard', 'doubt'), [(QUIET_LEVEL, 1, 2 * DOUBT), (QUIET_LEVEL, 0, 0), (UNKNOWN, 1, 0)]
+    ('verdict', 'had_vibrated', 'doubt'), [(QUIET_LEVEL, 1, 2 * DOUBT), (QUIET_LEVEL, 0, 0), (UNKNOWN, 1, 0)]
 )
 @pytest.mark.parametrize('course', [IDLE, BEYOND])
 def test_a_level_that_vibrated_and_is_quiet_before_stick_slip_ends_is_doubted(
-    verdict: int, heard: int, doubt: int, course: int
+    verdict: int, had_vibrated: int, doubt: int, course: int
 ) -> None:
-    """A level that was quiet all along was right where the prediction was not, and counts on."""
+    # A level that was quiet all along was right where the prediction was not, and still counts.
     state = State()
-    state.sticking, state.course, state.heard, state.doubt = 1, course, heard, 0
+    state.sticking, state.course, state.heard, state.doubt = 1, course, had_vibrated, 0
     end_stick_slip(state, verdict)
     assert (state.sticking, state.doubt) == (0, doubt)
 

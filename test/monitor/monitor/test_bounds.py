@@ -54,4 +54,4 @@ def test_at_the_bounds_of_a_parameter_the_monitor_works(name: str, end: float) -
         ship.session.show(ship.now)
         for state in ship.standing:
             assert diagnostic_record('monitor', state).message
-    assert all(json.dumps(each, allow_nan=False) for each in ship.published)
+    assert all(json.dumps(record, allow_nan=False) for record in ship.published)

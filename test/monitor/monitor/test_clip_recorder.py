@@ -24,11 +24,11 @@ def clip_message(second: float, size: int = 0) -> ClipMessage:
 
 def condition_change(
     second: float,
-    after: Condition = Condition.STICK_SLIP,
-    before: Condition = Condition.NORMAL,
+    new_condition: Condition = Condition.STICK_SLIP,
+    old_condition: Condition = Condition.NORMAL,
     bearing: str = 'aft',
 ) -> Event:
-    return change(round((T0 + second) * NS), before, after, bearing=bearing)
+    return change(round((T0 + second) * NS), old_condition, new_condition, bearing=bearing)
 
 
 def clip_seconds(clip: Clip) -> list[int]:
@@ -36,15 +36,15 @@ def clip_seconds(clip: Clip) -> list[int]:
 
 
 def record_clips(recorder: ClipRecorder, stop: int, *events: Event, size: int = 0) -> list[Clip]:
-    """One message a second up to ``stop``; each event after the message of its second."""
-    found = []
+    """Record one message a second up to ``stop``, and each event after the message of its second."""
+    clips = []
     for second in range(stop):
         recorder.add(clip_message(second, size))
-        for each in events:
-            if each.time_ns // NS - T0 == second:
-                recorder.note(each)
-        found += recorder.clips()
-    return found
+        for event in events:
+            if event.time_ns // NS - T0 == second:
+                recorder.note(event)
+        clips += recorder.clips()
+    return clips
 
 
 def test_a_clip_has_the_time_before_and_after() -> None:
@@ -69,7 +69,7 @@ def test_a_later_alarm_has_its_own_and_they_overlap() -> None:
 
 
 @pytest.mark.parametrize(
-    ('before', 'after', 'kept'),
+    ('old_condition', 'new_condition', 'count'),
     [
         (Condition.NORMAL, Condition.CAUTION, False),
         (Condition.NORMAL, Condition.BISTABLE, False),
@@ -80,8 +80,13 @@ def test_a_later_alarm_has_its_own_and_they_overlap() -> None:
         (Condition.STICK_SLIP, Condition.NORMAL, False),
     ],
 )
-def test_alarms_begin_clips_and_nothing_else(before: Condition, after: Condition, kept: bool) -> None:
-    assert len(record_clips(ClipRecorder(CONFIG), 100, condition_change(50, after, before))) == kept
+def test_alarms_begin_clips_and_nothing_else(
+    old_condition: Condition, new_condition: Condition, count: bool
+) -> None:
+    assert (
+        len(record_clips(ClipRecorder(CONFIG), 100, condition_change(50, new_condition, old_condition)))
+        == count
+    )
 
 
 def test_without_messages_time_ends_it() -> None:
@@ -94,11 +99,11 @@ def test_without_messages_time_ends_it() -> None:
     assert clip_seconds(clip) == list(range(10, 21))
 
 
-def test_a_clock_that_jumps_back_ends_it_and_starts_anew() -> None:
+def test_a_clock_that_jumps_back_ends_a_clip_and_starts_another() -> None:
     recorder = ClipRecorder(CONFIG)
     record_clips(recorder, 53, condition_change(50))
-    found = record_clips(recorder, 30, condition_change(5))
-    assert [clip_seconds(clip) for clip in found] == [list(range(40, 53)), list(range(16))]
+    clips = record_clips(recorder, 30, condition_change(5))
+    assert [clip_seconds(clip) for clip in clips] == [list(range(40, 53)), list(range(16))]
 
 
 def test_disorder_within_the_time_of_a_clip_is_no_jump() -> None:
@@ -113,18 +118,18 @@ def test_disorder_within_the_time_of_a_clip_is_no_jump() -> None:
 
 @pytest.mark.slow
 @given(st.integers(1, 3000), st.integers(10_000, 60_000))
-def test_memory_and_size_are_bounded(each: int, most: int) -> None:
-    config = ClipConfig('folder', 10**6 * NS, 5, most)
-    found = record_clips(ClipRecorder(config), 200, condition_change(100), size=each)
+def test_memory_and_size_are_bounded(message_size: int, max_size: int) -> None:
+    config = ClipConfig('folder', 10**6 * NS, 5, max_size)
+    clips = record_clips(ClipRecorder(config), 200, condition_change(100), size=message_size)
     recorder = ClipRecorder(config)
-    record_clips(recorder, 200, condition_change(100), size=each)
+    record_clips(recorder, 200, condition_change(100), size=message_size)
     recorder.finish()
-    for clip in found + recorder.clips():
+    for clip in clips + recorder.clips():
         total = sum(m.size for m in clip.messages)
-        assert total < most + each + 200
+        assert total < max_size + message_size + 200
         assert any(m.time_ns == (T0 + 100) * NS for m in clip.messages)
-    kept = [m.size for m in recorder._past]
-    assert sum(kept) <= most // 2 + each + 200
+    past_sizes = [m.size for m in recorder._past]
+    assert sum(past_sizes) <= max_size // 2 + message_size + 200
 
 
 def test_definitions_that_came_until_then_are_in_the_clip() -> None:

@@ -44,7 +44,7 @@ ODD = (None, True, 'x', '', [], {}, [[]], -1, 0, 1e308, float('nan'), float('inf
 
 
 def mutate(document: Any, source: random.Random) -> Any:
-    """A copy with one value, at any depth, replaced, left out or given twice."""
+    """Return a copy with one value, at any depth, replaced or left out."""
     result = copy.deepcopy(document)
     place, parent = None, result
     while isinstance(parent, dict | list) and parent and (place is None or source.random() < 0.7):
@@ -84,15 +84,15 @@ def test_what_is_no_file_of_results_is_not_read_for_ever(tmp_path: Path, kind: s
 
 
 @pytest.fixture
-def result(tmp_path: Path) -> str:
-    """A file with the result of a calibration."""
+def calibration_path(tmp_path: Path) -> str:
+    """Return the path of a file with the result of a calibration."""
     path = tmp_path / 'aft.calibration.json'
     path.write_text(json.dumps(RESULT))
     return str(path)
 
 
-def test_a_calibration_takes_the_place_of_tolerances(result: str) -> None:
-    aft = configured(damping=900.0, calibration=result).bearing('aft')
+def test_a_calibration_takes_the_place_of_tolerances(calibration_path: str) -> None:
+    aft = configured(damping=900.0, calibration=calibration_path).bearing('aft')
     belief = aft.belief
     assert belief is not None
     assert belief.fold_speed(1000.0, 0.5) / RPM == pytest.approx(40.723, rel=1e-4)
@@ -100,10 +100,10 @@ def test_a_calibration_takes_the_place_of_tolerances(result: str) -> None:
     assert fold_speed(aft.bearing, 1000.0) / RPM == pytest.approx(40.723091, rel=1e-6)
 
 
-def test_what_onsets_tell_moves_what_is_believed_and_no_alarm(result: str) -> None:
+def test_what_onsets_tell_moves_what_is_believed_and_no_alarm(calibration_path: str) -> None:
     law = {f'friction.{name}': value for name, value in (LAW | {'decay': 2.0 * LAW['decay']}).items()}
-    Path(result).write_text(json.dumps(RESULT | {'believed': {'damping': 400.0} | law}))
-    aft = configured(damping=900.0, calibration=result).bearing('aft')
+    Path(calibration_path).write_text(json.dumps(RESULT | {'believed': {'damping': 400.0} | law}))
+    aft = configured(damping=900.0, calibration=calibration_path).bearing('aft')
     assert aft.belief is not None
     # A law of twice the decay has all boundaries at half the speed, by the scale of v in mu(v).
     ratio = aft.belief.fold_speed(1000.0, 0.5) / fold_speed(aft.bearing, 1000.0)
@@ -113,15 +113,15 @@ def test_what_onsets_tell_moves_what_is_believed_and_no_alarm(result: str) -> No
     assert 0.4 < ratio < 0.9
 
 
-def test_a_calibrated_bearing_alarms_as_if_it_were_configured(result: str) -> None:
-    both = [
+def test_a_calibrated_bearing_alarms_as_if_it_were_configured(calibration_path: str) -> None:
+    scans = [
         Monitor(config).scan({'aft': points(20.0 + 0.4 * np.abs(np.arange(200) - 100), 1000.0)})['aft']
-        for config in (configured(damping=900.0, calibration=result), configured())
+        for config in (configured(damping=900.0, calibration=calibration_path), configured())
     ]
-    found, wanted = ([(e.time_ns, e.after) for e in scan.events] for scan in both)
-    assert found == wanted
-    assert len(found) > 3
-    assert np.nanmax(both[0].assessment.probability_runs) > 0.9
+    calibrated_events, configured_events = ([(e.time_ns, e.after) for e in scan.events] for scan in scans)
+    assert calibrated_events == configured_events
+    assert len(calibrated_events) > 3
+    assert np.nanmax(scans[0].assessment.probability_runs) > 0.9
 
 
 @pytest.mark.parametrize(
@@ -150,11 +150,11 @@ def test_a_calibrated_bearing_alarms_as_if_it_were_configured(result: str) -> No
     ],
 )
 def test_a_bad_calibration_or_one_of_other_sensors_is_refused(
-    result: str, damage: dict[str, Any] | None, changes: dict[str, Any], words: str
+    calibration_path: str, damage: dict[str, Any] | None, changes: dict[str, Any], words: str
 ) -> None:
-    Path(result).write_text('{' if damage is None else json.dumps(RESULT | damage))
+    Path(calibration_path).write_text('{' if damage is None else json.dumps(RESULT | damage))
     with pytest.raises(ConfigurationError, match=words):
-        configured(calibration=result, **changes)
+        configured(calibration=calibration_path, **changes)
 
 
 @pytest.mark.parametrize('content', [None, b'', bytes(999), b'{"schema": "stickslip_monitor/calibration/1"}'])
@@ -173,13 +173,13 @@ def test_a_ship_is_monitored_without_a_calibration_that_cannot_be_read(
 
 
 def test_a_calibration_holds_with_what_stands_for_a_load(tmp_path: Path) -> None:
-    """Of a constant load it does; of another table, or another gear, it does not."""
+    """Accept a calibration with a constant load; refuse it with another table, or another gear."""
     values = {'bearings': ['aft']} | {f'aft.{name}': value for name, value in REFERENCE.items()}
     del values['aft.load.topic']
     values |= {'aft.calibration': str(tmp_path / 'aft.json'), 'aft.load.over_speed': [0, 2, 60, 1]}
     plain = build_config({name: value for name, value in values.items() if name != 'aft.calibration'})
-    own = plain.bearing('aft')
-    inputs = {'speed': sensor_record(own.speed), 'load': sensor_record(own.load)}
+    config = plain.bearing('aft')
+    inputs = {'speed': sensor_record(config.speed), 'load': sensor_record(config.load)}
     (tmp_path / 'aft.json').write_text(json.dumps(RESULT | {'inputs': inputs}), 'utf-8')
     assert build_config(values).bearing('aft').belief is not None
     for name, value in (('load.over_speed', [0.0, 2.0, 60.0, 1.5]), ('speed.gear', 4.2)):
@@ -187,16 +187,16 @@ def test_a_calibration_holds_with_what_stands_for_a_load(tmp_path: Path) -> None
             build_config(values | {f'aft.{name}': value})
 
 
-def test_a_calibration_of_another_bearing_is_refused_live_too(result: str) -> None:
-    Path(result).write_text(json.dumps(RESULT | {'bearing': 'fore'}))
+def test_a_calibration_of_another_bearing_is_refused_live_too(calibration_path: str) -> None:
+    Path(calibration_path).write_text(json.dumps(RESULT | {'bearing': 'fore'}))
     with pytest.raises(ConfigurationError, match="a calibration of 'fore' and not of 'aft'"):
-        configured(is_live=True, calibration=result)
+        configured(is_live=True, calibration=calibration_path)
 
 
 def ask_questions(load: float = 1000.0, **changes: object) -> list[str]:
     (bearing,) = configured(**changes).bearings
-    found = questions(bearing, load)
-    return [f'{name} {clause}' for name, own in found.items() for clause in own]
+    by_subject = questions(bearing, load)
+    return [f'{name} {clause}' for name, clauses in by_subject.items() for clause in clauses]
 
 
 def test_nothing_is_asked_of_a_right_bearing() -> None:
@@ -246,7 +246,7 @@ def test_a_slip_is_asked_about(changes: dict[str, object], clause: str) -> None:
 
 
 def test_a_retired_parameter_has_no_effect_and_a_sentence() -> None:
-    """A file of the last version is not refused for it."""
+    # A file of the last version is not refused for it.
     (note,) = configured(alarm__trend_window='whatever').notes
     assert note.startswith('aft.alarm.trend_window has no effect and will be refused in a later version')
 
@@ -263,8 +263,8 @@ def test_a_retired_parameter_has_no_effect_and_a_sentence() -> None:
     ],
 )
 def test_what_a_law_does_not_take_is_named(law: Any, parameter: str, value: Any, has_no_effect: bool) -> None:
-    own = law | {parameter: value}
-    config = configured('aft', {f'friction.{key}': value for key, value in own.items()})
+    parameters = law | {parameter: value}
+    config = configured('aft', {f'friction.{key}': value for key, value in parameters.items()})
     named = [note for note in config.notes if note.startswith(f'aft.friction.{parameter} = ')]
     assert bool(named) == has_no_effect
     assert all(f'has no effect: the law {law["law"]} takes ' in note for note in named)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from make_golden import differences, of_bag, of_sequence, read_golden
+from make_golden import list_differences, of_bag, of_sequence, read_golden
 from sequences import COUNT, sequence
 
 GOLDEN = read_golden()
@@ -27,10 +27,10 @@ def test_every_recording_is_in_the_golden_file() -> None:
 
 @pytest.mark.parametrize('bag', BAGS)
 def test_recording(bag: str) -> None:
-    assert list(differences(GOLDEN, dict(of_bag(bag)), examples=9)) == []
+    assert list(list_differences(GOLDEN, dict(of_bag(bag)), examples=9)) == []
 
 
 @pytest.mark.parametrize('number', QUICK)
 def test_sequence(number: int) -> None:
-    found = {f'sequence {number}': of_sequence(number)}
-    assert list(differences(GOLDEN, found, examples=9)) == []
+    events = {f'sequence {number}': of_sequence(number)}
+    assert list(list_differences(GOLDEN, events, examples=9)) == []

@@ -52,17 +52,17 @@ _STEP = st.sampled_from([0, 1, SECOND // 10, SECOND, 7 * SECOND, 70 * SECOND])
     st.sampled_from([0.0, 3.0]),
 )
 def test_live_and_bulk_raise_the_same_faults(
-    pattern: list[tuple[float, int]], repeats: int, least: float
+    pattern: list[tuple[float, int]], repeats: int, min_gap: float
 ) -> None:
     rows = pattern * repeats
     value = np.array([row[0] for row in rows], float)
     arrival = np.cumsum(np.array([row[1] for row in rows], np.int64))
-    watch = SourceWatch(least)
+    watch = SourceWatch(min_gap)
     live: list[SourceFault] = []
     for now, si in zip(arrival.tolist(), value.tolist(), strict=True):
         live += [fault for fault in [watch.take(now, si)] if fault]
         watch.standing_fault(now)  # being asked changes nothing
-    bulk, cut = SourceWatch(least), len(rows) // 3
+    bulk, cut = SourceWatch(min_gap), len(rows) // 3
     first, second = (bulk.take_column(arrival[part], value[part]) for part in (slice(cut), slice(cut, None)))
     assert repr([*first, *second]) == repr(live)
 
@@ -89,14 +89,14 @@ def test_a_second_publisher_is_found(every: int, rate: float, raised: float) -> 
 
 
 def test_a_speed_ahead_and_astern_is_steady_and_a_load_of_both_signs_is_not() -> None:
-    """Of a speed, which has a least gap between levels, the magnitude is watched."""
+    # Of a speed, which has a least gap between levels, the magnitude is watched.
     values = np.array([5.0, -5.0, 5.0])
     assert SourceWatch(0.01).take_steady(values)
     assert not SourceWatch().take_steady(values)
 
 
 def test_a_counter_of_few_pulses_is_named_as_what_it_is() -> None:
-    """One mark a turn at 25 rpm, counted each second: 0 or 60 rpm."""
+    # One mark a turn at 25 rpm, counted each second, gives 0 or 60 rpm.
     pulses = np.diff(np.floor(np.arange(200) * 25.0 / 60.0))
     time = sample_times(pulses.size, 1.0)
     (fault,) = SourceWatch(3.0).take_column(time, 60.0 * pulses)
@@ -107,7 +107,7 @@ def test_a_counter_of_few_pulses_is_named_as_what_it_is() -> None:
 
 
 @pytest.mark.parametrize(
-    ('values', 'least'),
+    ('values', 'min_gap'),
     [
         (1000.0 * (1.0 + 0.2 * np.random.default_rng(2).standard_normal(200_000)), 0.0),
         # A swell of 8 s and a quarter of the load, at 2 Hz.
@@ -121,9 +121,9 @@ def test_a_counter_of_few_pulses_is_named_as_what_it_is() -> None:
     ],
     ids=['noise', 'swell', 'counter', 'steps', 'stop', 'spike', 'empty'],
 )
-def test_one_source_is_no_fault(values: Floats, least: float) -> None:
+def test_one_source_is_no_fault(values: Floats, min_gap: float) -> None:
     time = sample_times(values.size)
-    assert SourceWatch(least).take_column(time, values) == []
+    assert SourceWatch(min_gap).take_column(time, values) == []
 
 
 def test_a_fault_stands_for_a_minute_and_clears_when_values_settle() -> None:
@@ -220,8 +220,8 @@ def test_the_most_fundamental_fault_is_told(facts: InputFacts, sentence: str) ->
     assert input_fault(facts) == sentence
 
 
-def alternate_levels(common: int, rare: int, count: int = 3000, odd: float = 600.0) -> Floats:
-    return np.where(np.arange(count) % (common + rare) < common, 30.0, odd)
+def alternate_levels(common: int, rare: int, count: int = 3000, rare_value: float = 600.0) -> Floats:
+    return np.where(np.arange(count) % (common + rare) < common, 30.0, rare_value)
 
 
 @pytest.mark.parametrize(
@@ -251,13 +251,13 @@ def test_the_share_follows_a_source_that_becomes_frequent() -> None:
 
 def test_signs_of_a_speed_are_no_second_level() -> None:
     # The rule takes the magnitude of a speed; two loads of opposite sign are two levels.
-    values = alternate_levels(49, 1, odd=-30.0)
+    values = alternate_levels(49, 1, rare_value=-30.0)
     time = sample_times(values.size)
     assert [bool(SourceWatch(gap).take_column(time, values)) for gap in (3.0, 0.0)] == [False, True]
 
 
 @pytest.mark.parametrize(
-    ('looks', 'said'),
+    ('findings', 'expected'),
     [
         (['', 'a 1', 'a 2', 'a 3', 'a 4', ''], ['a 3', 'over: a 4']),
         # A sender is being discovered: three looks, and three causes.
@@ -268,17 +268,16 @@ def test_signs_of_a_speed_are_no_second_level() -> None:
         (['a', 'a', 'a', '', 'a', 'a', 'a'], ['a', 'over: a', 'a']),
     ],
 )
-def test_a_fault_is_said_after_three_looks_of_one_cause_and_taken_back(
-    looks: list[str], said: list[str]
+def test_a_fault_is_reported_after_three_findings_of_one_cause_and_withdrawn(
+    findings: list[str], expected: list[str]
 ) -> None:
     track = _Track(SourceWatch())
-    found = [track.take_fault(fault) for fault in looks]
-    assert [f'{"over: " * is_over}{text}' for text, is_over in found if text] == said
+    texts = [track.take_fault(fault) for fault in findings]
+    assert [f'{"over: " * is_over}{text}' for text, is_over in texts if text] == expected
 
 
 def test_a_mix_goes_on_down_to_a_tenth_of_the_values() -> None:
-    """One in four is a mix, and goes on at one in seven; one in seven alone is none, one in 21 ends it."""
-
+    # One value in four is a mix and goes on at one in seven; one in seven alone is none, one in 21 ends it.
     def share_of(watch: SourceWatch, start: int, majority: int, rounds: int) -> bool:
         fault = None
         for k in range(rounds * (majority + 1)):

@@ -21,12 +21,12 @@ TIMES = np.arange(0.0, 1200.0, 0.1)
 
 
 def load_in_swell(time: FloatArray) -> FloatArray:
-    """A load in waves of 8.3 s, whose height comes and goes [N]."""
+    """Return a load in waves of 8.3 s, whose height comes and goes [N]."""
     return np.asarray(1000.0 + 200.0 * np.sin(0.757 * time) * (1.0 + 0.3 * np.sin(0.031 * time)))
 
 
 def clause_of(time: FloatArray, value: FloatArray, place: int = LOAD, part: int = 997) -> str:
-    """What is said of an input after its values, taken in parts."""
+    """Return what is reported of an input after its values, taken in parts."""
     watch, time_ns = FitnessWatch(), np.rint(time * SECOND).astype(np.int64)
     for k in range(0, time.size, part):
         watch.take_values(place, time_ns[k : k + part], value[k : k + part])
@@ -45,9 +45,9 @@ def test_a_value_that_is_held_in_a_fast_message_is_named(place: int, part: int) 
 
 def test_slow_values_of_a_swell_are_named() -> None:
     slow = np.arange(0.0, 1200.0, 8.0)
-    found = clause_of(slow, load_in_swell(slow))
-    assert found.startswith('has a value only every 8 s and changes by ')
-    assert found.endswith(
+    clause = clause_of(slow, load_in_swell(slow))
+    assert clause.startswith('has a value only every 8 s and changes by ')
+    assert clause.endswith(
         ', so that a swell seems to last for minutes: have its sender pass on at least one a second'
     )
 
@@ -56,10 +56,8 @@ def test_slow_values_of_a_swell_are_named() -> None:
     ('off', 'even', 'is_regular'), [(2, 6, True), (3, 6, False), (2, 7, False), (0, 0, False)]
 )
 def test_a_slow_sensor_has_a_regular_pace_and_uneven_steps(off: int, even: int, is_regular: bool) -> None:
-    """Of twelve intervals ten are alike, and six changes are half as large again as the least: by count.
-
-    Changes that are all alike are those of a ramp.
-    """
+    # At least 10 of 12 intervals must be alike, and 6 changes half as large again as the least; equal changes
+    # are a ramp.
     gap = np.array([[1.5] * off + [1.0] * (10 - off) + [2.0] * 2])
     step = np.where(np.arange(12) < (even or 12), 1.0, 1.5)[None]
     assert _is_regular(gap, step).tolist() == [is_regular]
@@ -95,7 +93,7 @@ def test_what_was_held_and_is_no_longer_is_taken_back() -> None:
 
 
 def revisiting_speed(time: FloatArray) -> FloatArray:
-    """A speed that passes the same values again and again, never at one pace [m/s]."""
+    """Return a speed that passes the same values again and again, never at one pace [m/s]."""
     return np.asarray(0.2 + 0.08 * np.sin(0.011 * time) + 0.06 * np.sin(0.0043 * time + 1.0))
 
 
@@ -126,22 +124,26 @@ def test_the_share_of_a_load_that_the_speed_explains(
     load: Callable[[FloatArray, FloatArray], FloatArray], share: tuple[float, float] | None
 ) -> None:
     time = np.arange(0.0, 1024.0, 2.0)
-    found = explained_share(
+    explained = explained_share(
         np.column_stack([time, revisiting_speed(time), load(time, revisiting_speed(time))])
     )
-    assert (found is None) if share is None else (found is not None and share[0] <= found <= share[1])
+    assert (
+        (explained is None)
+        if share is None
+        else (explained is not None and share[0] <= explained <= share[1])
+    )
 
 
 def test_one_passage_is_no_evidence() -> None:
-    """A load that falls while the speed falls: both are courses of the time."""
+    # A load that falls while the speed falls: both are courses of the time.
     time = np.arange(0.0, 1024.0, 2.0)
     assert explained_share(np.column_stack([time, 1.0 - time / 2000.0, 1000.0 - time / 3.0])) is None
 
 
-def test_it_is_said_live_and_no_verdict_changes() -> None:
+def test_a_slow_load_is_reported_live_and_no_verdict_changes() -> None:
     monitor = Monitor(configured())
     bearing = monitor.bearings['aft']
-    watch, said = InputWatch(monitor.bearings, Graph()), list[str]()
+    watch, texts = InputWatch(monitor.bearings, Graph()), list[str]()
     for k, time in enumerate(TIMES[:3000].tolist()):
         now_ns = round(time * SECOND)
         for place, value in ((SPEED, 0.5), (LOAD, float(load_in_swell(np.array(10.0 * (time // 10.0)))))):
@@ -149,10 +151,10 @@ def test_it_is_said_live_and_no_verdict_changes() -> None:
             assert watch.take('aft', place, value, now_ns, 0, valid=True) is None
         if k % 10 == 9:
             faults = watch.check_inputs(now_ns, without_clock=False)
-            said += [text for _, text, is_over in faults if not is_over]
-    assert len(said) == 1
-    assert said[0].startswith('The load on /')
-    assert 'has a new value only every 10 s' in said[0]
+            texts += [text for _, text, is_over in faults if not is_over]
+    assert len(texts) == 1
+    assert texts[0].startswith('The load on /')
+    assert 'has a new value only every 10 s' in texts[0]
     assert bearing.condition == 'normal'
 
 
@@ -162,5 +164,5 @@ def test_it_is_said_live_and_no_verdict_changes() -> None:
 )
 def test_a_name_that_says_average_is_asked_about(topic: str, named: str) -> None:
     (bearing,) = configured(speed__topic=topic).bearings
-    found = [text for text in questions(bearing, 0.0)['speed'] if 'average' in text]
-    assert [f"'{named}'" in text for text in found] == [True] * bool(named)
+    texts = [text for text in questions(bearing, 0.0)['speed'] if 'average' in text]
+    assert [f"'{named}'" in text for text in texts] == [True] * bool(named)

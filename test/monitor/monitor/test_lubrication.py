@@ -36,11 +36,11 @@ ALL = [
 
 
 def both_bearings(**changes: Any) -> list[Any]:
-    return [configured(**changes, **own).bearings[0] for own in (HERE, WRITTEN_OUT)]
+    return [configured(**changes, **parameters).bearings[0] for parameters in (HERE, WRITTEN_OUT)]
 
 
 def hour_of_speeds() -> Stream:
-    """From 200 to 20 rpm and back at one load, an hour."""
+    """Return an hour of speeds from 200 to 20 rpm and back at one load."""
     seconds = np.arange(3600)
     rpm = 110.0 + 90.0 * np.cos(2.0 * np.pi * seconds / 3600.0)
     time = np.repeat(seconds * 10**9, 2)
@@ -49,20 +49,20 @@ def hour_of_speeds() -> Stream:
 
 
 @pytest.mark.parametrize('points', [10, 200])
-def test_every_number_of_an_assessment_is_of_the_law_written_out(points: int) -> None:
-    own, there = both_bearings()
+def test_an_assessment_equals_that_of_the_law_written_out(points: int) -> None:
+    lubricated, written_out = both_bearings()
     speed = np.linspace(5.0, 250.0, points) * RPM
-    found, expected = (assess(each.bearing, speed, LOAD) for each in (own, there))
-    assert found.regime.tolist() == expected.regime.tolist()
-    assert len(set(found.regime.tolist())) == 3
+    actual, expected = (assess(config.bearing, speed, LOAD) for config in (lubricated, written_out))
+    assert actual.regime.tolist() == expected.regime.tolist()
+    assert len(set(actual.regime.tolist())) == 3
     for name in ALL:
         # The two boundaries' tables are of two laws, each right to 1e-7.
         close = 1e-12 if points < 64 else 1e-6
-        both = (getattr(each, name) for each in (found, expected))
-        assert np.allclose(*both, rtol=close, atol=1e-300 + 1e-6 * (points > 64), equal_nan=True), name
-    single = assess(own.bearing, float(speed[3]), LOAD)
+        columns = (getattr(config, name) for config in (actual, expected))
+        assert np.allclose(*columns, rtol=close, atol=1e-300 + 1e-6 * (points > 64), equal_nan=True), name
+    single = assess(lubricated.bearing, float(speed[3]), LOAD)
     for name in ALL:
-        assert getattr(single, name) == pytest.approx(getattr(found, name)[3], rel=1e-6, nan_ok=True), name
+        assert getattr(single, name) == pytest.approx(getattr(actual, name)[3], rel=1e-6, nan_ok=True), name
 
 
 def test_loads_of_an_assessment_lie_on_the_boundaries() -> None:
@@ -89,26 +89,26 @@ def test_temperatures_of_points_are_those_of_the_bearing() -> None:
 def test_changes_of_condition_are_those_of_the_law_written_out() -> None:
     for changes in ({}, {'tolerance__decay': 0.1, 'tolerance__damping': 0.2, 'tolerance__static': 0.05}):
         scans = [
-            BearingScan(each, 0, long=long).finish(hour_of_speeds(), None)
-            for each, long in zip(
+            BearingScan(config, 0, long=long).finish(hour_of_speeds(), None)
+            for config, long in zip(
                 [*both_bearings(**changes), both_bearings(**changes)[0]], (False, False, True), strict=True
             )
         ]
-        told = [
+        events = [
             [(e.time_ns, e.before, e.after, e.text.replace(', water at 5 C', '')) for e in scan.events]
             for scan in scans
         ]
         assert all(', water at 5 C' in event.text for event in scans[0].events)
-        assert len(told[0]) > 4
-        assert told[0] == told[1] == told[2]
+        assert len(events[0]) > 4
+        assert events[0] == events[1] == events[2]
         if changes:
             assert np.allclose(scans[0].chances, scans[1].chances, atol=2e-3)
 
 
 def test_an_error_of_the_load_moves_speed_and_load_together() -> None:
-    """At g = 1 a boundary is in proportion to the load: its error is one of the speed."""
-    own = {**MEASURED, 'friction__load_exponent': 1.0, 'tolerance__load': 0.1}
-    by_load = configured(**own).bearings[0].belief
+    # At g = 1 a boundary is in proportion to the load: its error is one of the speed.
+    parameters = {**MEASURED, 'friction__load_exponent': 1.0, 'tolerance__load': 0.1}
+    by_load = configured(**parameters).bearings[0].belief
     by_speed = configured(**MEASURED, tolerance__speed=0.1).bearings[0].belief
     assert by_load is not None
     assert by_speed is not None
@@ -117,7 +117,7 @@ def test_an_error_of_the_load_moves_speed_and_load_together() -> None:
 
 
 @pytest.mark.parametrize(
-    ('given', 'text'),
+    ('parameters', 'text'),
     [
         ({'friction__load_exponent': 1.0}, "parameter 'aft.friction.at_load' is missing"),
         ({'water_temperature__constant': 5.0}, "parameter 'aft.friction.at_temperature' is missing"),
@@ -125,33 +125,33 @@ def test_an_error_of_the_load_moves_speed_and_load_together() -> None:
         ({'friction__load_exponent': 2.0, 'friction__at_load': 1.0}, 'and 1'),
     ],
 )
-def test_what_is_missing_or_out_of_range_is_refused(given: dict[str, float], text: str) -> None:
+def test_what_is_missing_or_out_of_range_is_refused(parameters: dict[str, float], text: str) -> None:
     with pytest.raises(ConfigurationError, match=text):
-        configured(**given)
+        configured(**parameters)
 
 
 @pytest.mark.parametrize(
-    ('given', 'text'),
+    ('parameters', 'text'),
     [
         ({'friction__at_load': 1000.0}, 'without friction.load_exponent'),
         ({'friction__at_temperature': 15.0}, 'without water_temperature.constant or .topic'),
     ],
 )
-def test_what_has_no_effect_is_noted(given: dict[str, float], text: str) -> None:
-    (note,) = configured(**given).notes
+def test_what_has_no_effect_is_noted(parameters: dict[str, float], text: str) -> None:
+    (note,) = configured(**parameters).notes
     assert text in note
 
 
 def test_the_water_may_be_fresh_where_friction_was_measured() -> None:
-    own = {**MEASURED, 'friction__at_salinity': 0.0, 'water_temperature__constant': 15.0}
-    lubrication = configured(**own).bearings[0].bearing.lubrication
+    parameters = {**MEASURED, 'friction__at_salinity': 0.0, 'water_temperature__constant': 15.0}
+    lubrication = configured(**parameters).bearings[0].bearing.lubrication
     assert lubrication is not None
     expected = viscosity(15.0) / viscosity(15.0, 0.0)
     assert math.isclose(lubrication.viscosity_ratio, expected, rel_tol=1e-15)
 
 
 def test_the_temperature_may_change_while_the_monitor_runs() -> None:
-    """The memory of the lining stays, and nothing of a belief is worked out anew."""
+    """Keep the memory of the lining and compute no belief again."""
     tolerant = {**HERE, 'tolerance__decay': 0.1}
     monitor = Monitor(configured(**tolerant))
     for quantity, value in (('load', LOAD), ('speed', 100.0)):
@@ -163,8 +163,8 @@ def test_the_temperature_may_change_while_the_monitor_runs() -> None:
     monitor.retune(warm)
     update = monitor.update(Sample('aft', 'speed', 2 * 10**9, 100.0))
     assert update.verdict is not None
-    there = exact_fold_speed(configured(**WRITTEN_OUT).bearings[0].bearing, LOAD)
-    assert cold == pytest.approx(there, rel=1e-7)
+    expected = exact_fold_speed(configured(**WRITTEN_OUT).bearings[0].bearing, LOAD)
+    assert cold == pytest.approx(expected, rel=1e-7)
     assert update.verdict.assessment.fold_speed > 1.05 * cold  # thinner water, in which friction falls later
 
 
@@ -186,8 +186,8 @@ def test_propellers_of_three_to_seven_blades_are_asked_about() -> None:
 WATERED: dict[str, Any] = {**MEASURED, 'water_temperature__topic': '/water'}
 
 
-def _with_water(stream: Stream, celsius: Any, every: int = 60) -> Stream:
-    """A voyage with a temperature of the water before every so many of its samples."""
+def add_water(stream: Stream, celsius: Any, every: int = 60) -> Stream:
+    """Add a temperature of the water before every so many samples of a voyage."""
     rows = np.arange(0, stream.time_ns.size, every)
     values = np.broadcast_to(np.asarray(celsius, float), rows.shape)
     time = np.insert(stream.time_ns, rows, stream.time_ns[rows])
@@ -195,43 +195,45 @@ def _with_water(stream: Stream, celsius: Any, every: int = 60) -> Stream:
     return Stream(time, inputs, np.insert(stream.value, rows, values))
 
 
-def _told_of(config: Any, stream: Stream, *, long: bool) -> tuple[Any, list[Any]]:
+def scan_events(config: Any, stream: Stream, *, long: bool) -> tuple[Any, list[Any]]:
     scan = BearingScan(config, 0, long=long).finish(stream, None)
     return scan, [(e.time_ns, e.before, e.after, e.text) for e in scan.events]
 
 
 @pytest.mark.parametrize('more', [{}, {'tolerance__decay': 0.1, 'tolerance__damping': 0.2}])
 def test_a_measured_temperature_is_the_same_one_configured(more: dict[str, Any]) -> None:
-    """Sample by sample, over a recording, and compiled; in kelvin, too."""
+    # Sample by sample, over a recording, and compiled; in kelvin, too.
     (constant,) = configured(**HERE, **more).bearings
-    expected, told = _told_of(constant, hour_of_speeds(), long=False)
-    assert len(told) > 4
-    for own, number in ((WATERED, 5.0), (WATERED | {'water_temperature__unit': 'K'}, 278.15)):
-        (config,) = configured(**own, **more).bearings
-        stream = _with_water(hour_of_speeds(), number)
+    expected, expected_events = scan_events(constant, hour_of_speeds(), long=False)
+    assert len(expected_events) > 4
+    for parameters, number in ((WATERED, 5.0), (WATERED | {'water_temperature__unit': 'K'}, 278.15)):
+        (config,) = configured(**parameters, **more).bearings
+        stream = add_water(hour_of_speeds(), number)
         for long in (False, True):
-            scan, found = _told_of(config, stream, long=long)
-            assert found == told
+            scan, actual_events = scan_events(config, stream, long=long)
+            assert actual_events == expected_events
             np.testing.assert_allclose(scan.water, 5.0, rtol=1e-12)
             for name in ('speed', 'load', 'rung', 'sticking'):
                 assert getattr(scan, name).tolist() == getattr(expected, name).tolist()
-            points, others = scan.assessment, expected.assessment
-            np.testing.assert_allclose(points.fold_margin, others.fold_margin, rtol=1e-6, equal_nan=True)
-        monitor = Monitor(configured(**own, **more))
+            points, expected_points = scan.assessment, expected.assessment
+            np.testing.assert_allclose(
+                points.fold_margin, expected_points.fold_margin, rtol=1e-6, equal_nan=True
+            )
+        monitor = Monitor(configured(**parameters, **more))
         rows = zip(stream.inputs.tolist(), stream.time_ns.tolist(), stream.value.tolist(), strict=True)
         events = [e for row in rows for e in monitor.bearings['aft'].update(*row).events]
-        assert [(e.time_ns, e.before, e.after, e.text) for e in events] == told
+        assert [(e.time_ns, e.before, e.after, e.text) for e in events] == expected_events
         counts = monitor.bearings['aft'].counts
         assert counts.sum(axis=1).tolist() == [3600, 3600, 0, 120]
 
 
 def test_water_that_warms_up_moves_the_boundaries_with_it() -> None:
-    """Each point has the boundaries of its own water; compiled and interpreted are one."""
+    # Each point has the boundaries of its own water; compiled and interpreted are equal.
     (config,) = configured(**WATERED).bearings
-    stream = _with_water(hour_of_speeds(), np.linspace(0.0, 30.0, 120))
-    scan, told = _told_of(config, stream, long=False)
-    other, again = _told_of(config, stream, long=True)
-    assert (told, scan.water.tolist()) == (again, other.water.tolist())
+    stream = add_water(hour_of_speeds(), np.linspace(0.0, 30.0, 120))
+    scan, events = scan_events(config, stream, long=False)
+    compiled, compiled_events = scan_events(config, stream, long=True)
+    assert (events, scan.water.tolist()) == (compiled_events, compiled.water.tolist())
     assert (scan.water[0], scan.water[-1]) == (0.0, 30.0)
     for k in (0, 1800, 3599):
         bearing = config.bearing.at_temperature(float(scan.water[k]))
@@ -239,8 +241,8 @@ def test_water_that_warms_up_moves_the_boundaries_with_it() -> None:
         assert scan.assessment.fold_speed[k] == pytest.approx(expected, rel=1e-6)
         assert scan.fold_speed(np.array([k])) == pytest.approx(expected, rel=1e-6)
     # The rule goes by it, too: colder water alone changes what is told.
-    cold = _told_of(config, _with_water(hour_of_speeds(), 0.0), long=False)[1]
-    assert [event[0] for event in cold] != [event[0] for event in told]
+    cold = scan_events(config, add_water(hour_of_speeds(), 0.0), long=False)[1]
+    assert [event[0] for event in cold] != [event[0] for event in events]
 
 
 @pytest.mark.parametrize(
@@ -270,7 +272,7 @@ def test_water_that_is_not_measured_is_no_all_clear(more: dict[str, Any], text: 
 
 
 @pytest.mark.parametrize(
-    ('given', 'text'),
+    ('parameters', 'text'),
     [
         ({'water_temperature__topic': '/water'}, "parameter 'aft.friction.at_temperature' is missing"),
         (MEASURED | {'water_temperature__scale': 2.0}, "parameter 'aft.water_temperature.topic' is missing"),
@@ -278,9 +280,9 @@ def test_water_that_is_not_measured_is_no_all_clear(more: dict[str, Any], text: 
         (MEASURED | {'water_temperature__unit': 'F'}, 'must be one of C, K'),
     ],
 )
-def test_what_a_measured_temperature_needs(given: dict[str, Any], text: str) -> None:
+def test_what_a_measured_temperature_needs(parameters: dict[str, Any], text: str) -> None:
     with pytest.raises(ConfigurationError, match=text):
-        configured(**given)
+        configured(**parameters)
 
 
 def test_a_column_of_a_log_may_have_the_temperature(

@@ -26,39 +26,38 @@ COLUMNS = ('time_ns', 'until_ns', 'speed', 'load', 'chances', 'rung', 'sticking'
 
 
 def stream_of_messages(messages: Messages) -> Stream:
-    own = messages
-    return Stream(own.time_ns, own.quantity, own.value, arrival_ns=own.arrival_ns)
+    return Stream(messages.time_ns, messages.quantity, messages.value, arrival_ns=messages.arrival_ns)
 
 
 def comparable_events(events: list[Any]) -> list[Any]:
     return [(e.time_ns, e.before, e.after, e.standing.sticking, e.lost, e.onset, e.text) for e in events]
 
 
-def _require_same(one: Scan, other: Scan) -> None:
+def _require_same(actual: Scan, expected: Scan) -> None:
     for name in COLUMNS:
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
-    assert one.counts.tolist() == other.counts.tolist()
-    assert (one.measured is None) == (other.measured is None)
-    if one.measured is not None and other.measured is not None:
-        assert one.measured.tolist() == other.measured.tolist()
-    assert (one.at, one.unknown) == (other.at, other.unknown)
-    assert comparable_events(one.events) == comparable_events(other.events)
+        assert getattr(actual, name).tobytes() == getattr(expected, name).tobytes(), name
+    assert actual.counts.tolist() == expected.counts.tolist()
+    assert (actual.measured is None) == (expected.measured is None)
+    if actual.measured is not None and expected.measured is not None:
+        assert actual.measured.tolist() == expected.measured.tolist()
+    assert (actual.at, actual.unknown) == (expected.at, expected.unknown)
+    assert comparable_events(actual.events) == comparable_events(expected.events)
 
 
 @pytest.mark.parametrize('number', NUMBERS)
 def test_sample_by_sample_equals_a_recording(number: int) -> None:
-    own = sequence(number)
-    monitor = Monitor(own.config)
-    events = [] if own.start_ns is None else monitor.advance(own.start_ns)
+    case = sequence(number)
+    monitor = Monitor(case.config)
+    events = [] if case.start_ns is None else monitor.advance(case.start_ns)
     statuses, points = [], []
-    for sample in own.samples():
+    for sample in case.samples():
         update = monitor.update(sample)
         events += update.events
         statuses.append(int(update.status))
         if update.verdict is not None:
             points.append((update.verdict.time_ns, monitor.bearings[NAME].rung))
-    events += monitor.advance(own.end_ns)
-    scan = monitor.scan({NAME: stream_of_messages(own.messages)}, own.start_ns, own.end_ns)[NAME]
+    events += monitor.advance(case.end_ns)
+    scan = monitor.scan({NAME: stream_of_messages(case.messages)}, case.start_ns, case.end_ns)[NAME]
     assert scan.status.tolist() == statuses
     assert list(zip(scan.time_ns.tolist(), scan.rung.tolist(), strict=True)) == points
     assert scan.counts.tolist() == monitor.bearings[NAME].counts.tolist()
@@ -67,52 +66,52 @@ def test_sample_by_sample_equals_a_recording(number: int) -> None:
 
 @pytest.mark.parametrize('number', COMPILED)
 def test_compiled_equals_interpreted(number: int) -> None:
-    own = sequence(number)
-    (config,) = own.config.bearings
-    one, other = (
-        BearingScan(config, own.start_ns, long=long).finish(stream_of_messages(own.messages), own.end_ns)
+    case = sequence(number)
+    (config,) = case.config.bearings
+    interpreted, compiled = (
+        BearingScan(config, case.start_ns, long=long).finish(stream_of_messages(case.messages), case.end_ns)
         for long in (False, True)
     )
-    _require_same(one, other)
+    _require_same(interpreted, compiled)
 
 
 @pytest.mark.slow
 def test_compiled_amplitudes_raise_the_same_alarm() -> None:
-    """At 38 rpm and 1000 N the lining vibrates by 1.0002 mm (test_cycles), and 0.9 mm are allowed."""
+    # At 38 rpm and 1000 N the lining vibrates by 1.0002 mm (test_cycles), and 0.9 mm are allowed.
     (config,) = load_config(CONFIG).bearings
     stream = points([20.0] * 60 + [38.0] * 40, 1000.0)
-    one, other = (BearingScan(config, 0, long=long).finish(stream, None) for long in (False, True))
-    assert [str(event.after) for event in one.events][-1] == 'amplitude_limit'
-    _require_same(one, other)
+    interpreted, compiled = (BearingScan(config, 0, long=long).finish(stream, None) for long in (False, True))
+    assert [str(event.after) for event in interpreted.events][-1] == 'amplitude_limit'
+    _require_same(interpreted, compiled)
 
 
 @pytest.mark.parametrize('number', NUMBERS)
 def test_any_cut_into_blocks_is_the_same(number: int) -> None:
-    own, bits = sequence(number), Bits(number + 1000)
-    (config,) = own.config.bearings
-    size = own.messages.value.size
-    whole = BearingScan(config, own.start_ns).finish(stream_of_messages(own.messages), own.end_ns)
+    case, bits = sequence(number), Bits(number + 1000)
+    (config,) = case.config.bearings
+    size = case.messages.value.size
+    unsplit = BearingScan(config, case.start_ns).finish(stream_of_messages(case.messages), case.end_ns)
     edges = [0, *sorted(bits.below(size + 1) for _ in range(5)), 1, size]
-    scan = BearingScan(config, own.start_ns)
-    blocks = [stream_of_messages(own.messages[a:b]) for a, b in pairwise(sorted(edges))]
-    parts = [*map(scan.take, blocks[:-1]), scan.finish(blocks[-1], own.end_ns)]
+    scan = BearingScan(config, case.start_ns)
+    blocks = [stream_of_messages(case.messages[a:b]) for a, b in pairwise(sorted(edges))]
+    parts = [*map(scan.take, blocks[:-1]), scan.finish(blocks[-1], case.end_ns)]
     for name in COLUMNS:
         joined = np.concatenate([getattr(part, name) for part in parts])
-        assert joined.tobytes() == getattr(whole, name).tobytes(), name
-    assert sum(part.counts for part in parts).tolist() == whole.counts.tolist()
-    assert [at for part in parts for at in part.at] == whole.at
-    assert comparable_events([e for part in parts for e in part.events]) == comparable_events(whole.events)
+        assert joined.tobytes() == getattr(unsplit, name).tobytes(), name
+    assert sum(part.counts for part in parts).tolist() == unsplit.counts.tolist()
+    assert [at for part in parts for at in part.at] == unsplit.at
+    assert comparable_events([e for part in parts for e in part.events]) == comparable_events(unsplit.events)
 
 
 def test_inputs_that_never_come_are_lost_by_the_end() -> None:
-    own = sequence(0)
-    scan = Monitor(own.config).scan({NAME: stream_of_messages(own.messages[:0])}, 0, 60 * SECOND)[NAME]
+    case = sequence(0)
+    scan = Monitor(case.config).scan({NAME: stream_of_messages(case.messages[:0])}, 0, 60 * SECOND)[NAME]
     (event,) = scan.events
-    inputs = {'speed': own.config.bearings[0].speed, 'load': own.config.bearings[0].load}
+    inputs = {'speed': case.config.bearings[0].speed, 'load': case.config.bearings[0].load}
     # As it is when the first of them is lost.
-    first = min(each.timeout_ns for each in inputs.values())
+    first = min(channel.timeout_ns for channel in inputs.values())
     assert (str(event.after), event.time_ns) == ('input_stale', first)
-    assert set(event.lost) == {n for n, each in inputs.items() if each.timeout_ns == first}
+    assert set(event.lost) == {n for n, channel in inputs.items() if channel.timeout_ns == first}
 
 
 def test_what_is_an_index_of_the_rule_is_a_plain_number() -> None:
@@ -120,8 +119,8 @@ def test_what_is_an_index_of_the_rule_is_a_plain_number() -> None:
     assert {type(place) for place in (rule_state.SPEED, rule_state.LOAD, rule_state.LEVEL)} == {int}
 
 
-def test_a_load_over_the_speed_is_interpolated_and_follows_each_speed() -> None:
-    """By numpy's own interpolation, live and compiled; a number that is no speed brings no load."""
+def test_a_load_from_a_table_is_interpolated_at_each_speed() -> None:
+    # Expected by numpy's interpolation, live and compiled; a number that is no speed brings no load.
     rng, table = np.random.default_rng(50), [[0, 3], [20, 2.5], [60, 0.8], [120, 0.4]]
     values = {'bearings': ['aft']} | {f'aft.{name}': value for name, value in REFERENCE.items()}
     del values['aft.load.topic']
@@ -132,14 +131,14 @@ def test_a_load_over_the_speed_is_interpolated_and_follows_each_speed() -> None:
     stream = Stream(
         np.repeat(count * SECOND, 2), np.tile([0, 1], count.size).astype(np.int8), np.repeat(numbers, 2)
     )
-    one, other = (BearingScan(config, 0, long=long).finish(stream, None) for long in (False, True))
-    _require_same(one, other)
-    status = one.status.reshape(-1, 2)
+    interpreted, compiled = (BearingScan(config, 0, long=long).finish(stream, None) for long in (False, True))
+    _require_same(interpreted, compiled)
+    status = interpreted.status.reshape(-1, 2)
     assert (status[:, 0] == status[:, 1]).all()  # implausible, not finite: the load is as valid as the speed
     assert set(status[:, 0].tolist()) == {Status.ACCEPTED, Status.IMPLAUSIBLE, Status.NOT_FINITE}
     # Each valid speed makes one point, with the load there.
     speeds = np.abs(-2.0 * numbers[status[:, 0] == Status.ACCEPTED])
     speeds[speeds * config.speed.factor < config.speed.deadband] = 0.0
-    assert np.abs(one.speed) == pytest.approx(speeds * config.speed.factor, rel=1e-12)
-    rpm, there = np.array(table).T
-    assert one.load == pytest.approx(1e3 * np.interp(speeds, rpm, there), rel=1e-12)
+    assert np.abs(interpreted.speed) == pytest.approx(speeds * config.speed.factor, rel=1e-12)
+    rpm, table_load = np.array(table).T
+    assert interpreted.load == pytest.approx(1e3 * np.interp(speeds, rpm, table_load), rel=1e-12)

@@ -62,12 +62,12 @@ def test_sections_that_apply(write: Write, section: str) -> None:
 
 
 def test_later_sections_override_single_values(write: Write) -> None:
-    first = 'stickslip_monitor:\n  ros__parameters: {aft: {mass: 7.0, friction: {decay: 5.0}}}\n'
-    after = load_config(write(WHOLE + first)).bearing('aft').bearing
-    assert (after.mass, after.damping) == (7.0, 400.0)
-    assert after.friction.coefficient(0.2) == pytest.approx(0.1 + 0.2 * 2.718281828459045**-1)
-    before = load_config(write(first + WHOLE)).bearing('aft').bearing
-    assert before.mass == 50.0
+    section = 'stickslip_monitor:\n  ros__parameters: {aft: {mass: 7.0, friction: {decay: 5.0}}}\n'
+    config = load_config(write(WHOLE + section)).bearing('aft').bearing
+    assert (config.mass, config.damping) == (7.0, 400.0)
+    assert config.friction.coefficient(0.2) == pytest.approx(0.1 + 0.2 * 2.718281828459045**-1)
+    overridden = load_config(write(section + WHOLE)).bearing('aft').bearing
+    assert overridden.mass == 50.0
 
 
 def test_dotted_names_and_nested_names_are_the_same(write: Write) -> None:
@@ -147,10 +147,13 @@ RANGE = 'must be a finite number between 1e-06 and 1e+07 kg'
         ),
         (IN_NODE + 'names: [a, 1]', ', line 3: a list mixes int and str, which ROS 2 refuses'),
         # A number that was read as a text.
-        *((WHOLE.replace('50', each), f': aft.mass = {read!r} {RANGE}: write 2000') for each, read in TEXTS),
+        *(
+            (WHOLE.replace('50', number_text), f': aft.mass = {read!r} {RANGE}: write 2000')
+            for number_text, read in TEXTS
+        ),
     ],
 )
-def test_files_that_are_refused(write: Write, content: str | bytes, text: str) -> None:
+def test_refused_files(write: Write, content: str | bytes, text: str) -> None:
     assert refusal_of(write(content)).startswith(text)
 
 
@@ -160,18 +163,18 @@ def test_no_file_and_a_folder(tmp_path: Path) -> None:
 
 
 def test_what_ros_reads_for_itself_is_left_alone(write: Write) -> None:
-    own = (
+    node_settings = (
         '    use_sim_time: true\n'
         '    start_type_description_service: false\n'
         '    qos_overrides: {/parameter_events: {publisher: {depth: 7}}}\n'
     )
-    assert load_config(write(WHOLE + own)) == load_config(write(WHOLE))
+    assert load_config(write(WHOLE + node_settings)) == load_config(write(WHOLE))
 
 
 def test_a_pattern_for_others_asks_nothing(write: Write) -> None:
-    own = WHOLE.replace('/**:', '/stickslip_monitor:')
-    other = '/camera/**: {ros__parameters: {rate: 5}}\n'
-    assert load_config(write(own + other)) == load_config(write(WHOLE))
+    own_section = WHOLE.replace('/**:', '/stickslip_monitor:')
+    foreign_section = '/camera/**: {ros__parameters: {rate: 5}}\n'
+    assert load_config(write(own_section + foreign_section)) == load_config(write(WHOLE))
 
 
 OF_TWO = """
@@ -248,7 +251,7 @@ OF_NMEA = (
 def test_the_file_of_a_ship_without_ros_is_for_all_commands(
     tmp_path: Path, changes: Sequence[tuple[str, str]], columns: list[str]
 ) -> None:
-    """As docs/ship.md has it: where nothing else is said, the buses tell what their logs have."""
+    """Load the file of docs/ship.md, with the buses' names for what their logs have."""
     text = SHIP.read_text()
     for old, new in changes:
         assert old in text

@@ -184,7 +184,7 @@ def test_a_gear_makes_the_speed_of_an_engine_that_of_the_shaft() -> None:
 
 def test_a_table_of_the_load_is_the_same_in_pairs_and_in_one_list() -> None:
     pairs, flat = (
-        build_changed(TABLE | {'aft.load.over_speed': own}) for own in ([[0, 2], [60, 1]], [0, 2, 60, 1])
+        build_changed(TABLE | {'aft.load.over_speed': table}) for table in ([[0, 2], [60, 1]], [0, 2, 60, 1])
     )
     assert pairs == flat
     load = pairs.bearing('aft').load
@@ -219,12 +219,14 @@ TORSIONAL = {'inertia': 0.125, 'torsional_damping': 1.0, 'torsional_stiffness': 
 
 
 def test_a_lining_is_given_by_torsional_values_too() -> None:
-    both = {'bearings': ['aft']} | {f'aft.{name}': value for name, value in (REFERENCE | TORSIONAL).items()}
+    parameters = {'bearings': ['aft']} | {
+        f'aft.{name}': value for name, value in (REFERENCE | TORSIONAL).items()
+    }
     plain = {f'aft.{name}' for name in ('mass', 'damping', 'stiffness')}
-    alone = {name: value for name, value in both.items() if name not in plain}
+    alone = {name: value for name, value in parameters.items() if name not in plain}
     # Each over the square of a radius of 50 mm.
-    own = build_config(alone).bearings[0].bearing
-    assert (own.mass, own.damping, own.stiffness) == pytest.approx((50.0, 400.0, 2.0e6))
+    lining = build_config(alone).bearings[0].bearing
+    assert (lining.mass, lining.damping, lining.stiffness) == pytest.approx((50.0, 400.0, 2.0e6))
     del alone['aft.torsional_damping']
     with pytest.raises(ConfigurationError, match=r"^parameter 'aft\.torsional_damping' \[N m s"):
         build_config(alone)
@@ -247,8 +249,8 @@ def test_only_thresholds_scales_and_timeouts_are_live() -> None:
         'level.hysteresis',
     }
     alarm = {p.name for p in BEARING_PARAMETERS if p.name.startswith('alarm.')}
-    others = {'publish_period', 'shelve_time', 'silence_time', 'water_temperature.constant'}
-    assert live == inputs | alarm | others
+    node_live = {'publish_period', 'shelve_time', 'silence_time', 'water_temperature.constant'}
+    assert live == inputs | alarm | node_live
 
 
 @pytest.mark.parametrize(
@@ -267,5 +269,5 @@ def test_a_number_of_numpy_becomes_a_plain_one(kind: str, value: Any, plain: Any
         with pytest.raises(ConfigurationError, match=r'^x = '):
             row.checked('x', {'x': value})
     else:
-        found = row.checked('x', {'x': value})
-        assert (found, type(found)) == (plain, type(plain))
+        checked = row.checked('x', {'x': value})
+        assert (checked, type(checked)) == (plain, type(plain))

@@ -36,7 +36,7 @@ def test_memory_holds_what_began() -> None:
 
 @pytest.mark.parametrize('noise', [0.05, 0.1])
 def test_noise_of_the_load_makes_no_probability_sure_or_unsure(noise: float) -> None:
-    """A steady point near the fold of parameters that are known well, by a noisy load cell."""
+    # A steady point near the fold of parameters that are known well, by a noisy load cell.
     config = configured(tolerance__damping=0.05, tolerance__decay=0.05)
     belief, count = config.bearing('aft').belief, 1000
     assert belief is not None
@@ -44,15 +44,15 @@ def test_noise_of_the_load_makes_no_probability_sure_or_unsure(noise: float) -> 
     true, _ = belief.probabilities(speed, 1000.0)
     load = 1000.0 * (1.0 + noise * np.random.default_rng(6).standard_normal(count))
     stream = points(np.full(count, speed / RPM), load, 0.4)
-    said = Monitor(config).scan({'aft': stream})['aft'].assessment.probability_can[20:]
-    assert abs(said.mean() - true) < 0.05
-    assert said.std() < 0.15
+    estimated = Monitor(config).scan({'aft': stream})['aft'].assessment.probability_can[20:]
+    assert abs(estimated.mean() - true) < 0.05
+    assert estimated.std() < 0.15
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('rate', 'noise'), [(2.0, 0.05), (1.0, 0.1)])
-def test_what_is_said_is_so_often_true(rate: float, noise: float) -> None:
-    """Ships whose true values are drawn from the tolerances, by a noisy load cell, on the way.
+def test_probabilities_are_calibrated(rate: float, noise: float) -> None:
+    """Compare probabilities with how often ships, drawn from the tolerances, do stick, by a noisy load cell.
 
     Speed and load move to another point each minute, up to twice the fold speed and load.
     """
@@ -62,14 +62,14 @@ def test_what_is_said_is_so_often_true(rate: float, noise: float) -> None:
     spread = dict.fromkeys(('damping', 'decay'), 0.1) | {'static': 0.05, 'kinetic': 0.05}
     for number in range(60):
         values, fold, nominal = BEARINGS[('reference', 'ship', 'steep', 'viscous')[number % 4]]
-        told = {f'tolerance.{name}': share for name, share in (spread | {'load': 0.05}).items()}
-        config = configured('b', values | told)
+        tolerances = {f'tolerance.{name}': share for name, share in (spread | {'load': 0.05}).items()}
+        config = configured('b', values | tolerances)
         bearing, factor = config.bearings[0].bearing, config.bearings[0].speed.factor
         place = np.arange((legs - 1) * steps) / steps
         rpm = np.interp(place, np.arange(legs), fold * random.uniform(0.2, 2.0, legs))
         load = np.interp(place, np.arange(legs), nominal * np.exp(random.uniform(-0.7, 0.7, legs)))
         sent = load * np.maximum(0.05, 1.0 + noise * random.standard_normal(load.size))
-        found = Monitor(config).scan({'b': points(rpm, sent, 1.0 / rate)})['b'].assessment
+        estimates = Monitor(config).scan({'b': points(rpm, sent, 1.0 / rate)})['b'].assessment
         for _ in range(20):
             by = {name: float(np.exp(s * random.standard_normal())) for name, s in spread.items()}
             law = bearing.friction
@@ -78,13 +78,13 @@ def test_what_is_said_is_so_often_true(rate: float, noise: float) -> None:
             at = random.integers(rpm.size - 1, size=40)
             really = load[at] * np.exp(0.05 * random.standard_normal())
             for name, of, boundary in (
-                ('can', found.probability_can, fold_speed(true, really)),
-                ('will', found.probability_will, hopf_speed(true, really)),
+                ('can', estimates.probability_can, fold_speed(true, really)),
+                ('will', estimates.probability_will, hopf_speed(true, really)),
             ):
-                said = np.asarray(of)[2 * at]
+                estimated = np.asarray(of)[2 * at]
                 is_so = rpm[at] * factor < boundary
-                bins = np.minimum((said * 10).astype(int), 9)
-                for column, weight in enumerate((None, said, is_so)):
+                bins = np.minimum((estimated * 10).astype(int), 9)
+                for column, weight in enumerate((None, estimated, is_so)):
                     counts[name][:, column] += np.bincount(bins, weight, 10)
     for rows in counts.values():
         assert rows[:, 0].min() > 300
@@ -126,8 +126,8 @@ def test_caution_and_bistable_go_by_their_thresholds() -> None:
         assert crossing - delay < scan.assessment.speed[k] < crossing
     last = int(np.flatnonzero(rung >= 2)[-1])
     # It clears an off-delay (10 s) and a median after the probability has fallen below its threshold.
-    (gone,) = np.flatnonzero(np.diff((up > 0.2).astype(int)) == -1)
-    assert 10.0 <= (scan.time_ns[last] - scan.time_ns[can.argmax() + gone]) * 1e-9 <= 12.0
+    (cleared,) = np.flatnonzero(np.diff((up > 0.2).astype(int)) == -1)
+    assert 10.0 <= (scan.time_ns[last] - scan.time_ns[can.argmax() + cleared]) * 1e-9 <= 12.0
     assert down[0] < 0.2
 
 

@@ -40,7 +40,7 @@ SAMPLES = ('accepted', 'not finite', 'no value', 'implausible', 'below minimum',
 
 @pytest.fixture
 def monitor() -> Monitor:
-    """A monitor that has a speed, and warns at the first load."""
+    """Return a monitor that has a speed, and warns at the first load."""
     monitor = Monitor(configured(alarm__on_delay=0.0))
     feed(monitor, 0.0, 'speed', 20.0)
     return monitor
@@ -70,31 +70,29 @@ def test_the_bearings_keep_their_schema_and_have_the_declared_fields(monitor: Mo
         ('bearings-4', ('properties', 'bearings', 'items', 'properties'), BEARING),
     ],
 )
-def test_the_installed_schemas_are_those_of_the_fields(
-    name: str, place: tuple[str, ...], fields: Any
-) -> None:
-    """``make docs`` writes them."""
-    found = json.loads((SCHEMAS / f'{name}.json').read_text('utf-8'))
+def test_the_installed_schemas_equal_the_fields(name: str, place: tuple[str, ...], fields: Any) -> None:
+    """Compare the files, which ``make docs`` writes, with the fields."""
+    schema = json.loads((SCHEMAS / f'{name}.json').read_text('utf-8'))
     for key in place:
-        found = found[key]
-    own = {item.name: item.schema for item in fields}
-    assert {key: found[key] for key in own} == own
-    assert set(found) - set(own) <= {'schema', 'inputs'}
+        schema = schema[key]
+    expected = {item.name: item.schema for item in fields}
+    assert {key: schema[key] for key in expected} == expected
+    assert set(schema) - set(expected) <= {'schema', 'inputs'}
 
 
 def test_raised_tells_a_condition_that_came_back() -> None:
-    """Back within six times the off-delay it is 2, after 1 the first time; 0 in between."""
+    # Back within six times the off-delay it is 2, after 1 the first time; 0 in between.
     monitor = Monitor(configured(alarm__on_delay=0.0, alarm__off_delay=3.0))
-    said = []
+    changes = []
     for k in range(300):
         rpm = 20.0 if k % 200 < 60 else 70.0
         for quantity, value in (('load', 1000.0), ('speed', rpm)):
-            said += [
+            changes += [
                 (event.before.value, event.after.value, event_record(event)['raised'])
                 for event in feed(monitor, 0.1 * k, quantity, value).events
             ]
-    assert [raised for before, _, raised in said if before == 'normal'] == [1, 2]
-    assert {raised for _, after, raised in said if after == 'normal'} == {0}
+    assert [raised for old, _, raised in changes if old == 'normal'] == [1, 2]
+    assert {raised for _, new, raised in changes if new == 'normal'} == {0}
 
 
 def test_no_two_fields_are_published_under_one_name() -> None:
@@ -111,7 +109,7 @@ def test_a_topic_is_of_what_an_assessment_or_a_level_has() -> None:
 
 
 def values_of(monitor: Monitor) -> dict[str, str]:
-    """The diagnostic values of the bearing."""
+    """Return the diagnostic values of the bearing."""
     return diagnostic_record('ship/monitor', BearingState(monitor.bearings['aft'])).values
 
 
@@ -175,14 +173,14 @@ def test_a_configured_water_is_published() -> None:
 
 
 def test_topics_of_a_bearing() -> None:
-    """docs/interfaces.md names them; the amplitudes, which are the dearest, come first."""
+    # docs/interfaces.md names them; the amplitudes, which take longest, come first.
     numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
     page = (Path(__file__).resolve().parents[3] / 'docs' / 'interfaces.md').read_text()
     topics = output_topics(configured(**LEVEL, tolerance__damping=0.1).bearings, '/m')
-    own = [topic.removeprefix('/m/aft/') for topic in topics if topic.startswith('/m/aft/')]
-    assert tuple(own[:4]) == numbers
-    assert own[-2:] == ['regime', 'measured']
-    assert [name for name in own if f'/{name}`' not in page] == []
+    names = [topic.removeprefix('/m/aft/') for topic in topics if topic.startswith('/m/aft/')]
+    assert tuple(names[:4]) == numbers
+    assert names[-2:] == ['regime', 'measured']
+    assert [name for name in names if f'/{name}`' not in page] == []
 
 
 def test_a_healthy_node_says_so_in_every_value() -> None:
@@ -206,16 +204,17 @@ def test_the_node_names_its_losses_and_changes() -> None:
 
 
 @pytest.mark.parametrize(
-    ('what', 'severity'), [('failures', Severity.ERROR), ('lost', Severity.WARN), ('left_out', Severity.WARN)]
+    ('counter', 'severity'),
+    [('failures', Severity.ERROR), ('lost', Severity.WARN), ('left_out', Severity.WARN)],
 )
-def test_a_failure_or_a_loss_counts_for_a_minute(what: str, severity: Severity) -> None:
-    health, told = NodeHealth(monitoring=True, last_failure='x'), []
+def test_a_failure_or_a_loss_counts_for_a_minute(counter: str, severity: Severity) -> None:
+    health, severities = NodeHealth(monitoring=True, last_failure='x'), []
     for second, count in ((40, 0), (100, 1), (159, 1), (161, 1), (170, 3), (229, 3), (231, 3)):
-        setattr(health, what, count)
-        told.append((health.update(second * 10**9), health.severity))
-    losses = [what != 'failures' and second in (100, 170) for second in (40, 100, 159, 161, 170, 229, 231)]
+        setattr(health, counter, count)
+        severities.append((health.update(second * 10**9), health.severity))
+    losses = [counter != 'failures' and second in (100, 170) for second in (40, 100, 159, 161, 170, 229, 231)]
     minute = [Severity.OK, severity, severity, Severity.OK, severity, severity, Severity.OK]
-    assert told == list(zip(losses, minute, strict=True))
+    assert severities == list(zip(losses, minute, strict=True))
 
 
 def test_a_node_that_is_configured_anew_has_lost_nothing() -> None:

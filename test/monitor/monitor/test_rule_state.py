@@ -17,7 +17,7 @@ from stickslip_monitor.monitor.signals import INPUTS, Input
 
 
 def sticking_memory() -> dict[str, Any]:
-    """The memory after half a minute at 20 rpm, as JSON."""
+    """Return the memory after half a minute at 20 rpm, as JSON."""
     monitor = Monitor(configured())
     messages = every(Input.SPEED, 0.2, 30.0, 20.0) + every(Input.LOAD, 0.2, 30.0, 1000.0)
     for message in sorted(messages):
@@ -27,11 +27,11 @@ def sticking_memory() -> dict[str, Any]:
 
 
 def test_it_survives_json_a_copy_and_a_row() -> None:
-    kept = sticking_memory()
-    state = State.of_record(kept)
+    record = sticking_memory()
+    state = State.of_record(record)
     assert state.sticking == 1
-    for other in (state.copy(), State.of_row(state.row()[0]), State.of_record(kept)):
-        assert repr(other) == repr(state)
+    for copied in (state.copy(), State.of_row(state.row()[0]), State.of_record(record)):
+        assert repr(copied) == repr(state)
     assert state.copy().count is not state.count
 
 
@@ -42,7 +42,7 @@ def test_it_is_below_72_numbers() -> None:
 ODD = ('text', True, 2**63, -(2**63), math.inf, [], [1] * 6, {}, 1e300, -1e300)
 
 
-@pytest.mark.parametrize('name', [each.name for each in fields(State)])
+@pytest.mark.parametrize('name', [row.name for row in fields(State)])
 def test_what_is_out_of_its_range_is_refused_by_name(name: str) -> None:
     for damage in ODD:
         with pytest.raises(ValueError, match=f'^{name} = '):
@@ -68,13 +68,13 @@ def test_a_value_of_no_meaning_is_refused(name: str, value: float) -> None:
 
 def test_a_missing_part_is_refused() -> None:
     with pytest.raises(ValueError, match=r'^sticking = None must be'):
-        State.of_record({key: own for key, own in _STICKING.items() if key != 'sticking'})
+        State.of_record({key: value for key, value in _STICKING.items() if key != 'sticking'})
 
 
-def test_the_memory_of_0_2_0_is_taken_over() -> None:
-    """It had three parts of a stamp that waits, and no background, shift or count of onsets."""
-    gone = ('shift', 'onsets', 'still', 'background', 'high_for', 'doubt', 'heard')
-    old = {key: own for key, own in _STICKING.items() if key not in gone}
+def test_a_memory_of_0_2_0_is_restored() -> None:
+    """Restore a memory with three parts of a waiting stamp, and no background, shift or count of onsets."""
+    missing = ('shift', 'onsets', 'still', 'background', 'high_for', 'doubt', 'heard')
+    old = {key: value for key, value in _STICKING.items() if key not in missing}
     old |= {'came': [0, 0], 'odd': [NEVER] * 3, 'agreed': [0, 0, 0], 'spell': NEVER, 'unsure': 0.0}
     state = State.of_record(old)
     assert (state.sticking, state.raised) == (_STICKING['sticking'], _STICKING['raised'])
@@ -84,11 +84,11 @@ def test_the_memory_of_0_2_0_is_taken_over() -> None:
         State.of_record(old | {'raised': 99})
 
 
-def test_the_memory_from_before_the_water_was_measured_is_taken_over() -> None:
-    old = {key: own for key, own in _STICKING.items() if key not in ('water', 'viscosity_ratio')}
+def test_a_memory_without_water_temperature_is_restored() -> None:
+    old = {key: value for key, value in _STICKING.items() if key not in ('water', 'viscosity_ratio')}
     old |= {key: old[key][:3] for key in ('stamp', 'came', 'gap', 'pace')}
-    state, whole = State.of_record(old), State.of_record(_STICKING)
-    assert (state.came, state.gap, state.viscosity_ratio) == (whole.came, whole.gap, 1.0)
+    state, current = State.of_record(old), State.of_record(_STICKING)
+    assert (state.came, state.gap, state.viscosity_ratio) == (current.came, current.gap, 1.0)
     with pytest.raises(ValueError, match=r'^came = '):
         State.of_record(old | {'came': [0, 0]})
 

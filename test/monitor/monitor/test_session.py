@@ -106,7 +106,7 @@ def test_a_mix_of_two_quantities_clears_no_alarm_of_stick_slip(ship: Ship) -> No
 
 
 def test_a_second_level_that_is_rare_holds_no_alarm(ship: Ship) -> None:
-    """Every fiftieth value is on it: verdicts can be relied on, and the alarm clears when stick-slip ends."""
+    # Every fiftieth value is on it: verdicts can be relied on, and the alarm clears when stick-slip ends.
     record = ship.sail(200.0, rpm=lambda k: 1000.0 if k % 50 == 0 else 20.0)
     assert record['reason'] == 'stick_slip'
     # The jumps are told for a minute after the last.
@@ -124,13 +124,13 @@ def test_simulated_time_that_does_not_come_is_named(ship: Ship, time_ns: int, is
 
 def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:
     ship.sail(20.0, rpm=20.0)
-    told = len(ship.events)
+    event_count = len(ship.events)
     ship.session.end()
     ship.steady_ns += 60 * SECOND
     ship.session.begin()
     ship.sail(1.0, rpm=None, load=None)
     assert ship.sail(5.0, rpm=20.0)['reason'] == 'stick_slip'
-    assert ship.events[told:] == []
+    assert ship.events[event_count:] == []
 
 
 def test_time_in_which_nobody_could_listen_loses_no_input(ship: Ship) -> None:
@@ -144,14 +144,14 @@ def test_time_in_which_nobody_could_listen_loses_no_input(ship: Ship) -> None:
     assert 'no valid value on /shaft/speed' in ship.events[0].text
 
 
-def test_verdicts_are_told_at_most_once_a_period_but_for_changes(config: MonitorConfig) -> None:
+def test_verdicts_are_published_once_a_period_and_at_changes(config: MonitorConfig) -> None:
     ship = Ship(replace(config, publish_period=1.0))
     ship.sail(10.0)
     assert len(ship.verdicts) in (10, 11)
-    told = len(ship.verdicts)
+    verdict_count = len(ship.verdicts)
     ship.sail(10.0, rpm=20.0)
     changes = len(ship.events)
-    assert told + 10 <= len(ship.verdicts) <= told + 10 + 2 * changes
+    assert verdict_count + 10 <= len(ship.verdicts) <= verdict_count + 10 + 2 * changes
     assert changes >= 1
 
 
@@ -189,15 +189,15 @@ def test_what_is_noted_comes_once_with_the_next_list(ship: Ship) -> None:
     assert len(ship.published) == 2
 
 
-def test_a_store_that_fails_is_told_once_for_each_outage(ship: Ship) -> None:
+def test_a_failing_store_is_reported_once_for_each_outage(ship: Ship) -> None:
     ship.sail(5.0, rpm=20.0)
-    told = []
+    counts = []
     for full in ('disk full', 'disk full', '', 'disk full'):
         ship.full = full
         for action in (Action.SHELVE, Action.UNSHELVE):
             ship.does(action)
-        told.append(sum('not kept' in line for line in ship.lines))
-    assert told == [1, 1, 1, 2]
+        counts.append(sum('not kept' in line for line in ship.lines))
+    assert counts == [1, 1, 1, 2]
 
 
 def test_a_damaged_store_starts_fresh(config: MonitorConfig) -> None:

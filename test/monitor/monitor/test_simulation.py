@@ -28,10 +28,10 @@ BATCH = 15
 @pytest.mark.parametrize('first', range(0, 10 * BATCH, BATCH))
 def test_under_faults(first: int) -> None:
     outcomes = [run(seed) for seed in range(first, first + BATCH)]
-    bad = [(*each.faults, repeated_by(each.seed)) for each in outcomes if each.faults]
+    bad = [(*outcome.faults, repeated_by(outcome.seed)) for outcome in outcomes if outcome.faults]
     assert not bad, '\n'.join(line for lines in bad for line in lines)
     # Measured: 0 of 13,250 s in seeds 0 to 59.
-    worst = max(outcomes, key=lambda each: each.misled)
+    worst = max(outcomes, key=lambda outcome: outcome.misled)
     misled, settled = (sum(getattr(o, name) for o in outcomes) for name in ('misled', 'settled'))
     assert misled <= 0.005 * settled, (dict(worst.wrong), repeated_by(worst.seed))
 
@@ -62,8 +62,8 @@ def do_not_look_ahead(patch: pytest.MonkeyPatch) -> None:
 
 def forget_in_the_bistable_range(patch: pytest.MonkeyPatch) -> None:
     """Let a cycle exist only where sliding is unstable."""
-    own: Callable[..., tuple[Any, ...]] = rule.reach
-    patch.setattr(rule, 'reach', lambda *point: (*own(*point)[:-1], False))
+    original: Callable[..., tuple[Any, ...]] = rule.reach
+    patch.setattr(rule, 'reach', lambda *point: (*original(*point)[:-1], False))
 
 
 def clear_under_mixed_sources(patch: pytest.MonkeyPatch) -> None:

@@ -54,7 +54,7 @@ def write_slow_passages(path: Path, messages: int) -> Path:
 
 @pytest.fixture(scope='module')
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """The rule, compiled and kept: that takes 130 MB once, which is not what is measured."""
+    """Compile the rule and cache it, which takes 130 MB once and is not to be measured."""
     path = write_slow_passages(tmp_path_factory.mktemp('compiled') / 'in.mcap', _MILLION // 5)
     arguments = ['check', str(path), '--config', str(CONFIG)]
     program = [sys.executable, '-m', 'stickslip_monitor', *arguments]
@@ -62,12 +62,12 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 def peak_megabytes(path: Path, *options: str) -> float:
-    """The most memory of a check [MB]."""
+    """Return the most memory of a check [MB]."""
     arguments = [str(path), str(CONFIG), str(300 << 20), *options]
-    done = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, '-c', _PROGRAM, *arguments], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    code, peak = done.stderr.split()[-2:]
+    code, peak = completed.stderr.split()[-2:]
     assert code == '1'
     return int(peak) * 1024 / 1e6
 
@@ -112,16 +112,16 @@ def test_any_blocks_have_the_same_outline_and_it_has_every_extreme(cuts: list[in
     place = np.tile([0, 1], size)
     edges = [0, *sorted(cuts), times.size]
     *parts, last = (Stream(times[a:b], place[a:b], values[a:b]) for a, b in pairwise(edges))
-    whole = BearingScan(config, START).finish(Stream(times, place, values), None)
+    scanned = BearingScan(config, START).finish(Stream(times, place, values), None)
     scan = BearingScan(config, START)
     with patch.object(extremes, '_MAX_GROUPS', 40):
-        one = outline_of(config, [whole])
+        by_whole = outline_of(config, [scanned])
         by_parts = outline_of(config, [*map(scan.take, parts), scan.finish(last, None)])
     for name in ('time_ns', 'until_ns', 'sticking'):
-        assert getattr(one, name).tolist() == getattr(by_parts, name).tolist()
-    assert one.time_ns.size < size / 2
+        assert getattr(by_whole, name).tolist() == getattr(by_parts, name).tolist()
+    assert by_whole.time_ns.size < size / 2
     for name in ('speed', 'load', 'fold_margin', 'hopf_margin'):
-        drawn, all_ = getattr(one.assessment, name), getattr(whole.assessment, name)
-        assert (drawn.min(), drawn.max()) == (all_.min(), all_.max())
-    lost = (whole.until_ns[:-1] < whole.time_ns[1:]).sum()
-    assert bool(lost) == bool((one.until_ns[:-1] < one.time_ns[1:]).any())
+        outlined, all_ = getattr(by_whole.assessment, name), getattr(scanned.assessment, name)
+        assert (outlined.min(), outlined.max()) == (all_.min(), all_.max())
+    lost = (scanned.until_ns[:-1] < scanned.time_ns[1:]).sum()
+    assert bool(lost) == bool((by_whole.until_ns[:-1] < by_whole.time_ns[1:]).any())

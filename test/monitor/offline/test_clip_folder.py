@@ -60,14 +60,14 @@ def test_the_oldest_make_room_and_other_files_stay(tmp_path: Path) -> None:
     store = make_clip_folder(tmp_path, max_clips=3)
     store.write(make_clip())
     store.clips()[0].rename(tmp_path / 'kept.mcap')
-    others = {path.name for path in tmp_path.iterdir()}
+    other_files = {path.name for path in tmp_path.iterdir()}
     for number in range(5):
         store.write(make_clip(number))
         newest = store.clips()[-1]
         os.utime(newest, (1000 + number, 1000 + number))
     remaining = [path.name[:16] for path in store.clips()]
     assert remaining == [f'20260504T06000{i}Z' for i in (2, 3, 4)]
-    assert {path.name for path in tmp_path.iterdir()} == others | {p.name for p in store.clips()}
+    assert {path.name for path in tmp_path.iterdir()} == other_files | {p.name for p in store.clips()}
 
 
 def test_the_same_instant_again_gets_a_number(tmp_path: Path) -> None:

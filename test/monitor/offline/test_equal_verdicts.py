@@ -26,10 +26,10 @@ Row = tuple[int, str, float]
 def read_numbers(bag: Path) -> list[Row]:
     """Log time [ns], topic and number of every message, in order."""
     recording = open_bag(bag)
-    found = recording.read([Request(SPEED, 'data'), Request(LOAD, 'data')])
+    series_of = recording.read([Request(SPEED, 'data'), Request(LOAD, 'data')])
     rows = [
         (sequence, (time, request.topic, value))
-        for request, series in found.items()
+        for request, series in series_of.items()
         for sequence, time, value in zip(
             series.sequence.tolist(), series.log_time_ns.tolist(), series.value.tolist(), strict=True
         )

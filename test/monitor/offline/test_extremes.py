@@ -91,7 +91,7 @@ def make_scan(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Any:
 
 
 def times_in_regimes(scan: Any, codes: NDArray[np.int8]) -> list[int]:
-    """The time in each regime, by what each point is alone."""
+    """Return the time in each regime, by the regime of each point alone."""
     return [int(scan.until_ns[codes == code].sum()) for code in range(len(REGIMES))]
 
 
@@ -138,8 +138,8 @@ def test_a_lighter_point_may_have_the_higher_fold() -> None:
 
 
 @pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
-def test_what_is_not_worked_out_changes_neither_regimes_nor_least_margins(law: FrictionLaw) -> None:
-    """Beside the assessment of every point, in parts of which each begins with what is known."""
+def test_skipped_points_change_neither_regimes_nor_least_margins(law: FrictionLaw) -> None:
+    """Compare with the assessment of every point, in parts that begin with the known extremes."""
     bearing, rng = Bearing(50.0, 400.0, 2.0e6, law, 0.1), np.random.default_rng(1)
     load = rng.uniform(-50.0, 1000.0, (5, 400)) * np.array([[1.0], [1.2], [5.0], [0.5], [0.9]])
     table, extremes = known_table(bearing), Extremes()
@@ -148,10 +148,10 @@ def test_what_is_not_worked_out_changes_neither_regimes_nor_least_margins(law: F
     speed = rng.choice([-1.0, 0.0, 1.0, 1.0], load.shape) * rng.uniform(0.6, 1.1, load.shape)
     speed *= np.where(limit > 0.0, limit, 0.1)[:, None]
     for scan in map(partial(make_scan, bearing), speed, load):
-        before = extremes.lasting_ns.copy()
+        lasting_before = extremes.lasting_ns.copy()
         extremes.take(scan)
         codes = scan.assessed(slice(None)).regime_code
-        assert (extremes.lasting_ns - before).tolist() == times_in_regimes(scan, codes)
+        assert (extremes.lasting_ns - lasting_before).tolist() == times_in_regimes(scan, codes)
     points = assess(bearing, speed, load, table=table)
     for name, margins in (('hopf_margin', points.hopf_margin), ('fold_margin', points.fold_margin)):
         finite = margins[(speed != 0.0) & np.isfinite(margins)]

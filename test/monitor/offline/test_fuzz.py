@@ -89,9 +89,9 @@ def test_a_file_that_grows_takes_no_memory(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('kind', SOURCES)
 def test_mutants_lose_nothing_without_a_word(kind: str, tmp_path: Path) -> None:
-    made, path = SOURCES[kind](), tmp_path / f'mutant.{kind}'
+    source, path = SOURCES[kind](), tmp_path / f'mutant.{kind}'
     for seed in range(40):
-        path.write_bytes(mutant(seed, made, kind))
+        path.write_bytes(mutant(seed, source, kind))
         assert judge(path) == '', f'seed {seed}'
 
 
@@ -102,9 +102,9 @@ def test_mutants_of_a_voyage_with_stick_slip_are_no_all_clear(kind: str, tmp_pat
         for data in VOYAGES[kind](speeds):
             path.write_bytes(data)
             assert check_voyage(path) == code
-    made = VOYAGES[kind](STICKING_RPM)
+    source = VOYAGES[kind](STICKING_RPM)
     for seed in range(20):
-        path.write_bytes(mutant(seed, made, kind))
+        path.write_bytes(mutant(seed, source, kind))
         assert judge_voyage(path) == '', f'seed {seed}'
 
 
@@ -122,7 +122,7 @@ def test_what_mutants_had_found(kind: str, seed: int, tmp_path: Path) -> None:
 @pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('seed', [2, 8, 46, 51])
 def test_a_session_and_a_check_find_the_same_events(seed: int, tmp_path: Path) -> None:
-    """Stamps in disorder are no clock of another pace, nor values that stand; infinity warns nobody."""
+    """Send stamps in disorder and infinity, which are no slow clock, no held values and no fault."""
     assert random_difference(tmp_path, seed) == ''
 
 

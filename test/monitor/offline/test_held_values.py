@@ -34,7 +34,7 @@ def changes_only() -> Stream:
 
 
 def every_second() -> Stream:
-    """The same course from a sensor."""
+    """Return the same course from a sensor."""
     times = np.arange(0.0, END)
     rpm = np.array([rpm for _, rpm in COURSE])[np.searchsorted([t for t, _ in COURSE], times, 'right') - 1]
     stamp = np.repeat(np.rint(times * SECOND).astype(np.int64) + T0, 2)
@@ -52,16 +52,16 @@ def fill_stream(config: MonitorConfig) -> Stream:
 
 
 def test_three_values_that_stand_are_the_voyage_of_a_sensor() -> None:
-    """Each delay runs on by an eighth of it at most: of the sensor's events each comes, and none other."""
+    # Each delay runs on by an eighth of it at most: each of the sensor's events comes, and no other.
     expected, actual = (
         scan_events(configured(), every_second()),
         scan_events(config_with_hold(), fill_stream(config_with_hold())),
     )
     assert [name for _, name in actual] == [name for _, name in expected]
     assert {'stick_slip', 'normal'} <= {name for _, name in actual}
-    for (at, _), (late, _) in zip(expected, actual, strict=True):
+    for (at, _), (delayed_at, _) in zip(expected, actual, strict=True):
         since = max(t for t, _ in COURSE if t <= at)
-        assert at - 1.0 <= late <= since + 1.125 * (at - since) + 2.0
+        assert at - 1.0 <= delayed_at <= since + 1.125 * (at - since) + 2.0
     assert 'input_stale' in {name for _, name in scan_events(configured(), changes_only())}
 
 
@@ -109,7 +109,7 @@ def test_a_number_that_is_none_ends_the_repeats_live_and_offline() -> None:
 
 
 def test_any_parts_have_the_same_repeats() -> None:
-    whole, _ = HeldValues(config_with_hold().bearings[0]).fill(changes_only(), T0 + round(END * SECOND))
+    filled, _ = HeldValues(config_with_hold().bearings[0]).fill(changes_only(), T0 + round(END * SECOND))
     parts, held, stream = [], HeldValues(config_with_hold().bearings[0]), changes_only()
     for low, high in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 4)):
         until = stream.arrival_ns[high - 1] if high > low else T0 + round(END * SECOND)
@@ -118,8 +118,8 @@ def test_any_parts_have_the_same_repeats() -> None:
         parts.append(held.fill(part, int(until))[0])
     for name in ('time_ns', 'inputs', 'value', 'arrival_ns'):
         joined = np.concatenate([getattr(part, name) for part in parts])
-        assert joined.tolist() == getattr(whole, name).tolist()
-    assert whole.time_ns.size < 250  # of half an hour
+        assert joined.tolist() == getattr(filled, name).tolist()
+    assert filled.time_ns.size < 250  # of half an hour
     assert repeat_step(3600 * SECOND) == 450 * SECOND
 
 

@@ -31,7 +31,7 @@ NS = 10**9
 
 
 def find_gaps(stamp_ns: IntArray, limit_ns: int) -> Gaps:
-    """The gaps of stamps that come in two parts."""
+    """Find the gaps of stamps that come in two parts."""
     gaps, cut = Gaps(limit_ns), len(stamp_ns) // 2
     for part in (stamp_ns[:cut], stamp_ns[cut:]):
         gaps.take(part, part)
@@ -86,15 +86,15 @@ FOLD = 0.2132
 def plausibility_questions(
     speed: list[float], load: list[float], config: BearingConfig = BEARING
 ) -> dict[str, list[str]]:
-    seen = Plausibility(config)
+    plausibility = Plausibility(config)
     points = assess(config.bearing, np.array(speed), np.array(load))
     # In two parts: what is said of a recording does not depend on how it is cut.
     for part in (slice(1), slice(1, None)):
-        seen.take(
+        plausibility.take(
             points.speed[part], points.load[part], lambda rows, part=part: points.fold_speed[part][rows]
         )
     ratio = np.abs(points.speed) / points.fold_speed
-    return seen.questions(float(ratio[ratio > 0.0].min(initial=np.inf)))
+    return plausibility.questions(float(ratio[ratio > 0.0].min(initial=np.inf)))
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ SPEED, LOAD = '/shaft/speed', '/bearing/aft_stern/load'
 
 
 def load_fault(**settings: Any) -> str:
-    """The running monitor's sentence on the load."""
+    """Return the running monitor's sentence on the load."""
     return input_fault(InputFacts(LOAD, FLOAT, True, **settings))
 
 
@@ -272,7 +272,7 @@ def test_clocks_that_differ_lose_nothing(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def check_recorded(path: Path, interval: float, rpm: list[float], config: Path = CONFIG) -> dict[str, Any]:
-    """The record of a check of a recording, MCAP or CSV, of some speeds under one load."""
+    """Return the record of a check of a recording, MCAP or CSV, of some speeds under one load."""
     seconds = interval * np.arange(len(rpm))
     if path.suffix == '.csv':
         rows = (f'{at},{"Bad" if np.isnan(n) else n},1000\n' for at, n in zip(seconds, rpm, strict=True))
@@ -369,28 +369,28 @@ def test_the_worst_margin_of_a_law_without_an_averaged_fold(tmp_path: Path) -> N
     expected = assess(load_config(config).bearings[0].bearing, 5.0 * math.pi * 0.1 / 60.0, 1000.0)
     # Read off the table of the exact fold, which is right to 1e-8 (the fold itself to 1e-9).
     assert bearing['worst']['fold_margin']['value'] == pytest.approx(expected.fold_margin, rel=1e-8)
-    assert [text for own in bearing['inputs'].values() for text in own['questions']] == []
+    assert [text for input_record in bearing['inputs'].values() for text in input_record['questions']] == []
 
 
 @pytest.mark.parametrize(
-    ('unit', 'scale', 'shown'),
+    ('unit', 'scale', 'expected'),
     [
         ('kN', 0.03, '30 to 30 kN (30000 to 30000 N; sent as 1000 to 1000)'),
         ('N', 12.3456, '12350 to 12350 N (sent as 1000 to 1000)'),
     ],
 )
-def test_a_large_load_has_no_exponent(unit: str, scale: float, shown: str, tmp_path: Path) -> None:
-    """30 kN and 12 345.6 N, each to four digits."""
+def test_a_large_load_has_no_exponent(unit: str, scale: float, expected: str, tmp_path: Path) -> None:
+    """Print 30 kN and 12 345.6 N with four digits."""
     config = tmp_path / 'config.yaml'
     config.write_text(CONFIG.read_text('utf-8').replace('unit: N,', f'unit: {unit}, scale: {scale},'))
     report = check_recorded(tmp_path / 'bag.mcap', 1.0, [30.0] * 9, config)
     (bearing,) = report['bearings'].values()
-    assert bearing['inputs']['load']['values'] == shown
+    assert bearing['inputs']['load']['values'] == expected
 
 
 @pytest.mark.parametrize(('has_peaks', 'filler'), [(False, 16.0), (True, None)])
 def test_a_level_that_is_cut_at_a_limit_has_no_filler(has_peaks: bool, filler: float | None) -> None:
-    """A level leaps from its background to the end of its range."""
+    # A level leaps from its background to the end of its range.
     search = FillerSearch(has_peaks=has_peaks)
     for begin in (0, 500):
         value = 0.2 + 0.01 * (np.arange(begin, begin + 500) * 7 % 13)
@@ -420,13 +420,13 @@ COUNTS = np.arange(3000)
 def test_a_last_value_that_a_historian_repeats_is_asked_about(
     value: np.ndarray, is_asked: bool, cuts: list[int]
 ) -> None:
-    found = StandingValue()
+    standing = StandingValue()
     for part in np.split(COUNTS, cuts):
-        found.take(part * NS, value[part])
-    assert ('is its last value repeated?' in found.clause) == is_asked
+        standing.take(part * NS, value[part])
+    assert ('is its last value repeated?' in standing.clause) == is_asked
     run = value.size - 1 - int(np.flatnonzero(np.append(True, value[1:] != value[:-1]))[-1])
-    assert found.count == run + 1
-    assert found.equal == np.count_nonzero(value[1:] == value[:-1]) - run
+    assert standing.count == run + 1
+    assert standing.equal == np.count_nonzero(value[1:] == value[:-1]) - run
 
 
 @pytest.mark.filterwarnings('error')

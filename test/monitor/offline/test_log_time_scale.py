@@ -91,8 +91,8 @@ def test_blocks_in_no_order_of_time_keep_their_times(tmp_path: Path, order: str)
     elif order == 'burst':
         chunks = in_chunks([*rows[:510], *rows[515:550], *rows[510:515], *rows[550:]], 100)
     else:
-        late = [k + 30 if k % 60 == 0 else k for k in range(600)]
-        chunks = in_chunks([rows[k] for k in np.argsort(late, kind='stable')], 100)
+        delivery_order = [k + 30 if k % 60 == 0 else k for k in range(600)]
+        chunks = in_chunks([rows[k] for k in np.argsort(delivery_order, kind='stable')], 100)
     write_chunks(tmp_path / 'a.mcap', chunks)
     recording = open_bag(tmp_path / 'a.mcap')
     for request in [X, Y][: 1 + (order == 'topics')]:
@@ -116,7 +116,7 @@ def test_a_step_back_to_before_the_beginning_is_a_clock_that_was_set(tmp_path: P
 
 
 def test_one_message_a_year_ahead_makes_no_check_a_year_long(tmp_path: Path) -> None:
-    """The chunk says that it ends a year later; the order of what is read says when it ends."""
+    # The chunk says that it ends a year later; the order of its messages says when it ends.
     times = (START + np.arange(600) * SECOND).tolist()
     rows = [row for t in times for row in (('/shaft/speed', t, 60.0), ('/bearing/aft_stern/load', t, 1000.0))]
     rows[600] = '/shaft/speed', times[300] + 365 * 86_400 * SECOND, 60.0
@@ -139,7 +139,7 @@ def test_nothing_is_lost_where_chunks_are_in_no_order_behind_a_step_back(tmp_pat
 
 
 def condition_changes(path: Path, step: int, edge: int) -> list[tuple[Any, Any]]:
-    """The changes of two slow-downs, between which the clock is set back [s], in chunks."""
+    """Return the changes in two slow-downs, between which the clock is set back [s], in chunks."""
     seconds = np.arange(0, 600, 0.2)
     rpm = 60.0 - 50.0 * np.exp(-(((seconds % 300.0 - 150.0) / 40.0) ** 2))
     time = START + np.arange(seconds.size) * (SECOND // 5) - step * SECOND * (seconds >= 300.0)
@@ -153,7 +153,7 @@ def condition_changes(path: Path, step: int, edge: int) -> list[tuple[Any, Any]]
 
 
 def test_no_verdict_is_lost_or_doubled_at_a_step_back(tmp_path: Path) -> None:
-    """A slow-down on either side of a step, whose chunk begins beside it, is told as without it."""
+    # A slow-down on either side of a step, whose chunk begins beside it, gives the events without a step.
     expected = condition_changes(tmp_path / 'a.mcap', 0, 3000)
     assert len(expected) >= 8
     for edge in (2999, 3000, 3001):
@@ -192,8 +192,8 @@ def check_log_times(folder: Path, log_times: Any) -> CheckReport:
     return check_recording(folder / 'bag.mcap', load_config(config))
 
 
-def _stick_slip(report: CheckReport) -> tuple[float, list[str]]:
-    """For how long stick-slip stood [s], and what is said of the inputs' clocks."""
+def stick_slip_seconds(report: CheckReport) -> tuple[float, list[str]]:
+    """Return for how long stick-slip stood [s], and the faults of the inputs' clocks."""
     (bearing,) = report.bearings.values()
     changes = [(e.time_ns, str(e.after) == 'stick_slip') for e in bearing.events]
     ends = [time for time, _ in changes[1:]] + [report.end_ns or 0]
@@ -202,7 +202,7 @@ def _stick_slip(report: CheckReport) -> tuple[float, list[str]]:
 
 
 def test_what_is_played_at_its_own_pace_is_no_fault(tmp_path: Path) -> None:
-    seconds, faults = _stick_slip(check_log_times(tmp_path, lambda stamp: stamp + SECOND // 100))
+    seconds, faults = stick_slip_seconds(check_log_times(tmp_path, lambda stamp: stamp + SECOND // 100))
     assert seconds == pytest.approx(180.0, abs=15.0)
     assert faults == ['', '']
 
@@ -210,7 +210,9 @@ def test_what_is_played_at_its_own_pace_is_no_fault(tmp_path: Path) -> None:
 @pytest.mark.parametrize('pace', [0.1, 0.002, 20.0])
 def test_rewritten_log_times_are_told_and_hide_nothing(tmp_path: Path, pace: float) -> None:
     later = START + 86_400 * SECOND
-    seconds, faults = _stick_slip(check_log_times(tmp_path, lambda stamp: later + (stamp - START) * pace))
+    seconds, faults = stick_slip_seconds(
+        check_log_times(tmp_path, lambda stamp: later + (stamp - START) * pace)
+    )
     assert seconds == pytest.approx(180.0, abs=15.0)
     assert set(faults) == {
         f'Log times pass {pace:g} times as fast as the stamps, so they were rewritten: judged by the stamps.'

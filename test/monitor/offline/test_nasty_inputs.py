@@ -26,7 +26,7 @@ CONFIG = Path(__file__).resolve().parents[3] / 'launch_configs/reference_bearing
 
 
 def bound_inputs(recording: TableRecording, config: Path = CONFIG) -> Mapping[str, InputConfig]:
-    """The inputs of the bearing, as the log has them all."""
+    """Return the inputs of the bearing, all of which the log must have."""
     bound = bind(recording, load_config(config))
     assert bound.absent == {}
     return bound.config.bearings[0].inputs
@@ -40,8 +40,8 @@ def test_every_number_and_every_time(name: str, tmp_path: Path) -> None:
     (tmp_path / 'ship.yaml').write_text(text.replace('load: {topic', f"load: {{column: '{load}', topic"))
     recording = open_log(tmp_path, log.raw)
     inputs = bound_inputs(recording, tmp_path / 'ship.yaml')
-    found = recording.read([Request(source.topic, 'data') for source in inputs.values()])
-    for series, expected in zip(found.values(), (log.speed, log.load), strict=True):
+    series_of = recording.read([Request(source.topic, 'data') for source in inputs.values()])
+    for series, expected in zip(series_of.values(), (log.speed, log.load), strict=True):
         assert series.stamp_ns.tolist() == list(log.times)
         assert series.value.tolist() == pytest.approx(list(expected), rel=1e-12, nan_ok=True)
     assert log.says in ' | '.join(recording.warnings)
@@ -302,7 +302,7 @@ def test_one_column_that_both_bearings_name_is_the_load_of_two(tmp_path: Path) -
 
 
 def test_a_scale_beside_a_named_column_applies(tmp_path: Path) -> None:
-    """The engine of a 4:1 gear at 80 rpm turns the shaft at 20 rpm, whatever unit its heading has."""
+    # The engine of a 4:1 gear at 80 rpm turns the shaft at 20 rpm, whatever unit its heading has.
     config = tmp_path / 'ship.yaml'
     settings = "unit: rpm, scale: 0.25, column: 'ME [rpm]'"
     config.write_text(CONFIG.read_text().replace('unit: rpm', settings, 1))
@@ -346,7 +346,7 @@ def test_a_third_of_implausible_speeds_is_no_quiet_voyage(every: int, code: int,
 
 
 def test_lines_of_two_shafts_are_refused_or_chosen(tmp_path: Path) -> None:
-    """Mixed to one speed, stick-slip of one shaft is hidden by the other."""
+    # Mixed to one speed, stick-slip of one shaft is hidden by the other.
     text = 'time,shaft,rpm,load [N]\n' + ''.join(
         f'{t},{shaft},{rpm},{load}\n'
         for t in range(9)
@@ -369,13 +369,15 @@ def test_lines_of_two_shafts_are_refused_or_chosen(tmp_path: Path) -> None:
     (tmp_path / 'ship.yaml').write_text(json.dumps(document))
     bound = bind(recording, load_config(tmp_path / 'ship.yaml'))
     assert bound.absent == {}
-    topics = [source.topic for each in bound.config.bearings for source in each.inputs.values()]
-    found = recording.read([Request(topic, 'data') for topic in topics])
-    assert [series.value.tolist() for series in found.values()] == [[n] * 9 for n in (30, 900, 60, 800)]
+    topics = [
+        source.topic for bearing_config in bound.config.bearings for source in bearing_config.inputs.values()
+    ]
+    series_of = recording.read([Request(topic, 'data') for topic in topics])
+    assert [series.value.tolist() for series in series_of.values()] == [[n] * 9 for n in (30, 900, 60, 800)]
 
 
 def test_a_question_about_an_input_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A quiet log whose column is in the heading's unit, and a scale that is configured for another."""
+    """Check a quiet log whose column is in the heading's unit, with a scale for another unit."""
     (tmp_path / 'voyage.csv').write_text(
         'time [s],speed [rpm],load [N]\n' + ''.join(f'{t},120,{900 + t % 7}\n' for t in range(60))
     )

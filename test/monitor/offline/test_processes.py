@@ -55,7 +55,7 @@ def calls_begun(folder: Path) -> list[tuple[int, int]]:
 
 
 def squared_slowly(folder: Path) -> Callable[[int], int]:
-    """A function that notes its beginning and waits for leave to end."""
+    """Return a function that notes its beginning and waits for leave to end."""
 
     def square(number: int) -> int:
         # Nested, so that it goes to the workers as code: they do not know this file.
@@ -87,10 +87,10 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(
     reader.join(LIMIT)
     assert Counter(key for key, _ in results) == Counter(list(calls))
     assert dict(results) == {key: number**2 for key, (number,) in calls.items()}
-    begun = [process for call, process in calls_begun(tmp_path) if call == number]
+    processes = [process for call, process in calls_begun(tmp_path) if call == number]
     # The call that was killed was begun again, by another process.
-    assert begun.count(victim) == 1
-    assert len(begun) > 1
+    assert processes.count(victim) == 1
+    assert len(processes) > 1
 
 
 def test_an_exception_is_the_outcome_of_its_call_alone(address: str) -> None:
@@ -157,10 +157,10 @@ def test_a_scheduler_that_is_not_there_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(processes, '_PATIENCE', 0.5)
-    with closing(socket.socket()) as taken:
+    with closing(socket.socket()) as occupied:
         # Bound but not listening: nobody answers, and nobody else gets the port.
-        taken.bind(('127.0.0.1', 0))
-        address = f'tcp://127.0.0.1:{taken.getsockname()[1]}'
+        occupied.bind(('127.0.0.1', 0))
+        address = f'tcp://127.0.0.1:{occupied.getsockname()[1]}'
         line = refusal_of_check(capsys, '--scheduler', address)
     assert line.startswith(f"ERROR: scheduler '{address}' cannot be reached: Timed out trying")
     assert 'known schemes' in refusal_of_check(capsys, '--scheduler', 'ftp://ship:1')
@@ -249,11 +249,11 @@ def test_a_process_that_dies_costs_its_own_call_only() -> None:
 
 
 def test_work_that_is_broken_off_leaves_no_process() -> None:
-    before = multiprocessing.active_children()
+    children = multiprocessing.active_children()
     arriving = run_in_processes(time.sleep, {0: (0.0,), 1: (600.0,), 2: (600.0,)}, 2)
     assert next(arriving) == (0, None)
     arriving.close()
-    assert multiprocessing.active_children() == before
+    assert multiprocessing.active_children() == children
 
 
 def test_cores_are_those_that_may_be_used() -> None:

@@ -74,7 +74,7 @@ SAMPLES: list[tuple[int, int, float]] = [
 
 
 def write_samples(path: Path, samples: list[tuple[int, int, float]], period: int | None = None) -> Path:
-    """A recording, a sample a second; the stamps of the load's headers begin again after a period [s]."""
+    """Write a sample a second; the stamps of the load's headers begin again after a period [s]."""
     with BagWriter(path, chunk_size=400) as writer:
         writer.add_topic('/shaft', 'std_msgs/msg/Float64')
         writer.add_topic('/load', WRENCH)
@@ -92,7 +92,7 @@ def write_samples(path: Path, samples: list[tuple[int, int, float]], period: int
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording with garbage and silence; the load has a header."""
+    """Return a recording with garbage and silence; the load has a header."""
     return write_samples(tmp_path_factory.mktemp('bag') / 'in', SAMPLES)
 
 
@@ -110,14 +110,14 @@ def write_verdicts(bag: Path, path: Path, config: MonitorConfig | None = None) -
 
 
 def scan_of(bag: Path, config: MonitorConfig) -> Scan:
-    """The verdicts on the bearing."""
+    """Return the verdicts on the bearing."""
     buffer = RecordingBuffer()
     check_recording(bag, config, [buffer])
     return buffer.scan('aft')
 
 
 def rosbags_messages(path: Path) -> list[tuple[str, int, Any]]:
-    """All messages as an independent reader decodes them, by the definitions in the file."""
+    """Return all messages as an independent reader decodes them, by the definitions in the file."""
     from rosbags.highlevel import AnyReader
 
     with AnyReader([path]) as reader:
@@ -128,7 +128,7 @@ def rosbags_messages(path: Path) -> list[tuple[str, int, Any]]:
 
 
 def monitor_live(until: int | None = None) -> tuple[list[Verdict], list[Event], Monitor]:
-    """The same samples one by one through the monitor as the node uses it."""
+    """Feed the same samples one by one to the monitor as the node uses it."""
     monitor = Monitor(config_of())
     verdicts, events = [], monitor.advance(START)
     for second, place, value in SAMPLES:
@@ -174,11 +174,11 @@ def test_another_reader_sees_what_the_live_monitor_says(written: Path) -> None:
 
 
 def test_inputs_are_copied_byte_by_byte_with_their_times(bag: Path, written: Path) -> None:
-    before, after = (
+    inputs, copies = (
         [(m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages(['/shaft', '/load'])]
         for path in (bag, written)
     )
-    assert after == before
+    assert copies == inputs
 
 
 def test_our_reader_gives_the_same_check_again(bag: Path, written: Path) -> None:
@@ -214,24 +214,25 @@ def test_diagnostics_are_those_of_the_live_monitor(written: Path) -> None:
 def test_blocks_of_a_few_messages_give_the_same_file_and_check(
     bag: Path, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = to_json(check_recording(bag, config_of()))
+    expected = to_json(check_recording(bag, config_of()))
     monkeypatch.setattr(mcap_recording, '_MAX_OF_TOPIC', 2)
-    assert to_json(write_verdicts(bag, tmp_path / 'out.mcap')) == whole
-    one, second = (
+    assert to_json(write_verdicts(bag, tmp_path / 'out.mcap')) == expected
+    in_large_blocks, in_small_blocks = (
         sorted((m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages())
         for path in (written, tmp_path / 'out.mcap')
     )
     # The exact amplitude comes by another way where there are few: see the test above.
     amplitudes = [
         [struct.unpack('<4xd', data) for topic, _, data in messages if topic.endswith('/amplitude_exact')]
-        for messages in (one, second)
+        for messages in (in_large_blocks, in_small_blocks)
     ]
     np.testing.assert_allclose(*amplitudes, rtol=1e-6)
-    assert [m[:2] for m in one] == [m[:2] for m in second]
-    one, second = (
-        [m for m in messages if not m[0].endswith('/amplitude_exact')] for messages in (one, second)
+    assert [m[:2] for m in in_large_blocks] == [m[:2] for m in in_small_blocks]
+    in_large_blocks, in_small_blocks = (
+        [m for m in messages if not m[0].endswith('/amplitude_exact')]
+        for messages in (in_large_blocks, in_small_blocks)
     )
-    assert one == second
+    assert in_large_blocks == in_small_blocks
 
 
 def test_a_publish_period_thins_the_values_and_keeps_the_changes(bag: Path, tmp_path: Path) -> None:
@@ -269,17 +270,17 @@ def test_values_that_stand_are_the_same_in_any_blocks_and_are_no_samples(
     ]
     write_samples(tmp_path / 'in', [*samples, (500, 0, 61.0)])
     config = config_of(**{'aft.speed.hold': 900.0, 'aft.load.hold': 900.0})
-    whole = write_verdicts(tmp_path / 'in', tmp_path / 'out.mcap', config)
+    report = write_verdicts(tmp_path / 'in', tmp_path / 'out.mcap', config)
     monkeypatch.setattr(mcap_recording, '_MAX_OF_TOPIC', 2)
-    assert to_json(write_verdicts(tmp_path / 'in', tmp_path / 'again.mcap', config)) == to_json(whole)
-    one, second = (
+    assert to_json(write_verdicts(tmp_path / 'in', tmp_path / 'again.mcap', config)) == to_json(report)
+    in_large_blocks, in_small_blocks = (
         {(t, n): m for t, n, m in rosbags_messages(tmp_path / f'{p}.mcap')} for p in ('out', 'again')
     )
-    assert one.keys() == second.keys()
-    last = max(t for topic, t in one if topic == '/diagnostics')
-    values = {pair.key: pair.value for pair in one['/diagnostics', last].status[0].values}
+    assert in_large_blocks.keys() == in_small_blocks.keys()
+    last = max(t for topic, t in in_large_blocks if topic == '/diagnostics')
+    values = {pair.key: pair.value for pair in in_large_blocks['/diagnostics', last].status[0].values}
     assert (values['speed samples accepted'], values['speed samples repeated']) == ('5', '0')
-    assert {event.after.value for event in whole.bearings['aft'].events} >= {'stick_slip', 'normal'}
+    assert {event.after.value for event in report.bearings['aft'].events} >= {'stick_slip', 'normal'}
 
 
 def test_a_mix_of_two_sources_is_no_all_clear_for_a_minute(tmp_path: Path) -> None:

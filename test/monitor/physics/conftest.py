@@ -71,7 +71,7 @@ class Oracle:
         return self.harmonic(groups.v, alpha, groups.r) - groups.kappa * alpha / 2
 
     def fold_excess(self, groups: Groups, v: mp.mpf) -> mp.mpf:
-        """The balance at the sliding limit ``a = V``: positive below the fold speed."""
+        """Return the balance at the sliding limit ``a = V``: positive below the fold speed."""
         return self.harmonic(v, v, groups.r) - groups.kappa * v / 2
 
 
@@ -100,7 +100,7 @@ def oracle() -> Oracle:
 
 @pytest.fixture(scope='session')
 def reference() -> Bearing:
-    """The reference bearing of PHYSICS.md (law mu_s 0.30, mu_k 0.10, beta 10 s/m)."""
+    """Return the reference bearing of PHYSICS.md (law mu_s 0.30, mu_k 0.10, beta 10 s/m)."""
     return Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 
 

@@ -34,7 +34,7 @@ class Slip:
         return xs, vs
 
     def step(self, xs, vs):
-        """A fraction of the length within which the last terms are below the precision."""
+        """Return a fraction of the length within which the last terms are below the precision."""
         size = max(abs(xs[0]), abs(vs[0]), abs(xs[1]), abs(vs[1]))
         last = max(abs(c[-1 - i]) ** (mp.mpf(1) / (ORDER - i)) for c in (xs, vs) for i in range(8))
         h = min(mp.mpf(1), (size * mp.mpf(10) ** -36) ** (mp.mpf(1) / ORDER) / last)
@@ -67,7 +67,7 @@ def derivative(series):
 
 
 def find_crossing(series, level, low, high):
-    """Where a Taylor series passes a level between two times, by bisection and Newton."""
+    """Return where a Taylor series passes a level between two times, by bisection and Newton."""
     sign = mp.sign(polynomial_at(series, high) - level)
     for _ in range(40):
         middle = (low + high) / 2
@@ -83,7 +83,7 @@ def find_crossing(series, level, low, high):
 
 
 def nearest_to_belt(motion, vs, low, high):
-    """Where a step comes nearest the belt: its end, or where the acceleration vanishes."""
+    """Return where a step comes nearest the belt: its end, or where the acceleration vanishes."""
     rate = derivative(vs)
     if motion.side * polynomial_at(rate, low) > 0 > motion.side * polynomial_at(rate, high):
         return find_crossing(rate, 0, low, high)
@@ -91,7 +91,7 @@ def nearest_to_belt(motion, vs, low, high):
 
 
 def slip_phase(motion, x, turns=2):
-    """From ``x`` at the belt's speed to the next contact.
+    """Follow slip from ``x`` at the belt's speed to the next contact.
 
     Returns ``(time, x, turning points)``; the contact is looked for after the last turn.
     """
@@ -110,7 +110,7 @@ def slip_phase(motion, x, turns=2):
 
 
 def belt_clearance(motion, x):
-    """How far the lining, after two turns, overtakes the belt if it never meets it; < 0: not."""
+    """Return how far the lining, after two turns, overtakes the belt if it never meets it; < 0: not."""
     turns = 0
     for _, _, vs, h in motion.steps(x, mp.mpf(1)):
         low, rate = mp.mpf(0), derivative(vs)
@@ -131,7 +131,7 @@ def stick_slip(zeta, static, kinetic, decay, refine=4):
 
 
 def return_map(zeta, static, kinetic, decay, x):
-    """From a turning point below to the next one, and the time."""
+    """Return the turning point after one below, and the time."""
     turns = []
     for time, xs, vs, h in Slip(zeta, static, kinetic, decay).steps(x, mp.mpf(0)):
         # An even count moves up until the velocity falls through zero.

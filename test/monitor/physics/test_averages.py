@@ -74,7 +74,7 @@ def test_table_average_is_its_integral(harmonic_by_quad: Any) -> None:
 
 
 def test_amplitude_rate_broadcasts_and_starts_at_the_growth_rate(reference: Bearing) -> None:
-    """For A -> 0 it is ``sigma A`` with PHYSICS.md's sigma (first Taylor term of I1)."""
+    # For A -> 0 it is ``sigma A`` with PHYSICS.md's sigma (first Taylor term of I1).
     speed, load = np.array([[0.1], [0.2]]), np.array([500.0, 1000.0, 0.0])
     rate = amplitude_rate(reference, speed, load, 1e-9)
     assert rate.shape == (2, 3)
@@ -90,6 +90,6 @@ def test_crossing_angle_keeps_full_precision_at_grazing(excess: float, level: fl
     v = 1.0
     a = v - level + excess
     exact = mp.acos((mp.mpf(v) - mp.mpf(level)) / mp.mpf(a))
-    got = float(crossing_angle(np.array(v), np.array(a), level))
+    angle = float(crossing_angle(np.array(v), np.array(a), level))
     rounding = 1e-16 / excess if level else 0.0  # of the sum of three numbers
-    assert got == pytest.approx(float(exact), rel=1e-14 + rounding)
+    assert angle == pytest.approx(float(exact), rel=1e-14 + rounding)

@@ -25,14 +25,14 @@ TWO_FALLS = Tabulated([0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.
 class Sharper(Stribeck):
     """Falls twice as fast as its coefficients say."""
 
-    def _law(self) -> Stribeck:
+    def _doubled_law(self) -> Stribeck:
         return Stribeck(self.static, self.kinetic, 2.0 * self.decay)
 
     def coefficient(self, speed):
-        return self._law().coefficient(speed)
+        return self._doubled_law().coefficient(speed)
 
     def slope(self, speed):
-        return self._law().slope(speed)
+        return self._doubled_law().slope(speed)
 
 
 def test_a_subclass_that_overrides_its_friction_is_a_law_of_its_own() -> None:
@@ -47,8 +47,8 @@ def test_a_subclass_that_overrides_its_friction_is_a_law_of_its_own() -> None:
     assert cycle.amplitude == pytest.approx(exact_cycle(same, 0.1, 1000.0).amplitude, rel=1e-8)
 
 
-def test_of_stribecks_law_it_finds_what_the_closed_forms_say() -> None:
-    """Which the 40-digit balance holds to 1e-12 (test_averaging.py)."""
+def test_stribecks_law_has_the_averages_of_its_closed_forms() -> None:
+    """Compare with the closed forms, which the 40-digit balance holds to 1e-12 (test_averaging.py)."""
     fold = averages_by_quadrature.fold_speed(STRIBECK, DAMPING)
     for i, q in enumerate(DAMPING):
         bearing = Bearing(1.0, q, 1.0, STRIBECK, 0.1)
@@ -63,7 +63,7 @@ def test_of_stribecks_law_it_finds_what_the_closed_forms_say() -> None:
 
 
 def test_amplitudes_are_the_smallest_threshold_and_the_largest_cycle() -> None:
-    """Of all the cycles; a threshold needs a quiet state inside it."""
+    """Compare with all the cycles; a threshold needs a quiet state inside it."""
     law = TWO_FALLS
     speed, q = np.array([0.2, 0.225, 0.25, 0.5]), np.full(4, 0.25)
     threshold = averages_by_quadrature.threshold_amplitude(law, speed, 0.25, np.ones(4))
@@ -106,7 +106,7 @@ def random_points(law: Tabulated, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 def test_the_table_of_a_law_hides_no_cycle() -> None:
-    """A scan eight times as fine, of the average itself, changes its sign as often.
+    """Compare with a scan eight times as fine of the average itself: its sign changes as often.
 
     Two cycles closer together than that scan is fine may be found in addition.
     """
@@ -135,7 +135,7 @@ def test_the_table_of_a_law_hides_no_cycle() -> None:
 
 @pytest.mark.slow
 def test_the_fold_of_a_table_is_where_the_highest_average_passes() -> None:
-    """The whole grid of amplitudes, refined about its highest point, just below and above."""
+    # The whole grid of amplitudes, refined about its highest point, just below and above the fold.
     for law in _random_tables(5):
         q = random_points(law, 60)[1]
         fold = averages_by_quadrature.fold_speed(law, q)
@@ -162,7 +162,7 @@ def test_a_fine_table_takes_memory_and_speeds_in_bounds() -> None:
 
 
 def measured_curve(points: int, scatter: float, step: float) -> Tabulated:
-    """A curve as a bench or a reader leaves it: it scatters, or has steps."""
+    """Return a curve as a bench or a reader leaves it: it scatters, or has steps."""
     speed = np.append(0.0, np.geomspace(0.005, 1.0, points - 1))
     noise = scatter * np.random.default_rng(points).standard_normal(points)
     values = 0.1 + 0.2 * np.exp(-10.0 * speed) + noise
@@ -176,7 +176,7 @@ def measured_curve(points: int, scatter: float, step: float) -> Tabulated:
 def test_above_the_fold_of_a_measured_table_no_speed_has_a_cycle(
     points: int, scatter: float, step: float
 ) -> None:
-    """By a scan of 600 speeds and 17 amplitudes above it; just below it one has."""
+    """Scan 600 speeds and 17 amplitudes above the fold; just below it there is a cycle."""
     law, load = measured_curve(points, scatter, step), 609.0
     fold = fold_speed(Bearing(50.0, 400.0, 2.0e6, law, 0.1), load)
     below, above = np.array([fold * (1.0 - 1e-9)]), np.geomspace(fold * (1.0 + 1e-9), 3.0, 600)
@@ -189,7 +189,7 @@ def test_above_the_fold_of_a_measured_table_no_speed_has_a_cycle(
 def test_a_cycle_of_a_measured_table_balances(
     harmonic_by_quad: Callable[[FrictionLaw, float, float], float],
 ) -> None:
-    """By scipy's quadrature; a line between two speeds of the table had hidden a pair that is none."""
+    """Balance by scipy's quadrature; a line between two speeds had hidden a false pair."""
     speed = np.append(0.0, np.geomspace(0.005, 1.0, 45))
     scatter = 0.003 * np.random.default_rng(40).standard_normal(46)
     law, v, q = Tabulated(speed, 0.1 + 0.2 * np.exp(-10.0 * speed) + scatter), 0.293812085, 0.083243209
@@ -209,7 +209,7 @@ def test_the_highest_average_is_that_of_a_dense_scan_also_just_below_the_sliding
 def test_the_average_of_a_table_that_scatters_is_its_integral(
     harmonic_by_quad: Callable[[FrictionLaw, float, float], float],
 ) -> None:
-    """By scipy's quadrature; three nodes in narrow stretches, which a smooth table bears, left 1e-9."""
+    """Integrate by scipy's quadrature; three nodes in narrow parts of the table left 1e-9."""
     law = measured_curve(300, 0.002, 0.0)
     for v, share in ((0.1, 0.93), (0.02, 0.7), (0.3, 1.4)):
         expected = harmonic_by_quad(law, v, v * share)
@@ -219,8 +219,8 @@ def test_the_average_of_a_table_that_scatters_is_its_integral(
 
 @pytest.mark.parametrize('law', [STRIBECK, Sharper(0.3, 0.1, 5.0), TWO_FALLS, measured_curve(60, 0.003, 0.0)])
 def test_cycles_are_counted_as_they_are_found(law: FrictionLaw) -> None:
-    """At rest and without a load there are none."""
+    # At rest and without a load there are none.
     bearing, speed = Bearing(50.0, 400.0, 2.0e6, law, 0.1), np.linspace(0.0, 0.4, 200)
     for load in (0.0, 300.0, 1000.0):
-        found = np.isfinite(stationary_amplitudes(bearing, speed, load).amplitude).sum(axis=1)
-        np.testing.assert_array_equal(count_cycles(bearing, speed, load), found)
+        cycle_counts = np.isfinite(stationary_amplitudes(bearing, speed, load).amplitude).sum(axis=1)
+        np.testing.assert_array_equal(count_cycles(bearing, speed, load), cycle_counts)

@@ -57,7 +57,7 @@ def test_boundaries_to_twelve_digits(size: tuple[float, ...], make_bearing: Make
 def test_bistable_amplitudes_to_twelve_digits(
     size: tuple[float, ...], place: float, make_bearing: MakeBearing, oracle: Any
 ) -> None:
-    """The integrated balance changes its sign within 1e-12 of both amplitudes.
+    """Find a change of sign of the integrated balance within 1e-12 of both amplitudes.
 
     The unstable one hangs on ``beta V + ln kappa``, which for kappa near 1 is so small a
     difference that double precision alone would miss this.
@@ -142,8 +142,8 @@ def test_growth_rate_is_the_eigenvalue_of_the_linear_system(reference: Bearing) 
         mu = LAWS['stribeck'].coefficient
         slope = float(mu(speed + h) - mu(speed - h)) / (2.0 * h)
         roots = np.roots([50.0, 400.0 + load * slope, 2.0e6])
-        got = growth_rate(reference, speed, load)
-        assert got == pytest.approx(float(roots[0].real), rel=1e-6, abs=1e-6)
+        rate = growth_rate(reference, speed, load)
+        assert rate == pytest.approx(float(roots[0].real), rel=1e-6, abs=1e-6)
     assert growth_rate(reference, 0.1, -500.0) == -4.0  # -c/(2 m): no friction
 
 
@@ -193,7 +193,7 @@ def test_a_close_pair_of_cycles_is_not_lost(share: float, harmonic_by_quad: Any)
 
 @pytest.mark.parametrize('share', [1e-2, 1e-4, 1e-6, 1e-8])
 def test_hopf_speed_is_found_however_narrow_the_unstable_range(share: float) -> None:
-    """The slope of a monotone cubic is a parabola between two points; its top by three samples.
+    """Find the top of the slope, a parabola between two points of a monotone cubic, by three samples.
 
     At a load that falls short of the top by ``share`` the range about it is ``2 w`` wide.
     """

@@ -70,7 +70,7 @@ def _scattered_bearing() -> Bearing:
 
 
 def test_the_fold_that_decides_does_not_hang_on_the_speeds_of_the_averaged_curve(monkeypatch):
-    """Of a curve with half the speeds it is the same root: read off the curve it moved by up to 0.5 %."""
+    """Halve the speeds of the curve: read off the curve, the root moved by up to 0.5 %."""
     bearing, load = _scattered_bearing(), np.array([140.0, 1350.0, 6100.0, 13000.0])
     fold = end_of_vibration(bearing, load)
     curve = averages_by_quadrature.average_curve(bearing.friction)

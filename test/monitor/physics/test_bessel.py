@@ -23,7 +23,7 @@ def test_every_digit_is_right(order: int, x: float) -> None:
 @pytest.mark.parametrize('name', ['i0e', 'i1e'])
 @pytest.mark.parametrize('count', [1, 10, 11, 5000])
 def test_points_are_those_of_scipy(name: str, count: int) -> None:
-    """A machine that fuses a product with a sum may differ by a last bit."""
+    # A machine that fuses a product with a sum may differ by a last bit.
     x = np.geomspace(1e-3, 1e5, count)
     assert getattr(bessel, name)(x) == pytest.approx(getattr(scipy.special, name)(x), rel=4e-16)
 

@@ -98,7 +98,7 @@ def test_undamped_coulomb_in_closed_form(speed):
 
 
 def damped_coulomb_fold(zeta: float, drop: float) -> mp.mpf:
-    """Where the spiral from (drop/V, 1) about steady sliding grazes the belt, in closed form."""
+    """Return where the spiral from (drop/V, 1) about steady sliding grazes the belt, in closed form."""
     damped = mp.sqrt(1 - mp.mpf(zeta) ** 2)
 
     def miss(speed, time):
@@ -192,7 +192,7 @@ def test_within_1e_9_of_the_fold_the_kind_is_ill_posed(points):
 
 @pytest.mark.parametrize('points', [1, 40])
 def test_an_unstable_cycle_that_doubles_do_not_resolve_says_so(points):
-    """It exists: something parts stable sliding from stick-slip (Poincare and Bendixson)."""
+    # It exists: something parts stable sliding from stick-slip (Poincare and Bendixson).
     bearing, load = unit_bearing(0.1), 300.0
     speed = np.full(points, 0.7 * exact_fold_speed(bearing, load))
     assert exact_cycle(bearing, speed[0], load).kind is CycleKind.STICK_SLIP
@@ -205,7 +205,7 @@ def test_an_unstable_cycle_that_doubles_do_not_resolve_says_so(points):
 
 @pytest.mark.parametrize('zeta', [0.014, 0.03])
 def test_beyond_the_fold_nothing_is_unstable(zeta):
-    """A closed orbit about stable sliding needs a vibration outside it (Poincare and Bendixson)."""
+    # A closed orbit about stable sliding needs a vibration outside it (Poincare and Bendixson).
     kappa = 1e-4  # c/N as a share of the steepest fall: so little that an orbit at the belt explodes
     bearing = unit_bearing(zeta)
     load = 2.0 * zeta / (0.2 * kappa)
@@ -303,7 +303,7 @@ def test_hard_cases_end_named_and_bounded(eta, kappa):
 
 
 def test_a_table_has_a_cycle_at_every_speed_alone_and_together():
-    """A step far beyond its measured speeds left the range of numbers: the orbit ended there."""
+    # A step far beyond its measured speeds left the range of numbers: the orbit ended there.
     law = Tabulated([0, 0.30, 0.316, 0.406, 0.423, 0.49], [0.30, 0.108, 0.1094, 0.1037, 0.1031, 0.1029])
     bearing = Bearing(1.0, 66.9, 1e4, law, 0.1)
     speed = np.linspace(0.05, 0.6, 111)
@@ -311,8 +311,8 @@ def test_a_table_has_a_cycle_at_every_speed_alone_and_together():
     assert_array_equal(cycle.kind, CycleKind.STICK_SLIP)
     assert 1e3 * cycle.amplitude[74] == pytest.approx(27.534, abs=5e-4)
     alone = [exact_cycle(bearing, v, 2200.0) for v in speed[70:]]
-    assert_array_equal([one.kind for one in alone], cycle.kind[70:])
-    assert_allclose([one.amplitude for one in alone], cycle.amplitude[70:], rtol=1e-12)
+    assert_array_equal([cycle_alone.kind for cycle_alone in alone], cycle.kind[70:])
+    assert_allclose([cycle_alone.amplitude for cycle_alone in alone], cycle.amplitude[70:], rtol=1e-12)
 
 
 def test_amplitudes_of_many_points_are_those_of_cycles_one_by_one():
@@ -320,10 +320,10 @@ def test_amplitudes_of_many_points_are_those_of_cycles_one_by_one():
     draw, bearing = np.random.default_rng(35), unit_bearing(1e-3)
     speed, load = 10.0 ** draw.uniform(-2.0, 1.0, (2, 300))
     alone = [exact_cycle(bearing, v, n) for v, n in zip(speed, load, strict=True)]
-    kinds = {one.kind for one in alone}
+    kinds = {cycle.kind for cycle in alone}
     assert kinds == {CycleKind.STICK_SLIP, CycleKind.OVERTAKING, CycleKind.NONE}
     together = exact_amplitude(bearing, speed, load)
-    assert_allclose(together, [one.amplitude for one in alone], rtol=1e-9)
+    assert_allclose(together, [cycle.amplitude for cycle in alone], rtol=1e-9)
 
 
 @pytest.mark.slow
@@ -367,7 +367,7 @@ def test_a_vibration_that_never_sticks_has_amplitude_and_period():
 
 @pytest.mark.parametrize('zeta', [0.001, 0.05, 0.3])
 def test_the_unstable_cycle_of_constant_friction_grazes_the_belt(zeta):
-    """The damped swing back from there in closed form: beside the belt ``x'`` = 1 and ``x''`` = 0."""
+    """Swing back from the belt, damped, in closed form: beside the belt ``x'`` = 1 and ``x''`` = 0."""
     bearing = Bearing(1.0, 2.0 * zeta, 1.0, Coulomb(0.3, 0.1), 0.1)
     speed = 0.5 * exact_fold_speed(bearing, 1.0)
     cycle = exact_unstable_cycle(bearing, speed, 1.0)

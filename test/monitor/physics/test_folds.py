@@ -167,14 +167,14 @@ def test_a_vibration_without_sticking_lasts_up_to_the_fold(law, load, error):
 
 
 def sticking_ends(bearing, load):
-    """The last speeds that stick, by the curve of which a table is made."""
+    """Return the last speeds that stick, by the curve of which a table is made."""
     curve = folds.fold_curve(bearing)
     assert curve is not None
     return curve.exact_fold(np.atleast_1d(np.asarray(load, float)))
 
 
 def measured_curve(count: int, noise: float, seed: int) -> Tabulated:
-    """A Stribeck curve as a test bench measures it."""
+    """Return a Stribeck curve as a test bench measures it."""
     speed = [0.0, *np.geomspace(0.005, 1.0, count - 1)]
     scatter = noise * np.random.default_rng(seed).standard_normal(count)
     curve = 0.1 + 0.2 * np.exp(-10.0 * np.array(speed)) + scatter
@@ -182,7 +182,7 @@ def measured_curve(count: int, noise: float, seed: int) -> Tabulated:
 
 
 def dense_fold(bearing: Bearing, load: float) -> float:
-    """The last speed with a cycle that sticks, by halving between points of a dense grid."""
+    """Return the last speed with a cycle that sticks, by halving between points of a dense grid."""
     speed = np.geomspace(0.02, 4.0, 400)
     sticks = exact_cycle(bearing, speed, load).kind == CycleKind.STICK_SLIP
     low, high = speed[np.flatnonzero(sticks)[-1] + np.array([0, 1])]
@@ -222,13 +222,13 @@ def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
 
 
 def test_few_steps_tabulate_a_table_that_scatters(monkeypatch):
-    """Its 100 kinks make steps short: 170,000 of them, as they once were, keep a node busy for 4 s."""
+    # Its 100 kinks make steps short: 170,000 of them, as they once were, keep a node busy for 4 s.
     monkeypatch.setattr(orbits, 'PATIENCE', math.inf)
     folds.fold_curve.cache_clear()
-    begun = orbits._Effort.steps
+    steps_before = orbits._Effort.steps
     bearing = bearing_of(measured_curve(100, 0.004, 3))
     boundary_table(bearing)
-    assert 10_000 < orbits._Effort.steps - begun < 110_000
+    assert 10_000 < orbits._Effort.steps - steps_before < 110_000
     for load in 500.0, 3000.0:
         assert sticking_ends(bearing, load) == pytest.approx(exact_fold_speed(bearing, load), rel=1e-3)
 
@@ -276,7 +276,7 @@ def test_without_damping_a_measured_table_has_no_last_speed():
 
 
 def test_the_lower_end_of_a_law_that_first_rises_is_its_lowest_unstable_speed():
-    """Of the Gaussian law ``2 N Delta beta^2 V exp(-(beta V)^2) = c`` there."""
+    """Solve ``2 N Delta beta^2 V exp(-(beta V)^2) = c`` of the Gaussian law for the lower end."""
     bearing, load = bearing_of(Stretched(0.3, 0.1, 10.0, 0.0, 2.0)), 1000.0
 
     def excess(speed: float) -> float:
@@ -303,7 +303,7 @@ def test_a_law_that_falls_from_rest_has_no_lower_end(law):
     [(0.05, 400.0, 6), (0.3, 400.0, 6), (0.05, 8e3, 5), (0.0, 3e4, 4), (0.0, 4e5, 1)],
 )
 def test_a_fold_of_a_table_is_the_last_stick_slip_however_it_is_damped(viscous, damping, expected):
-    """What rises with the speed makes the fold fall again with the load; against the cycle itself.
+    """Compare with the cycle; friction that rises with speed makes the fold fall again with the load.
 
     The last is a stiffness in MN/m taken for N/m: twenty times critical damping.
     """
@@ -322,7 +322,7 @@ def test_a_fold_of_a_table_is_the_last_stick_slip_however_it_is_damped(viscous, 
 
 
 def test_beyond_critical_damping_coulombs_slip_never_returns():
-    """Its slip is linear and overdamped: the velocity changes its sign once, so no fold is found."""
+    # Its slip is linear and overdamped: the velocity changes its sign once, so no fold is found.
     assert np.all(np.isnan(exact_fold_speed(bearing_of(Coulomb(0.3, 0.1), 4e5), [1e3, 1e5])))
 
 
@@ -379,7 +379,7 @@ FAR_APART, EVENLY = np.append(0.0, np.geomspace(0.02, 10.0, 99)), np.linspace(0.
     ],
 )
 def test_scattered_tables_stick_below_their_fold_and_not_above(bearing, load):
-    """By orbits of :func:`exact_cycle`, which know of no fold."""
+    """Compare with orbits of :func:`exact_cycle`, which know of no fold."""
     fold = exact_fold_speed(bearing, load)
     below, above = exact_cycle(bearing, fold * np.array([0.9999, 1.0001]), load).kind
     assert below == CycleKind.STICK_SLIP != above

@@ -17,7 +17,7 @@ each_law = pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
 
 @each_law
 def test_friction_opposes_sliding_and_is_odd(law: FrictionLaw) -> None:
-    """A passive law: ``v mu(v) >= 0`` and ``mu(-v) = -mu(v)`` (PHYSICS.md, the sgn)."""
+    """Require a passive law: ``v mu(v) >= 0`` and ``mu(-v) = -mu(v)`` (PHYSICS.md, the sgn)."""
     v = np.concatenate([np.geomspace(1e-300, 1e3, 400), TABLE[0][1:]])
     assert np.all(v * law.coefficient(v) >= 0.0)
     assert np.all(law.coefficient(v) > 0.0)

@@ -30,8 +30,8 @@ class Unnamed:
         return np.where(v < 0.0, -size, size)
 
     def slope(self, speed: ArrayLike) -> np.ndarray:
-        gone = np.exp(-self.decay * np.abs(np.asarray(speed, float)))
-        return -(self.static - self.kinetic) * self.decay * gone
+        decayed = np.exp(-self.decay * np.abs(np.asarray(speed, float)))
+        return -(self.static - self.kinetic) * self.decay * decayed
 
 
 def bearing_of(law: FrictionLaw, zeta: float) -> Bearing:
@@ -40,7 +40,7 @@ def bearing_of(law: FrictionLaw, zeta: float) -> Bearing:
 
 
 def reaches_belt(bearing: Bearing, speed: float, load: float) -> bool:
-    """Whether slip that begins at the static limit reaches the belt's speed again.
+    """Return whether slip that begins at the static limit reaches the belt's speed again.
 
     In units of ``V/omega`` and ``1/omega``. It is over when the lining turns to follow the belt and falls
     behind again, or at steady sliding.
@@ -52,22 +52,22 @@ def reaches_belt(bearing: Bearing, speed: float, load: float) -> bool:
         x, z = y
         return [1.0 - z, damping * (1.0 - z) + x - force * float(law.coefficient(max(speed * z, 1e-12)))]
 
-    rest, begin = force * float(law.coefficient(speed)), force * law.static - damping
-    scale, first = abs(begin - rest) + 1.0, 1e-6
+    equilibrium, begin = force * float(law.coefficient(speed)), force * law.static - damping
+    scale, first = abs(begin - equilibrium) + 1.0, 1e-6
     steep = -force * speed * float(law.slope(1e-12)) - damping  # the first instant, as a series
     y = [begin + first, 0.5 * first**2 * (1.0 + steep * first / 3.0)]
     motion = LSODA(rates, 0.0, y, 1e4, rtol=1e-10, atol=1e-12 * scale, max_step=0.05)
     behind = turned = False
     while motion.status == 'running':
-        before = rates(0.0, motion.y)[1]
+        acceleration = rates(0.0, motion.y)[1]
         motion.step()
         x, z = motion.y
         turned |= behind and z < 1.0
         behind |= z > 1.0
         motion.max_step = 0.02 if turned or not behind else 20.0
-        if turned and (z <= 0.0 or before < 0.0 < rates(0.0, motion.y)[1]):
+        if turned and (z <= 0.0 or acceleration < 0.0 < rates(0.0, motion.y)[1]):
             return bool(z <= 0.0)
-        if abs(x - rest) + abs(z - 1.0) < 1e-8 * scale:
+        if abs(x - equilibrium) + abs(z - 1.0) < 1e-8 * scale:
             break
     return False
 

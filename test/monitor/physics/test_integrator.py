@@ -30,7 +30,7 @@ HAS_NUMBA = find_spec('numba') is not None
 
 
 def test_coulomb_damper_stops_where_it_must() -> None:
-    """A stopped shaft: half swings about +-mu_k N/k, each shorter, to a stop within mu_s N/k."""
+    # A stopped shaft makes half swings about +-mu_k N/k, each shorter, to a stop within mu_s N/k.
     bearing = replace(REFERENCE, friction=Coulomb(0.3, 0.25))
     half = math.pi / (bearing.natural_frequency * math.sqrt(1.0 - bearing.damping_ratio**2))
     ratio = math.exp(-bearing.damping_ratio * bearing.natural_frequency * half)
@@ -79,7 +79,7 @@ def test_hard_cases_end_and_are_finite(name: str) -> None:
 
 
 def test_rising_coulomb_law_does_not_chatter() -> None:
-    """By Filippov's convex hull the lining sticks until the kinetic limit."""
+    # By Filippov's convex hull the lining sticks until the kinetic limit.
     bearing = replace(REFERENCE, friction=Coulomb(0.1, 0.3))
     motion = integrate(bearing, Drive.constant(0.05, LOAD, 1.0), MotionState(0.0, 0.0), compiled=False)
     release = (0.3 * LOAD - bearing.damping * 0.05) / bearing.stiffness / 0.05
@@ -127,9 +127,9 @@ def test_a_held_lining_moves_as_the_straight_lines_of_the_drive_say() -> None:
     drive = Drive.sampled([0.0, 0.5, 1.0], [0.0, 2e-4, -2e-4], [1000.0] * 3)
     motion = integrate(REFERENCE, drive, MotionState(0.0, 0.0), times, compiled=False)
     assert motion.sticking.all()
-    early = 2e-4 * times**2
-    late = 5e-5 + 2e-4 * (times - 0.5) - 4e-4 * (times - 0.5) ** 2
-    expected = np.where(times < 0.5, early, late)
+    first_half = 2e-4 * times**2
+    second_half = 5e-5 + 2e-4 * (times - 0.5) - 4e-4 * (times - 0.5) ** 2
+    expected = np.where(times < 0.5, first_half, second_half)
     assert motion.displacement == pytest.approx(expected, abs=1e-19)
 
 
@@ -217,16 +217,16 @@ for _ in range(10):
 
 
 def test_a_signal_in_compiled_code_ends_the_motion_and_not_the_process() -> None:
-    """A thousand seconds, interrupted at once: nearly all of the time goes by in the compiled loop."""
+    """Interrupt a thousand seconds at once: nearly all of the time goes by in the compiled loop."""
     pytest.importorskip('numba')
-    done = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, '-c', SIGNALLED],
         cwd=Path(__file__).parent,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stdout.split(), done.stderr) == (0, ['interrupted'] * 10, '')
+    assert (completed.returncode, completed.stdout.split(), completed.stderr) == (0, ['interrupted'] * 10, '')
 
 
 def test_without_numba_python_serves(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,35 +240,35 @@ def test_without_numba_python_serves(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize('law', LAWS)
 def test_cutting_a_drive_at_its_samples_changes_no_bit(law: Stribeck) -> None:
     bearing, times = replace(REFERENCE, friction=law), np.linspace(0.0, 1.0, 257)
-    whole = integrate(bearing, VARYING, MotionState(0.0, 0.0), times, compiled=False)
+    uncut = integrate(bearing, VARYING, MotionState(0.0, 0.0), times, compiled=False)
     parts, state, cuts = [], MotionState(0.0, 0.0), (1, 2, 3, 20, 37)
     for first, last in zip((0, *cuts), (*cuts, 50), strict=True):
         rows = slice(first, last + 1)
         drive = Drive(INSTANTS[rows], VARYING.speed[rows], VARYING.load[rows])
-        mine = times[(times > drive.start) & (times <= drive.end)]
-        mine = mine if first else np.append(0.0, mine)
-        parts.append(integrate(bearing, drive, state, mine, compiled=False))
+        part_times = times[(times > drive.start) & (times <= drive.end)]
+        part_times = part_times if first else np.append(0.0, part_times)
+        parts.append(integrate(bearing, drive, state, part_times, compiled=False))
         state = parts[-1].final
-    for i, column in enumerate(motion_columns(whole)):
+    for i, column in enumerate(motion_columns(uncut)):
         assert np.array_equal(column, np.concatenate([motion_columns(part)[i] for part in parts]))
-    assert state == whole.final
+    assert state == uncut.final
 
 
 @pytest.mark.slow
 def test_many_cycles_do_not_drift() -> None:
-    """A hundred thousand cycles where numba is installed, two thousand elsewhere.
+    """Follow a hundred thousand cycles where numba is installed, two thousand elsewhere.
 
     The period is that of the exact cycle, found by another method.
     """
     speed, cycles = REFERENCE.speed.to_surface(20.0, 'rpm'), 100_000 if HAS_NUMBA else 2_000
     exact = exact_cycle(REFERENCE, speed, 1000.0)
     duration = (cycles + 10) * exact.period
-    late = np.linspace(duration - 0.05, duration, 2001)
+    last_times = np.linspace(duration - 0.05, duration, 2001)
     motion = integrate(
         REFERENCE,
         Drive.constant(speed, 1000.0, duration),
         MotionState(0.0, 0.0),
-        np.append(np.linspace(0.3, 0.35, 2001), late),
+        np.append(np.linspace(0.3, 0.35, 2001), last_times),
     )
     t = motion.transitions
     releases = t.time[t.before == Phase.STICK][2:]
@@ -308,8 +308,8 @@ def follow_independently(bearing: Bearing, drive: Drive, motion: Motion, x: floa
             x, v = x + 0.5 * (speed(time - since) + speed(end - since)) * (end - time), speed(end - since)
         else:
             flow = slip_flow(bearing, phase, since, speed, load)
-            way = solve_ivp(flow, (time, end), (x, v), 'DOP853', rtol=1e-13, atol=1e-18, max_step=2e-4)
-            x, v = way.y[:, -1].tolist()
+            path = solve_ivp(flow, (time, end), (x, v), 'DOP853', rtol=1e-13, atol=1e-18, max_step=2e-4)
+            x, v = path.y[:, -1].tolist()
         miss = 0.0
         for after in changes.after[changes.time == end]:
             if phase == Phase.STICK:
@@ -343,7 +343,7 @@ def test_motion_is_that_of_an_independent_integrator(law: Stribeck) -> None:
 
 
 def random_case(seed: int) -> tuple[Bearing, Drive]:
-    """Any law, damping and load, with inputs that stop and vanish."""
+    """Return any law, damping and load, with inputs that stop and vanish."""
     rng = np.random.default_rng(seed)
     low, high = rng.uniform(0.05, 0.5, 2)
     points = np.sort(rng.uniform(0.0, 0.2, 5))
@@ -362,7 +362,7 @@ def random_case(seed: int) -> tuple[Bearing, Drive]:
 
 @pytest.mark.parametrize('seed', range(9))
 def test_random_motions_keep_the_law(seed: int) -> None:
-    """No contact is missed, sticking never exceeds its limit, slip has its friction.
+    """Miss no contact; sticking never exceeds its limit, and slip has its friction.
 
     Displacement, velocity and acceleration belong together by Simpson's rule between transitions
     and samples of the drive.
@@ -376,9 +376,9 @@ def test_random_motions_keep_the_law(seed: int) -> None:
     smooth = np.ones(times.size - 2, bool)
     smooth[np.clip(breaks[:, None] + np.arange(-3, 2), 0, smooth.size - 1)] = False
     third = (times[1] - times[0]) / 3.0
-    for whole, rate, tolerance in ((x, v, 1e-7), (v, a, 2e-5)):
-        step = whole[2:] - whole[:-2] - third * (rate[:-2] + 4.0 * rate[1:-1] + rate[2:])
-        assert np.max(np.abs(step[smooth])) < tolerance * np.ptp(whole)
+    for integral, rate, tolerance in ((x, v, 1e-7), (v, a, 2e-5)):
+        step = integral[2:] - integral[:-2] - third * (rate[:-2] + 4.0 * rate[1:-1] + rate[2:])
+        assert np.max(np.abs(step[smooth])) < tolerance * np.ptp(integral)
     fastest = np.max(np.abs(motion.relative_speed)) + 0.1
     assert np.all(motion.relative_speed * motion.phase >= -1e-13 * fastest)
     load = np.interp(times, drive.time, drive.load)

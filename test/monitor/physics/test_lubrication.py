@@ -32,7 +32,7 @@ POINTS = [(g, load, water) for g in (0.0, 0.5, 1.0) for load in (600.0, 4000.0) 
 
 
 def equivalent_bearings(law, g, load, water):
-    """A bearing with a lubrication, and the one whose law is written out for a load and a temperature."""
+    """Return a lubricated bearing, and the one whose law is written out for a load and a temperature."""
     lubricated = Bearing(50.0, 400.0, 2.0e6, law, 0.1, Lubrication(1000.0, g, 15.0)).at_temperature(water)
     s = (load / 1000.0) ** g * float(viscosity(15.0) / viscosity(water))
     if isinstance(law, Stribeck):
@@ -103,7 +103,7 @@ def test_a_table_has_its_points_at_other_speeds():
 
 
 def test_the_published_example():
-    """The reference bearing at 4 kN: with Hersey's exponent its folds grow with the load."""
+    # With Hersey's exponent the folds of the reference bearing grow with the load, here 4 kN.
     plain = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
     lubricated = replace(plain, lubrication=Lubrication(1000.0, 1.0))
     # At g = 1 each boundary is 4 times that at 1 kN: ln 5/10 and the root of 2 I1e(v)/v = 0.2.
@@ -148,12 +148,12 @@ def test_as_measured_is_without():
 
 
 @pytest.mark.parametrize(
-    ('given', 'text'),
+    ('parameters', 'text'),
     [
         ({'load': 0.0}, 'friction.at_load = 0 N must be greater than 0'),
         ({'load_exponent': 1.2}, 'friction.load_exponent = 1.2 must be from 0 to 1'),
     ],
 )
-def test_a_bad_lubrication_is_refused(given, text):
+def test_a_bad_lubrication_is_refused(parameters, text):
     with pytest.raises(PhysicsError, match=text):
-        Lubrication(**given)
+        Lubrication(**parameters)

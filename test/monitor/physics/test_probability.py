@@ -48,8 +48,8 @@ def test_one_tolerance_has_closed_forms() -> None:
     quantiles = [
         s(1000.0, p) / RPM for s in (DAMPING.fold_speed, DAMPING.hopf_speed) for p in (0.05, 0.5, 0.95)
     ]
-    wanted = [35.202904, 40.723091, 46.735904, 27.596561, 30.738000, 33.879439]
-    assert quantiles == pytest.approx(wanted, rel=5e-5)
+    expected = [35.202904, 40.723091, 46.735904, 27.596561, 30.738000, 33.879439]
+    assert quantiles == pytest.approx(expected, rel=5e-5)
 
 
 @pytest.mark.parametrize(
@@ -72,9 +72,9 @@ def random_points(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def test_compiled_look_ups_are_those_of_single_points() -> None:
     pytest.importorskip('numba')
     speed, load = random_points(1000)
-    one = [THREE.probabilities(v, n) for v, n in zip(speed.tolist(), load.tolist(), strict=True)]
-    many = np.array(THREE.probabilities(np.tile(speed, 110), np.tile(load, 110)))
-    assert np.array_equal(np.transpose(one), many[:, :1000])
+    single = [THREE.probabilities(v, n) for v, n in zip(speed.tolist(), load.tolist(), strict=True)]
+    repeated = np.array(THREE.probabilities(np.tile(speed, 110), np.tile(load, 110)))
+    assert np.array_equal(np.transpose(single), repeated[:, :1000])
 
 
 @pytest.mark.parametrize(('tolerance', 'off'), TOLERANCES)
@@ -92,8 +92,8 @@ def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance, off: fl
     for rpm in (20.0, 33.0, 45.0):
         v = beta * shift * rpm * RPM
         d = np.log(1000.0 * 0.2 * beta / 400.0) + log_d
-        drawn = np.mean(d > decline(v)), np.mean(d > v)
-        assert belief.probabilities(rpm * RPM, 1000.0) == pytest.approx(drawn, abs=off)
+        expected = np.mean(d > decline(v)), np.mean(d > v)
+        assert belief.probabilities(rpm * RPM, 1000.0) == pytest.approx(expected, abs=off)
 
 
 @pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE])
@@ -107,8 +107,8 @@ def test_any_law_has_the_probabilities_of_drawn_bearings(law: FrictionLaw) -> No
     fold, hopf = np.nan_to_num(fold_speed(bearing, loads)), hopf_speed(bearing, loads)
     for share in (0.6, 0.8, 1.0, 1.2):
         speed = share * float(fold_speed(bearing, 1000.0))
-        wanted = [float(weight[of > speed].sum() / weight.sum()) for of in (fold, hopf)]
-        assert belief.probabilities(speed, 1000.0) == pytest.approx(wanted, abs=0.01)
+        expected = [float(weight[of > speed].sum() / weight.sum()) for of in (fold, hopf)]
+        assert belief.probabilities(speed, 1000.0) == pytest.approx(expected, abs=0.01)
 
 
 @pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE])
@@ -120,7 +120,7 @@ def test_a_moved_bearing_has_boundaries_at_other_speeds_and_loads(law: FrictionL
     assert moved.damping == bearing.damping
 
 
-@pytest.mark.parametrize('tolerance', [Tolerance(), *(each for each, _ in TOLERANCES)])
+@pytest.mark.parametrize('tolerance', [Tolerance(), *(tolerance for tolerance, _ in TOLERANCES)])
 def test_it_falls_with_speed_and_will_is_below_can(tolerance: Tolerance) -> None:
     belief = Belief.from_tolerance(BEARING, tolerance)
     speed = np.geomspace(1e-3, 20.0, 3000)
@@ -144,8 +144,8 @@ def test_what_has_no_operating_point_has_no_probability() -> None:
 
 def test_margins_are_those_of_the_quantiles() -> None:
     low, high = THREE.fold_margins(-0.2, 1000.0)
-    wanted = [0.2 / THREE.fold_speed(1000.0, p) - 1.0 for p in (0.95, 0.05)]
-    assert (low, high) == pytest.approx(wanted, rel=1e-3)
+    expected = [0.2 / THREE.fold_speed(1000.0, p) - 1.0 for p in (0.95, 0.05)]
+    assert (low, high) == pytest.approx(expected, rel=1e-3)
     assert THREE.fold_speed(60.0, 0.5) == 0.0
     assert THREE.fold_margins(0.2, 60.0) == (math.inf, math.inf)
 
@@ -160,7 +160,7 @@ def test_loads_without_evidence_are_known_less() -> None:
 
 
 def test_after_a_calibration_the_fold_stays_and_the_hopf_speed_follows_the_load() -> None:
-    """By drawing: ``u = ln r + f(n + ln q) - f(n)`` is known to 1 %, ``ln q`` to 55 %.
+    """Draw ``u = ln r + f(n + ln q) - f(n)``, known to 1 %, and ``ln q``, known to 55 %.
 
     The Hopf speed of a draw is ``r ln(Delta beta q N / c) / beta``; to first order its 95 %
     quantile is 4 % off.
@@ -173,13 +173,13 @@ def test_after_a_calibration_the_fold_stays_and_the_hopf_speed_follows_the_load(
         return np.interp(log_load, np.log(loads), np.log(fold_speed(BEARING, loads)))
 
     middle = np.array([math.log(4000.0)])
-    drawn = np.exp(u - fold(middle + log_q) + fold(middle)) * np.log(20.0 * np.exp(log_q)) / 10.0
+    hopf_draws = np.exp(u - fold(middle + log_q) + fold(middle)) * np.log(20.0 * np.exp(log_q)) / 10.0
     slope = float(fold(middle + 0.01)[0] - fold(middle - 0.01)[0]) / 0.02
     by = np.array([[1.0, -slope], [0.0, 1.0]])
     covariance = by @ np.diag([1e-4, 0.55**2]) @ by.T
     belief = Belief(BEARING, covariance, loads=(4000.0, 4000.0), calibrated=True)
     for p in (0.05, 0.5, 0.95):
-        assert belief.hopf_speed(4000.0, p) == pytest.approx(np.quantile(drawn, p), rel=0.015)
+        assert belief.hopf_speed(4000.0, p) == pytest.approx(np.quantile(hopf_draws, p), rel=0.015)
         expected = float(fold_speed(BEARING, 4000.0)) * math.exp(0.01 * ndtri(p))
         assert belief.fold_speed(4000.0, p) == pytest.approx(expected, rel=2e-3)
 

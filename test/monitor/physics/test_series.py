@@ -33,8 +33,8 @@ COURSE = [0.9, -0.4, 0.3, -0.05, 0.02, 0.01]  # of a relative speed in powers of
 UNIT, ORIGIN = 0.2, 0.05
 
 
-def coefficients(law, count=10):
-    """Of ``mu`` along the course, by the functions of the orbits."""
+def series_coefficients(law, count=10):
+    """Return the coefficients of ``mu`` along the course, by the functions of the orbits."""
     numbers, work = scalar_law(law).plain, new_work()
     work[RELATIVE_SPEED : RELATIVE_SPEED + len(COURSE)] = COURSE
     low, high, drop = begin_series(numbers, ORIGIN, COURSE[0], UNIT, work)
@@ -42,8 +42,8 @@ def coefficients(law, count=10):
     return [drop, *(extend_series(numbers, k, work) for k in range(1, count))]
 
 
-def expected(mu, count=10):
-    """Of the same by differentiation in 40 digits."""
+def expected_coefficients(mu, count=10):
+    """Return them by differentiation in 40 digits."""
     with mp.workdps(40):
         taylor = mp.taylor(
             lambda t: mu(mp.mpf(ORIGIN) + UNIT * sum(c * t**k for k, c in enumerate(COURSE))), 0, count - 1
@@ -54,8 +54,8 @@ def expected(mu, count=10):
 @pytest.mark.parametrize('exponent', [1.0, 1.5, 2.0, 3.0])
 def test_the_series_of_a_law_is_that_of_its_derivatives(exponent):
     law = Stribeck(0.3, 0.1, 10.0, 0.02) if exponent == 1.0 else Stretched(0.3, 0.1, 10.0, 0.02, exponent)
-    actual = coefficients(law)
-    right = expected(lambda v: 0.1 + 0.2 * mp.exp(-((10 * v) ** exponent)) + 0.02 * v)
+    actual = series_coefficients(law)
+    right = expected_coefficients(lambda v: 0.1 + 0.2 * mp.exp(-((10 * v) ** exponent)) + 0.02 * v)
     pieces = exponent in (1.5, 3.0)  # whose higher derivatives know fewer digits
     np.testing.assert_allclose(actual[:3], right[:3], rtol=1e-8)
     np.testing.assert_allclose(actual[:6], right[:6], atol=2e-6 if pieces else 1e-14)
@@ -64,8 +64,10 @@ def test_the_series_of_a_law_is_that_of_its_derivatives(exponent):
 def test_the_series_of_a_table_is_that_of_its_cubic():
     law = Tabulated([0.0, 0.1, 0.4, 0.8], [0.3, 0.2, 0.13, 0.1])
     cube, square, line, constant = law.cubics[:, 1]
-    right = expected(lambda v: ((cube * (v - 0.1) + square) * (v - 0.1) + line) * (v - 0.1) + constant)
-    actual = coefficients(law)
+    right = expected_coefficients(
+        lambda v: ((cube * (v - 0.1) + square) * (v - 0.1) + line) * (v - 0.1) + constant
+    )
+    actual = series_coefficients(law)
     assert actual[0] == pytest.approx(float(law.coefficient(ORIGIN) - law.coefficient(ORIGIN + 0.9 * UNIT)))
     np.testing.assert_allclose(actual[1:], right[1:], atol=1e-14)
 

@@ -19,8 +19,8 @@ BENCH = Bearing(50.0, 400.0, 2.0e6, LAW, 0.100)
 def test_an_exponent_of_one_is_stribecks_law():
     assert stribeck(0.3, 0.1, 10.0, 0.01, 1.0) == Stribeck(0.3, 0.1, 10.0, 0.01)
     v = np.linspace(-1.0, 1.0, 41)
-    one, law = Stretched(0.3, 0.1, 10.0, 0.01, 1.0), Stribeck(0.3, 0.1, 10.0, 0.01)
-    np.testing.assert_allclose(one.coefficient(v), law.coefficient(v), rtol=1e-15)
+    stretched, law = Stretched(0.3, 0.1, 10.0, 0.01, 1.0), Stribeck(0.3, 0.1, 10.0, 0.01)
+    np.testing.assert_allclose(stretched.coefficient(v), law.coefficient(v), rtol=1e-15)
 
 
 @pytest.mark.parametrize('exponent', [1.5, 3.0])

@@ -73,7 +73,7 @@ def warning_event(number: int, severity: str = 'ERROR', text: str = 'x') -> dict
 
 
 def check_document(text: str) -> dict[str, Any]:
-    """What a check prints, with a text wherever a name or a sentence stands."""
+    """Return what a check prints, with a text wherever a name or a sentence stands."""
     topics = {text: {'type': text, 'messages': 7, 'problem': text}}
     spoken = {
         'topic': text,
@@ -104,7 +104,7 @@ def check_document(text: str) -> dict[str, Any]:
 
 
 def page_of(text: str) -> str:
-    """A report in which every text is the given one."""
+    """Return a report in which every text is the given one."""
     picture = Picture(DRAWING, DRAWING, text)
     finding = Finding('alarm', (text, text + '2'))
     hostile = {'field': text, 'type': text, 'limit': 5.0, 'wrong': [text, text]}
@@ -115,8 +115,8 @@ def page_of(text: str) -> str:
         RecordingPart('bag-1', text, check_document(text), (finding,), {text: part}),
         RecordingPart('bag-2', text, failed, (finding,), {}),
     ]
-    made = datetime(2026, 5, 5, tzinfo=timezone.utc)
-    return html_page(parts, load_config(CONFIG), str(CONFIG), made).decode()
+    created = datetime(2026, 5, 5, tzinfo=timezone.utc)
+    return html_page(parts, load_config(CONFIG), str(CONFIG), created).decode()
 
 
 def test_hostile_names_stay_text() -> None:
@@ -140,13 +140,13 @@ def test_nothing_is_run_and_nothing_is_fetched() -> None:
     assert 'url(' not in text.replace('url(#', '')
 
 
-def test_it_is_well_formed_and_can_be_found_the_way_around_in() -> None:
+def test_the_report_is_well_formed_and_navigable() -> None:
     page = Page(page_of('x'))
     assert page.wrong == []
     assert page.open == []
     levels = [int(tag[1]) for tag, _ in page.tags if tag in ('h1', 'h2', 'h3', 'h4')]
     assert levels.count(1) == 1
-    assert all(after <= before + 1 for before, after in pairwise(levels))
+    assert all(next_level <= level + 1 for level, next_level in pairwise(levels))
     tags = [tag for tag, _ in page.tags]
     assert tags.count('table') == tags.count('caption')
     assert all(a.get('scope') in ('col', 'row') for tag, a in page.tags if tag == 'th')
@@ -193,12 +193,12 @@ def test_the_cards_say_units_scales_and_what_is_assumed(tmp_path: Path) -> None:
     checked = check_recording(ROOT / 'bags' / 'coast_down', load_config(str(config)), outlined=True)
     archive = Archive()
     archive.add(recording_part(to_json(checked), checked))
-    made = datetime(2026, 5, 5, tzinfo=timezone.utc)
-    page = html_page(list(archive.shown()), checked.config, str(config), made).decode()
+    created = datetime(2026, 5, 5, tzinfo=timezone.utc)
+    page = html_page(list(archive.shown()), checked.config, str(config), created).decode()
     cards = dict(re.findall(r'<caption>(Speed|Load)</caption>(.*?)</table>', page, flags=re.DOTALL))
-    (shown,) = re.findall(r'range</th><td>([^<]*)<', cards['Speed'])
-    numbers = [float(number) for number in re.findall(r'[\d.]+', shown)]
-    assert re.sub(r'[\d.]+', '#', shown) == '# to # rpm (# to # m/s; sent as # to #)'
+    (text_range,) = re.findall(r'range</th><td>([^<]*)<', cards['Speed'])
+    numbers = [float(number) for number in re.findall(r'[\d.]+', text_range)]
+    assert re.sub(r'[\d.]+', '#', text_range) == '# to # rpm (# to # m/s; sent as # to #)'
     low, high, *si, first, last = numbers
     assert (low, high) == pytest.approx((2 * first, 2 * last), rel=1e-3)
     assert si == pytest.approx([RPM * low, RPM * high], rel=1e-3)
@@ -208,19 +208,19 @@ def test_the_cards_say_units_scales_and_what_is_assumed(tmp_path: Path) -> None:
     assert 'topic' not in cards['Load']
 
 
-def test_of_an_archive_what_is_not_shown_is_a_row_whatever_came_of_it() -> None:
-    finding, made = Finding('unknown', ('no verdict',)), datetime(2026, 5, 5, tzinfo=timezone.utc)
+def test_recordings_that_are_not_drawn_have_a_row() -> None:
+    finding, created = Finding('unknown', ('no verdict',)), datetime(2026, 5, 5, tzinfo=timezone.utc)
     documents = [
         check_document('x'),
         check_document('x') | {'complete': False},
         {'path': 'x', 'error': 'torn'},
     ]
     parts = [RecordingPart(f'bag-{k}', 'x', documents[k % 3], (finding,)) for k in range(MAX_DRAWN + 3)]
-    text = html_page(parts, load_config(CONFIG), str(CONFIG), made).decode()
+    text = html_page(parts, load_config(CONFIG), str(CONFIG), created).decode()
     rows = re.findall(r'<tr><td>x</td><td>(.*?)</td><td>(.*?)</td><td>.*?no verdict(.*?)</td>', text)
-    begun, lasting = '2026-05-04 00:00:00.0', '10\N{NO-BREAK SPACE}s'
-    whole, part, torn = (begun, lasting, ''), (begun, lasting, ' Not all of it was read.'), ('', '', '')
-    assert rows == [whole, part, torn] * 5
+    begin, lasting = '2026-05-04 00:00:00.0', '10\N{NO-BREAK SPACE}s'
+    complete, part, torn = (begin, lasting, ''), (begin, lasting, ' Not all of it was read.'), ('', '', '')
+    assert rows == [complete, part, torn] * 5
 
 
 def test_of_very_many_events_the_severe_stay() -> None:
@@ -242,8 +242,8 @@ def test_a_date_stands_where_it_changes_and_shares_add_up() -> None:
 
 
 def test_defaults_are_told_from_what_was_given() -> None:
-    given = {'bearings': ['aft'], 'aft.mass': 50.0, 'aft.friction.law': 'coulomb'}
-    (_, monitor), (_, bearing) = parameter_groups(given, ['aft'])
+    parameters = {'bearings': ['aft'], 'aft.mass': 50.0, 'aft.friction.law': 'coulomb'}
+    (_, monitor), (_, bearing) = parameter_groups(parameters, ['aft'])
     assert monitor[0].value == 'aft'
     assert [row.name for row in bearing if row.given] == ['mass', 'friction.law']
     rows = {row.name: row for row in bearing}

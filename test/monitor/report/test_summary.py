@@ -147,7 +147,7 @@ def epoch_ns(text: str) -> int:
 
 
 @pytest.mark.parametrize(
-    ('shown', 'text'),
+    ('quantity', 'text'),
     [
         (summary.duration(0.0), '0.0 s'),
         (summary.duration(9.96), '10 s'),
@@ -171,9 +171,9 @@ def epoch_ns(text: str) -> int:
         (summary.count(1250, 'event'), '1 250 events'),
     ],
 )
-def test_quantities(shown: str, text: str) -> None:
+def test_quantities(quantity: str, text: str) -> None:
     spaces = ('\N{NO-BREAK SPACE}', '\N{NARROW NO-BREAK SPACE}')
-    assert shown.replace(spaces[0], ' ').replace(spaces[1], ' ') == text
+    assert quantity.replace(spaces[0], ' ').replace(spaces[1], ' ') == text
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from shared import Program
 
 
 @pytest.fixture(scope='session')
-def _ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _ros_context(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     import rclpy
 
     domain, claim = claim_domain()
@@ -31,12 +31,12 @@ _numbers = itertools.count(1)
 
 
 @pytest.fixture
-def peer(_ros: None) -> Iterator[Peer]:
-    """The test's own node."""
+def peer(_ros_context: None) -> Iterator[Peer]:
+    """Yield the test's own node."""
     peer = Peer(f'peer{next(_numbers)}')
     yield peer
-    for each in peer.watched:
-        each.end()
+    for program in peer.watched:
+        program.end()
     peer.close()
 
 

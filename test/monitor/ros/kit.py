@@ -55,7 +55,7 @@ def node_parameters(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
 
 
 def stamped_parameters(*changes: dict[str, Any], **node: Any) -> dict[str, Any]:
-    """The same for STAMPED on simulated time, which :class:`Telemetry` moves: no machine is too slow."""
+    """Return :func:`node_parameters` of STAMPED on simulated time, which :class:`Telemetry` moves."""
     return node_parameters(STAMPED, *changes, use_sim_time=True, **node)
 
 
@@ -71,24 +71,24 @@ class Peer:
         self.executor.add_node(self.node)
         self.watched: list[Any] = []
 
-    def until(self, condition: Callable[[], Any], what: str, deadline: float = DEADLINE) -> Any:
+    def until(self, condition: Callable[[], Any], event: str, deadline: float = DEADLINE) -> Any:
         """Spin until a condition holds; fail at the deadline."""
         end = time.monotonic() + deadline
         while not (value := condition()):
             if time.monotonic() > end:
-                printed = '\n'.join(each.output for each in self.watched)
-                pytest.fail(f'{what}: not within {deadline:g} s; the programs printed:\n{printed}')
+                printed = '\n'.join(program.output for program in self.watched)
+                pytest.fail(f'{event}: not within {deadline:g} s; the programs printed:\n{printed}')
             self.executor.spin_once(timeout_sec=0.02)
         return value
 
     def spin(self, seconds: float) -> None:
         """Let time pass."""
         end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0:
-            self.executor.spin_once(timeout_sec=left)
+        while (remaining := end - time.monotonic()) > 0:
+            self.executor.spin_once(timeout_sec=remaining)
 
     def listen(self, kind: Any, topic: str, latched: bool = False, reliable: bool = True) -> Any:
-        """A list that fills with the messages of a topic."""
+        """Return a list that fills with the messages of a topic."""
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
         reliability, durability = ReliabilityPolicy, DurabilityPolicy
@@ -97,19 +97,19 @@ class Peer:
             reliability=reliability.RELIABLE if reliable else reliability.BEST_EFFORT,
             durability=durability.TRANSIENT_LOCAL if latched else durability.VOLATILE,
         )
-        heard: list[Any] = []
-        self.node.create_subscription(kind, topic, heard.append, qos)
-        return heard
+        messages: list[Any] = []
+        self.node.create_subscription(kind, topic, messages.append, qos)
+        return messages
 
     def talk(self, kind: Any, topic: str, wait: bool = True) -> Any:
-        """A publisher that somebody already listens to."""
+        """Return a publisher; ``wait`` until it has a subscriber."""
         publisher = self.node.create_publisher(kind, topic, 2000)
         if wait:
             self.until(lambda: publisher.get_subscription_count(), f'a subscriber of {topic}')
         return publisher
 
     def call(self, kind: Any, service: str, **request: Any) -> Any:
-        """The answer of a service."""
+        """Call a service and return its response."""
         client = self.node.create_client(kind, service)
         self.until(client.service_is_ready, f'service {service}')
         future = client.call_async(kind.Request(**request))
@@ -129,21 +129,21 @@ class Named:
         self.peer, self.space, self.values = peer, space, values
 
     def name(self, topic: str) -> str:
-        """The full name of one of the node's own topics or services."""
+        """Return the full name of one of the node's own topics or services."""
         return f'/{self.space}/stickslip_monitor/{topic}'
 
     def input(self, topic: str) -> str:
-        """The full name of an input topic."""
+        """Return the full name of an input topic."""
         return f'/{self.space}/{topic}'
 
     def listen(self, topic: str, kind: str = 'String', latched: bool = False) -> list[Any]:
-        """What comes on one of the node's own topics."""
+        """Return a list that fills with the messages of one of the node's own topics."""
         import std_msgs.msg
 
         return self.peer.listen(getattr(std_msgs.msg, kind), self.name(topic), latched)
 
     def talk(self, topic: str, kind: str = 'Float64') -> Callable[[Any], None]:
-        """What publishes a number on one of the node's inputs."""
+        """Return a function that publishes a number on one of the node's inputs."""
         import std_msgs.msg
 
         message = getattr(std_msgs.msg, kind)
@@ -151,17 +151,17 @@ class Named:
         return lambda value: publisher.publish(message(data=value))
 
     def warnings(self) -> list[Any]:
-        """The list that fills with warnings; see :func:`events`."""
-        heard = self.listen('warnings', latched=True)
+        """Return the list that fills with warnings; see :func:`events`."""
+        warnings = self.listen('warnings', latched=True)
         count = self.peer.node.count_publishers
         self.peer.until(lambda: count(self.name('warnings')), 'the node')
-        return heard
+        return warnings
 
     def diagnostics(self) -> list[Any]:
         from diagnostic_msgs.msg import DiagnosticArray
 
-        heard: list[Any] = self.peer.listen(DiagnosticArray, f'/{self.space}/diagnostics')
-        return heard
+        arrays: list[Any] = self.peer.listen(DiagnosticArray, f'/{self.space}/diagnostics')
+        return arrays
 
 
 class Log:
@@ -207,7 +207,7 @@ class Hosted(Named):
         return '\n'.join(self.log.lines)
 
     def set(self, atomically: bool = False, **values: Any) -> list[tuple[bool, str]]:
-        """Set parameters (a double underscore stands for a dot); whether, and why not."""
+        """Set parameters (a double underscore stands for a dot); return success and reason of each."""
         from rclpy.parameter import Parameter
 
         changes = [Parameter(name.replace('__', '.'), value=v) for name, v in values.items()]
@@ -221,11 +221,11 @@ class Hosted(Named):
         return [self.node.get_parameter(name.replace('__', '.')).value for name in names]
 
     def go(self, *transitions: str) -> bool:
-        """Take transitions of the life cycle; whether all succeeded."""
+        """Take transitions of the life cycle; return whether all succeeded."""
         return all(getattr(self.node, f'trigger_{name}')().name == 'SUCCESS' for name in transitions)
 
     def end(self) -> None:
-        """What the process of the node does in the end."""
+        """Destroy the node, as its process does in the end."""
         if self.node is not None:
             self.peer.executor.remove_node(self.node)
             self.node.destroy_node()
@@ -262,12 +262,12 @@ class Telemetry:
         self.peer, self.now = monitor.peer, now
         simulated = monitor.values.get('use_sim_time')
         self._clock = self.peer.talk(Clock, monitor.input('clock')) if simulated else None
-        self.now = self._real(now)
+        self.now = self._arrival_time(now)
         self._publisher = self.peer.talk(JointState, monitor.input('shaft'))
         numbers = ('amplitude', 'amplitude_exact', 'hopf_margin', 'fold_margin')
         kinds = dict.fromkeys(numbers, 'Float64') | {'regime': 'String'}
-        self.heard = {name: monitor.listen(f'aft/{name}', kind) for name, kind in kinds.items()}
-        while not all(self.heard.values()):
+        self.received = {name: monitor.listen(f'aft/{name}', kind) for name, kind in kinds.items()}
+        while not all(self.received.values()):
             self.send(rpm, 1000.0)
             self.peer.spin(0.1)
         # Whatever is still on its way belongs to the greeting.
@@ -299,62 +299,62 @@ class Telemetry:
         It comes second, after that to the new speed with the load before; a node that is late
         gives the last answer only.
         """
-        before = {name: len(heard) for name, heard in self.heard.items()}
+        counts = {name: len(received) for name, received in self.received.items()}
         self.send(rpm, load)
         patience = time.monotonic() + 0.5
 
         def answered() -> bool:
-            count = min(len(heard) - before[name] for name, heard in self.heard.items())
+            count = min(len(received) - counts[name] for name, received in self.received.items())
             return count >= 2 or (count == 1 and time.monotonic() > patience)
 
         self.peer.until(answered, f'answer to {rpm} rpm, {load} N at {self.now} s')
-        return {name: heard[-1].data for name, heard in self.heard.items()}
+        return {name: received[-1].data for name, received in self.received.items()}
 
     def hold(self, rpm: float, load: float, seconds: float) -> dict[str, Any]:
-        """An operating point for so long, ten times a second; the last answer."""
-        self.now = max(self.now, self._real(self.now))
+        """Send an operating point ten times a second for some seconds; return the last answer."""
+        self.now = max(self.now, self._arrival_time(self.now))
         for _ in range(round(seconds * 10)):
-            self.peer.spin(max(0.0, self.now + 0.1 - self._real(self.now + 0.1)))
+            self.peer.spin(max(0.0, self.now + 0.1 - self._arrival_time(self.now + 0.1)))
             answer = self.step(rpm, load)
         return answer
 
-    def until(self, rpm: float, load: float, condition: Callable[[], Any], what: str) -> None:
-        """An operating point until a condition holds: a node that was held up excuses that time."""
+    def until(self, rpm: float, load: float, condition: Callable[[], Any], event: str) -> None:
+        """Send an operating point until a condition holds; a node that stalls excuses that time."""
 
         def check() -> Any:
             self.hold(rpm, load, 0.1)
             return condition()
 
-        self.peer.until(check, what)
+        self.peer.until(check, event)
 
-    def _real(self, simulated: float) -> float:
-        """The time of arrival, by which stamps that run ahead of it do not count [s]."""
+    def _arrival_time(self, simulated: float) -> float:
+        """Return the time of arrival, by which stamps that run ahead of it do not count [s]."""
         return simulated if self._clock is not None else round((time.time_ns() - T0) / SECOND, 1)
 
 
 def ros_seconds(after: float) -> tuple[int, int]:
-    """A time after T0 as ROS has it."""
+    """Return a time after T0 as ROS has it: seconds and nanoseconds."""
     return divmod(T0 + round(after * SECOND), SECOND)
 
 
 def decode_warnings(warnings: list[Any]) -> list[dict[str, Any]]:
-    """The warnings heard, decoded."""
+    """Decode warnings."""
     return [json.loads(message.data) for message in warnings]
 
 
 def latest_status(diagnostics: list[Any], bearing: str = 'aft') -> dict[str, Any]:
-    """The latest diagnostic status of a bearing, as a flat record."""
-    found = next(
+    """Return the latest diagnostic status of a bearing, as a flat record."""
+    status = next(
         (s for m in reversed(diagnostics) for s in m.status if s.name.endswith(f': {bearing}')), None
     )
-    if found is None:
+    if status is None:
         return {}
-    record = {'level': found.level, 'message': found.message, 'name': found.name}
-    return record | {pair.key: pair.value for pair in found.values}
+    record = {'level': status.level, 'message': status.message, 'name': status.name}
+    return record | {pair.key: pair.value for pair in status.values}
 
 
 def claim_domain() -> tuple[int, socket.socket]:
-    """A DDS domain that nobody else on this machine uses, and what to close to give it back.
+    """Claim a DDS domain that is free on this machine; return it and the socket whose closing frees it.
 
     Domain d talks on UDP port 7400 + 250 d (DDSI-RTPS 9.6.2.3), which a participant shares with
     others but not with a socket that does not ask to share; up to 100 these ports lie below

@@ -69,7 +69,7 @@ class _Node:
         return SimpleNamespace(handle=handle)
 
     def put(self, topic: str, message: Any, number: int | None = None, sender: bytes = b'sender') -> None:
-        """A message comes; encoded ones as they are."""
+        """Queue a message; encoded ones as they are."""
         data = message if isinstance(message, bytes) else serialize_message(message)
         self.sent += 1
         info = {'received_timestamp': self.now, 'publisher_gid': {'data': sender}}
@@ -89,14 +89,14 @@ class _Clocks:
 
 
 def two_bearings_inputs(node: Any, kind: str, field: str, step_ns: int = 0, simulated: bool = False) -> Any:
-    """Two bearings on one shaft, each with a load of its own."""
+    """Subscribe the inputs of two bearings on one shaft, each with a load of its own."""
     values: dict[str, Any] = {'bearings': ['fore', 'aft']}
     for name in values['bearings']:
-        own = {'alarm.on_delay': 0.5, 'alarm.off_delay': 0.5, 'alarm.amplitude_limit': 0.5e-3}
+        parameters = {'alarm.on_delay': 0.5, 'alarm.off_delay': 0.5, 'alarm.amplitude_limit': 0.5e-3}
         for quantity, topic in (('speed', 'speed'), ('load', f'load/{name}')):
             source = {'topic': topic, 'type': kind, 'field': field, 'timeout': 2.0}
-            own |= {f'{quantity}.{key}': value for key, value in source.items()}
-        bearing = kit.node_parameters(own)
+            parameters |= {f'{quantity}.{key}': value for key, value in source.items()}
+        bearing = kit.node_parameters(parameters)
         del bearing['bearings']
         values |= {key.replace('aft', name, 1): value for key, value in bearing.items()}
     config = build_config(values)
@@ -106,7 +106,7 @@ def two_bearings_inputs(node: Any, kind: str, field: str, step_ns: int = 0, simu
 
 
 def fetch_numbers(inputs: Any) -> list[Any]:
-    """What a turn brings for the aft bearing."""
+    """Return the numbers that a turn brings for the aft bearing."""
     inputs.fetch(False)
     return [number for number in inputs.take_numbers() if number.bearing == 'aft']
 
@@ -150,8 +150,8 @@ def test_a_stamp_before_1970_is_none() -> None:
 
 
 @pytest.mark.parametrize(('held', 'counts'), [(False, (3, 0)), (True, (0, 3))])
-def test_what_is_missing_between_two_numbers_is_counted(held: bool, counts: tuple[int, int]) -> None:
-    """Of what is missing while the node was held up nobody knows that it was lost on the way."""
+def test_messages_missing_between_two_numbers_are_counted(held: bool, counts: tuple[int, int]) -> None:
+    # Messages that are missing while the node stalled may not have been lost on the way.
     node = _Node()
     _, inputs = two_bearings_inputs(node, 'std_msgs/msg/Float64', 'data')
     node.now = BEGIN
@@ -173,7 +173,7 @@ def test_what_is_missing_between_two_numbers_is_counted(held: bool, counts: tupl
 
 
 def test_without_a_name_or_number_nothing_is_counted() -> None:
-    """What ROS 2 tells of a message has grown from version to version."""
+    # Which facts ROS 2 gives with a message has grown from version to version.
     node = _Node()
     _, inputs = two_bearings_inputs(node, 'std_msgs/msg/Float64', 'data')
     for number in (1, 7):
@@ -234,7 +234,7 @@ def test_messages_that_cannot_be_decoded_are_known() -> None:
     ids=['came back', 'two', 'named otherwise'],
 )
 def test_who_sends_is_told_by_the_order_of_messages(sent_by: tuple[bytes, ...], sends: list[bool]) -> None:
-    """Values of two publishers are mixed though the clock was set back, or names do not match."""
+    """Report two publishers as mixed though the clock was set back, or names do not match."""
     node: Any = _Node()
     infos = [
         SimpleNamespace(
@@ -258,7 +258,7 @@ def test_who_sends_is_told_by_the_order_of_messages(sent_by: tuple[bytes, ...], 
     assert len([*lane.fetch(None, False)]) == len(sent_by)
     for name in sent_by:
         lane.note_reading('aft', 0, name)
-    assert [each.sends for each in graph.publishers('speed', 'aft', 0)] == sends
+    assert [publisher.sends for publisher in graph.publishers('speed', 'aft', 0)] == sends
 
 
 TOPICS = ('speed', 'load/fore', 'load/aft')
@@ -274,13 +274,13 @@ ARRIVALS = st.lists(
 
 
 def events_of_bearings(arrivals: list[tuple[str, int, float]], piles: list[int]) -> dict[str, list[Any]]:
-    """What is told of each bearing; messages pile up before each turn.
+    """Return the events of each bearing, whose messages pile up before each turn.
 
     Args:
         arrivals: Topic, time since the message before [ms] and speed [rpm] of each message.
         piles: How many pile up.
     """
-    said: dict[str, list[Any]] = {'fore': [], 'aft': []}
+    events: dict[str, list[Any]] = {'fore': [], 'aft': []}
     node = _Node()
     config, inputs = two_bearings_inputs(node, STAMPED, 'vector.x')
     monitor = Monitor(config)
@@ -295,17 +295,17 @@ def events_of_bearings(arrivals: list[tuple[str, int, float]], piles: list[int])
         inputs.fetch(False)
         for name, place, time_ns, arrival_ns, value in inputs.take_numbers():
             update = monitor.bearings[name].update(place, time_ns, value, arrival_ns)
-            said[name].extend(map(event_record, update.events))
-    return said
+            events[name].extend(map(event_record, update.events))
+    return events
 
 
 @settings(max_examples=15, deadline=None)
 @given(arrivals=ARRIVALS, piles=st.lists(st.integers(1, 12), max_size=30))
-def test_messages_that_wait_tell_what_they_tell_one_by_one(
+def test_messages_that_wait_give_the_same_events_as_one_by_one(
     arrivals: list[tuple[str, int, float]], piles: list[int]
 ) -> None:
-    rest = [1] * len(arrivals)
-    assert events_of_bearings(arrivals, [*piles, *rest]) == events_of_bearings(arrivals, rest)
+    single = [1] * len(arrivals)
+    assert events_of_bearings(arrivals, [*piles, *single]) == events_of_bearings(arrivals, single)
 
 
 JOINT = 'sensor_msgs/msg/JointState'
@@ -385,10 +385,10 @@ def test_a_definition_has_the_fields_of_the_published_one(kind: str) -> None:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    made: dict[str, Any] = get_types_from_msg(write_definition(kind), kind)
+    written: dict[str, Any] = get_types_from_msg(write_definition(kind), kind)
     published = get_types_from_msg(store.generate_msgdef(kind, ros_version=2)[0], kind)
-    assert set(made) == set(published)
-    for name, (_, fields) in made.items():
+    assert set(written) == set(published)
+    for name, (_, fields) in written.items():
         assert fields == store.fielddefs[name][1], name
 
 
@@ -397,8 +397,8 @@ def test_bounds_of_texts_and_arrays() -> None:
     assert _msg_type_text('sequence<string<10>>') == 'string<=10[]'
 
 
-def test_the_end_of_a_topic_that_names_no_node() -> None:
-    """So rmw calls what it has not heard of, as a sender that is no ROS 2 node."""
+def test_the_name_of_a_publisher_without_a_node() -> None:
+    # So rmw names a sender that is no ROS 2 node.
     ghost = SimpleNamespace(node_name='_NODE_NAME_UNKNOWN_', node_namespace='_NODE_NAMESPACE_UNKNOWN_')
     assert node_name(ghost) == 'a program that names no node'
     assert node_name(SimpleNamespace(node_name='meter', node_namespace='/')) == '/meter'

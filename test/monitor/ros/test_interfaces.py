@@ -24,7 +24,7 @@ PAGE = Path(__file__).resolve().parents[3] / 'docs' / 'interfaces.md'
 
 @pytest.fixture
 def monitor() -> Monitor:
-    """A monitor that has warned."""
+    """Return a monitor that has warned."""
     monitor = Monitor(build_config(kit.node_parameters({'alarm.on_delay': 0.0})))
     monitor.update(Sample('aft', 'speed', 1, 20.0))
     return monitor
@@ -50,7 +50,7 @@ def test_an_assessment_and_an_action_keep_their_schemas(monitor: Monitor) -> Non
 
 
 def documented_fields(title: str) -> list[str]:
-    """The names in the first column of a section's table."""
+    """Return the names in the first column of a section's table."""
     (text,) = [part for part in PAGE.read_text().split('\n## ') if part.startswith(title)]
     rows = re.findall(r'^\| (`[^|]*) \|', text, flags=re.MULTILINE)
     return [name for row in rows for name in re.findall(r'`([^`]+)`', row)]

@@ -16,23 +16,23 @@ COVERED = {'bistable': 'acknowledged', 'margin_low': 'acknowledged'}
 
 
 class Panel:
-    """What a person sees and does."""
+    """A list of alarms and its buttons, as a person has them."""
 
     def __init__(self, monitor: Any) -> None:
         self.monitor, self.peer = monitor, monitor.peer
-        self.heard = monitor.listen('alarms', latched=True)
-        self.peer.until(lambda: self.heard, 'the list')
+        self.received = monitor.listen('alarms', latched=True)
+        self.peer.until(lambda: self.received, 'the list')
 
     @property
     def lists(self) -> list[dict[str, Any]]:
-        return [json.loads(message.data) for message in self.heard]
+        return [json.loads(message.data) for message in self.received]
 
     @property
     def changes(self) -> list[dict[str, Any]]:
         return [change for record in self.lists for change in record['changes']]
 
     def states(self) -> dict[str, str]:
-        """The alarms that are not normal, by name."""
+        """Return the states of the alarms that are not normal, by name."""
         alarms = self.lists[-1]['alarms']
         return {a['alarm']: a['state'] for a in alarms if a['state'] != 'normal'}
 
@@ -40,7 +40,7 @@ class Panel:
         self.peer.until(lambda: self.states() == states, f'{states}, not {self.states()}')
 
     def ask(self, service: str, on: bool | None = None) -> tuple[bool, str]:
-        """What a service answers; a switch is given what to do."""
+        """Call a service, with a switch where it takes one; return success and message."""
         from std_srvs.srv import SetBool, Trigger
 
         kind, request = (Trigger, {}) if on is None else (SetBool, {'data': on})
@@ -88,8 +88,8 @@ def test_requests_on_the_topic(host: Any) -> None:
     panel = Panel(monitor)
     publisher = monitor.peer.talk(String, monitor.name('actions'))
     good = '{"schema": "stickslip_monitor/action/1", "action": "remove", "by": "Ada"'
-    gone = good.replace('remove', 'suppress') + '}'
-    bad = ('no', '[1]', good + ', "bearing": "fore"}', gone, '[' * 100_000)
+    removed_action = good.replace('remove', 'suppress') + '}'
+    bad = ('no', '[1]', good + ', "bearing": "fore"}', removed_action, '[' * 100_000)
     for text in bad:
         publisher.publish(String(data=text))
     refused = 'a request on ~/actions is refused: '

@@ -32,7 +32,7 @@ class Page:
         self.url, self.space = url, space
 
     def state(self) -> dict[str, Any]:
-        """All that is shown; the first event of a stream."""
+        """Return the state that the page shows, the first event of a stream."""
         with urllib.request.urlopen(f'{self.url}events', timeout=10.0) as stream:
             for line in stream:
                 if line.startswith(b'data: '):
@@ -64,9 +64,9 @@ class Page:
             return error.code, json.load(error)['text']
 
     def figure(self, name: str, **labels: str) -> float | None:
-        """A figure of the bearing, or with other labels."""
-        own = labels or {'bearing': 'aft', 'namespace': f'/{self.space}'}
-        text = ','.join(f'{key}="{own[key]}"' for key in sorted(own))
+        """Return a metric of the bearing, or with other labels; ``None`` where it is missing."""
+        names = labels or {'bearing': 'aft', 'namespace': f'/{self.space}'}
+        text = ','.join(f'{key}="{names[key]}"' for key in sorted(names))
         return self.metrics().get(f'stickslip_{name}{{{text}}}')
 
     def up(self, space: str = '') -> float | None:
@@ -75,7 +75,7 @@ class Page:
 
 @pytest.fixture
 def open_page(run: Any, tmp_path: Path) -> Iterator[Any]:
-    """Starts a dashboard beside nodes, in a process of its own."""
+    """Yield a function that starts a dashboard beside nodes, in a process of its own."""
     started = []
 
     def open_page(*monitors: Any, more: tuple[str, ...] = ()) -> tuple[Any, Page]:
@@ -88,12 +88,12 @@ def open_page(run: Any, tmp_path: Path) -> Iterator[Any]:
             *(word for node in nodes for word in ('--node', node)),
         )
         started.append(dashboard)
-        found = first.peer.until(
+        match = first.peer.until(
             lambda: re.search(r'Dashboard on (http://127\.0\.0\.1:\d+/)\n', dashboard.output),
             'the dashboard',
             120.0,  # on a busy machine its imports alone take long
         )
-        return dashboard, Page(found[1], first.space)
+        return dashboard, Page(match[1], first.space)
 
     yield open_page
     for dashboard in started:
@@ -103,45 +103,45 @@ def open_page(run: Any, tmp_path: Path) -> Iterator[Any]:
 
 @pytest.mark.slow
 def test_of_two_nodes_on_a_page_the_one_that_is_meant_acts(start: Any, open_page: Any) -> None:
-    """Twin screws: the bearings have one name, and so have the topics but for the namespace."""
+    """Show twin screws: bearings and topics have one name, but for the namespace."""
     port = start(kit.node_parameters(kit.STAMPED))
     shared = ('-r', f'/diagnostics:=/{port.space}/diagnostics')
     starboard = start(kit.node_parameters(kit.STAMPED), *shared)
-    shown = open_page(port, starboard)[1]
-    other, peer = Page(shown.url, starboard.space), port.peer
+    port_page = open_page(port, starboard)[1]
+    starboard_page, peer = Page(port_page.url, starboard.space), port.peer
     sick, well = kit.Telemetry(port), kit.Telemetry(starboard)
     sick.hold(20.0, 1000.0, 2.0)
     well.hold(60.0, 1000.0, 2.0)
-    both = {f'{port.space}/aft': 'stick_slip', f'{starboard.space}/aft': 'normal'}
+    expected = {f'{port.space}/aft': 'stick_slip', f'{starboard.space}/aft': 'normal'}
 
     def reasons() -> dict[str, str]:
-        return {b['name']: (b['status'] or {}).get('reason') for b in shown.state()['bearings']}
+        return {b['name']: (b['status'] or {}).get('reason') for b in port_page.state()['bearings']}
 
-    peer.until(lambda: reasons() == both, 'both')
-    assert (shown.figure('predicted'), other.figure('predicted')) == (1.0, 0.0)
-    assert other.act('acknowledge', 'stick_slip') == (409, 'there is nothing to acknowledge')
-    assert shown.act('acknowledge', 'stick_slip') == (200, 'acknowledge: 1 alarm')
+    peer.until(lambda: reasons() == expected, 'both')
+    assert (port_page.figure('predicted'), starboard_page.figure('predicted')) == (1.0, 0.0)
+    assert starboard_page.act('acknowledge', 'stick_slip') == (409, 'there is nothing to acknowledge')
+    assert port_page.act('acknowledge', 'stick_slip') == (200, 'acknowledge: 1 alarm')
     peer.until(lambda: 'acknowledge by Ada' in port.output, 'its word')
     assert 'acknowledge by Ada' not in starboard.output
-    last = shown.state()['log'][-1]
-    own = f'{port.space}/aft'
-    assert (last['what'], last['by'], last['bearing']) == ('acknowledge', 'Ada', own)
-    assert shown.act('shelve', 'stick_slip')[0] == 200
-    one = {'bearing': 'aft', 'namespace': f'/{port.space}', 'alarm': 'stick_slip'}
-    shelved = one | {'priority': 'alarm', 'state': 'shelved'}
-    peer.until(lambda: shown.figure('alarm_state', **shelved) == 1.0, 'the shelf')
-    notes = [entry['text'] for entry in shown.state()['log'] if not entry['alarm']]
+    last = port_page.state()['log'][-1]
+    bearing = f'{port.space}/aft'
+    assert (last['what'], last['by'], last['bearing']) == ('acknowledge', 'Ada', bearing)
+    assert port_page.act('shelve', 'stick_slip')[0] == 200
+    labels = {'bearing': 'aft', 'namespace': f'/{port.space}', 'alarm': 'stick_slip'}
+    shelved = labels | {'priority': 'alarm', 'state': 'shelved'}
+    peer.until(lambda: port_page.figure('alarm_state', **shelved) == 1.0, 'the shelf')
+    notes = [entry['text'] for entry in port_page.state()['log'] if not entry['alarm']]
     assert 'aft/stick_slip: shelve by Ada: new oil' in notes
     # One that is silent is told, and the other is not taken for it.
     assert port.stop() == 0
-    peer.until(lambda: shown.up() == 0.0, 'silence')
+    peer.until(lambda: port_page.up() == 0.0, 'silence')
     # Nothing old is repeated, and nothing is done.
-    assert shown.figure('load_newtons') is None
-    gone = (503, 'the monitor is not there, or not active: nothing was done')
-    peer.until(lambda: shown.act('unshelve', 'stick_slip') == gone, 'the word that it is gone')
+    assert port_page.figure('load_newtons') is None
+    refusal = (503, 'the monitor is not there, or not active: nothing was done')
+    peer.until(lambda: port_page.act('unshelve', 'stick_slip') == refusal, 'the word that it is gone')
     missing = [f'{port.space}/aft']
-    peer.until(lambda: shown.state()['monitor']['missing'] == missing, 'which it is')
-    assert other.up() == 1.0
+    peer.until(lambda: port_page.state()['monitor']['missing'] == missing, 'which it is')
+    assert starboard_page.up() == 1.0
 
 
 def test_of_two_bearings_on_one_shaft_the_speed_is_published_once() -> None:
@@ -154,8 +154,8 @@ def test_of_two_bearings_on_one_shaft_the_speed_is_published_once() -> None:
 
     values: dict[str, Any] = {'bearings': ['fore', 'aft']}
     for name in values['bearings']:
-        own = {f'{name}.{key}': value for key, value in kit.PARAMETERS.items()}
-        values |= own | {f'{name}.load.topic': f'{name}/load'}
+        bearing_values = {f'{name}.{key}': value for key, value in kit.PARAMETERS.items()}
+        values |= bearing_values | {f'{name}.load.topic': f'{name}/load'}
     inputs = [(name, place) for name in values['bearings'] for place in (Input.SPEED, Input.LOAD)]
     node: Any = SimpleNamespace(create_publisher=create_publisher)
     bridge = Bridge(node, '/port/stickslip_monitor', build_config(values), inputs)

@@ -20,7 +20,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
 @pytest.fixture
 def values(tmp_path: Path) -> dict[str, Any]:
-    """One bearing, and clips of two seconds before and after an alarm."""
+    """Return parameters of one bearing, with clips of two seconds before and after an alarm."""
     return kit.stamped_parameters() | {
         'clips.directory': str(tmp_path / 'clips'),
         'clips.around': 2.0,
@@ -62,9 +62,9 @@ def test_an_alarm_leaves_a_clip_that_can_be_checked(
     assert raised + 1.3 <= seconds[-1] <= raised + 2.1
     # The same monitor over the clip alone says the same.
     inputs = {f'aft.{quantity}.topic': f'{space}/shaft' for quantity in ('speed', 'load')}
-    found = check_recording(path, build_config(kit.node_parameters(kit.STAMPED) | inputs))
-    told = [e for e in found.bearings['aft'].events if e.after.value == 'stick_slip']
-    assert told[0].time_ns == pytest.approx(kit.T0 + raised * kit.SECOND, abs=1e3)
+    report = check_recording(path, build_config(kit.node_parameters(kit.STAMPED) | inputs))
+    onsets = [e for e in report.bearings['aft'].events if e.after.value == 'stick_slip']
+    assert onsets[0].time_ns == pytest.approx(kit.T0 + raised * kit.SECOND, abs=1e3)
 
 
 def test_a_clip_that_is_not_over_is_written_when_the_node_stops(

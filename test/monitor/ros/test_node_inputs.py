@@ -20,7 +20,7 @@ def test_garbage_is_counted_named_and_never_evaluated(host: Any) -> None:
     diagnostics, warnings = monitor.diagnostics(), monitor.warnings()
     telemetry = kit.Telemetry(monitor)
     peer, good, rounds = monitor.peer, telemetry.now, 20
-    before = {name: len(heard) for name, heard in telemetry.heard.items()}
+    counts = {name: len(messages) for name, messages in telemetry.received.items()}
     for _ in range(rounds):
         telemetry.send(math.nan, -math.inf, good + 0.1)
         telemetry.send(math.inf, math.nan, good + 0.1)
@@ -43,7 +43,7 @@ def test_garbage_is_counted_named_and_never_evaluated(host: Any) -> None:
         )
     }
     peer.until(lambda: expected.items() <= kit.latest_status(diagnostics).items(), f'counts {expected}')
-    assert {name: len(heard) for name, heard in telemetry.heard.items()} == before
+    assert {name: len(messages) for name, messages in telemetry.received.items()} == counts
     assert not warnings
     assert telemetry.step(20.0, 1000.0)['regime'] == 'unstable'
     assert telemetry.step(-60.0, 1000.0)['regime'] == 'stable'  # astern
@@ -51,7 +51,7 @@ def test_garbage_is_counted_named_and_never_evaluated(host: Any) -> None:
 
 
 def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: Any) -> None:
-    """While the node is busy, messages pile up in its queue; of a flood some are left out."""
+    # While the node is busy, messages pile up in its queue; of a flood some are left out.
     from stickslip_monitor.ros.inputs import MAX_ANSWERED, MAX_WAITING
 
     monitor = host(kit.stamped_parameters())
@@ -60,20 +60,20 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
     telemetry.step(61.0, 1000.0)
     peer, key = monitor.peer, 'speed samples accepted'
     peer.until(lambda: kit.latest_status(diagnostics).get('shaft speed [rpm]') == '61', 'diagnostics')
-    heard = telemetry.heard['hopf_margin']
+    answers = telemetry.received['hopf_margin']
 
     def taken() -> int:
         return int(monitor.node._configured.session.monitor.bearings['aft'].counts[0][0])
 
-    before, said, count = taken(), len(heard), 10 * MAX_ANSWERED
+    accepted, answered, count = taken(), len(answers), 10 * MAX_ANSWERED
     for i in range(count):
         telemetry.send(60.0 + 0.01 * i, 1000.0)
     telemetry.send(math.nan, math.nan)
-    peer.until(lambda: taken() == before + count, f'{count} samples')
+    peer.until(lambda: taken() == accepted + count, f'{count} samples')
     last = pytest.approx((60.0 + 0.01 * (count - 1)) / 30.7380 - 1.0, abs=1e-5)
-    peer.until(lambda: len(heard) > said and heard[-1].data == last, 'an answer to the last')
+    peer.until(lambda: len(answers) > answered and answers[-1].data == last, 'an answer to the last')
     # One by one there are two answers to each; what comes in few pieces may be answered so.
-    assert len(heard) - said < count
+    assert len(answers) - answered < count
 
     for _ in range(MAX_WAITING + 500):
         telemetry.send(60.0, 1000.0)
@@ -82,13 +82,13 @@ def test_of_messages_that_wait_all_are_evaluated_and_the_last_is_answered(host: 
         return int(kit.latest_status(diagnostics, 'the node').get('messages left out', 0))
 
     peer.until(left_out, 'the flood')
-    peer.until(lambda: taken() + left_out() == before + count + MAX_WAITING + 500, 'every message counted')
+    peer.until(lambda: taken() + left_out() == accepted + count + MAX_WAITING + 500, 'every message counted')
     peer.until(lambda: kit.latest_status(diagnostics, 'the node')['level'] == b'\x01', 'a warning')
-    assert int(kit.latest_status(diagnostics)[key]) > before
+    assert int(kit.latest_status(diagnostics)[key]) > accepted
 
 
 def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
-    """A bearing for each fault of its speed; the load of all is fine."""
+    """Start one bearing for each fault of its speed; the load of all is fine."""
     import rclpy
     from std_msgs.msg import Float32, Float64
 
@@ -96,8 +96,8 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
     values: dict[str, Any] = {'bearings': names}
     # Null in a file, as 'ros2 param dump' writes it, comes as one of these words.
     for name, null in zip(names, ('null', 'Null', 'NULL', '~'), strict=True):
-        own = kit.node_parameters({'speed.topic': f'{name}/speed', 'friction.speed': null})
-        values |= {key.replace('aft', name, 1): v for key, v in own.items() if key != 'bearings'}
+        bearing_values = kit.node_parameters({'speed.topic': f'{name}/speed', 'friction.speed': null})
+        values |= {key.replace('aft', name, 1): v for key, v in bearing_values.items() if key != 'bearings'}
     monitor = host(values)
     peer, diagnostics = monitor.peer, monitor.diagnostics()
     alarms = monitor.listen('alarms', latched=True)
@@ -111,8 +111,8 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
     # One participant publishes one type on a topic: another brings the wrong one.
     context = rclpy.Context()
     rclpy.init(args=[], context=context)
-    other = rclpy.create_node('other', context=context)
-    other.create_publisher(Float32, topic('wrong/speed'), 10)
+    other_node = rclpy.create_node('other', context=context)
+    other_node.create_publisher(Float32, topic('wrong/speed'), 10)
     mixed = [talk(Float64, 'mixed/speed') for _ in range(2)]
     expected = {
         'silent': f'{node} publishes on {topic("silent/speed")}, but nothing arrives.',
@@ -124,14 +124,14 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
         'mixed': f'2 publishers send on {topic("mixed/speed")} ({node}): their values are mixed.',
     }
 
-    def told() -> dict[str, str]:
+    def faults() -> dict[str, str]:
         load.publish(Float64(data=1000.0))
-        for each in mixed:
-            each.publish(Float64(data=60.0))
+        for publisher in mixed:
+            publisher.publish(Float64(data=60.0))
         peer.spin(0.05)
         return {name: kit.latest_status(diagnostics, name).get('speed fault', '') for name in expected}
 
-    peer.until(lambda: all(told()[name].startswith(text) for name, text in expected.items()), f'{expected}')
+    peer.until(lambda: all(faults()[name].startswith(text) for name, text in expected.items()), f'{expected}')
     mixed_status = kit.latest_status(diagnostics, 'mixed')
     assert (mixed_status['level'], mixed_status['reason']) == (b'\x01', 'normal')
     assert expected['mixed'] in mixed_status['message']
@@ -143,27 +143,27 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
         return [note['text'] for note in notes if note['what'] == 'input']
 
     peer.until(lambda: f'nobody: {expected["nobody"]}' in noted(), 'the notes')
-    other.destroy_node()
+    other_node.destroy_node()
     rclpy.shutdown(context=context)
 
 
 def test_messages_of_another_definition_are_said_to_be(host: Any) -> None:
-    """Fifty numbers are announced and one is there (CDR: four bytes of head, then the fields)."""
+    """Announce fifty numbers and send one (CDR: four bytes of head, then the fields)."""
     from std_msgs.msg import Float64MultiArray
 
     kind = 'std_msgs/msg/Float64MultiArray'
-    own = {'load.type': kind, 'load.field': 'data[0]', 'load.timeout': 1.0}
-    monitor = host(kit.node_parameters(own))
+    load = {'load.type': kind, 'load.field': 'data[0]', 'load.timeout': 1.0}
+    monitor = host(kit.node_parameters(load))
     peer, diagnostics = monitor.peer, monitor.diagnostics()
     talk = peer.talk(Float64MultiArray, monitor.input('aft/load'))
     wrong = b'\0\1\0\0' + struct.pack('<IIIId', 0, 0, 50, 0, 1.0)
 
-    def told() -> bool:
+    def is_reported() -> bool:
         talk.publish(wrong)
         text = f'cannot be decoded: its sender has another definition of {kind}'
         return text in kit.latest_status(diagnostics).get('load fault', '')
 
-    peer.until(told, 'the fault')
+    peer.until(is_reported, 'the fault')
 
 
 def test_a_publisher_that_has_gone_is_named_once(host: Any) -> None:
@@ -174,25 +174,25 @@ def test_a_publisher_that_has_gone_is_named_once(host: Any) -> None:
     load, speed = monitor.talk('aft/load'), peer.talk(Float64, monitor.input('shaft/speed'))
     sent: list[Any] = [load]
 
-    def told(key: str, text: str) -> Any:
+    def published(key: str, text: str) -> Any:
         def check() -> bool:
-            for each in sent:
-                each(60.0)
+            for publish in sent:
+                publish(60.0)
             peer.spin(0.05)
             return kit.latest_status(diagnostics).get(key, '').startswith(text)
 
         return check
 
     # The graph is looked at while an input is not there.
-    peer.until(told('speed fault', f'/{peer.node.get_name()} publishes on'), 'silence')
+    peer.until(published('speed fault', f'/{peer.node.get_name()} publishes on'), 'silence')
     sent.append(lambda value: speed.publish(Float64(data=value)))
-    peer.until(told('reason', 'normal'), 'a quiet bearing')
+    peer.until(published('reason', 'normal'), 'a quiet bearing')
     sent.pop()
     peer.node.destroy_publisher(speed)
-    peer.until(told('message', 'aft: Input speed lost'), 'the loss')
+    peer.until(published('message', 'aft: Input speed lost'), 'the loss')
     topic, name = monitor.input('shaft/speed'), f'/{peer.node.get_name()}'
     text = f'No publisher on {topic}: {name}, which published on it, has gone.'
-    peer.until(told('speed fault', text), 'who has gone')
+    peer.until(published('speed fault', text), 'who has gone')
     assert kit.latest_status(diagnostics)['message'].count(text) == 1
 
 
@@ -208,14 +208,16 @@ rclpy.spin(node)
 
 
 def test_a_sender_that_was_killed_and_came_back_is_one(host: Any, run: Any) -> None:
-    """Nobody takes leave of a killed one: DDS has it in the graph for its lease of 20 s."""
+    """Kill a sender: DDS has it in the graph for its lease of 20 s."""
     monitor = host(kit.node_parameters())
     peer, topic = monitor.peer, monitor.input('shaft/speed')
     # Without shared memory, which a killed program leaves behind.
     sender = ('env', 'FASTDDS_BUILTIN_TRANSPORTS=UDPv4', sys.executable, '-c', SENDER, topic)
 
     def sending() -> list[bool]:
-        return sorted(each.sends for each in monitor.node._configured.graph.publishers(topic, 'aft', 0))
+        return sorted(
+            publisher.sends for publisher in monitor.node._configured.graph.publishers(topic, 'aft', 0)
+        )
 
     first = run(*sender)
     peer.until(lambda: sending() == [True], 'a sender')
@@ -233,7 +235,7 @@ def test_a_sender_that_was_killed_and_came_back_is_one(host: Any, run: Any) -> N
     ],
 )
 def test_an_assumed_load_and_a_speed_by_its_name(host: Any, load: dict[str, Any], text: str) -> None:
-    """The load comes with the speed, whose place in the message changes."""
+    # The load comes with the speed, whose place in the message changes.
     from sensor_msgs.msg import JointState
 
     speed = {name: value for name, value in kit.STAMPED.items() if not name.startswith('load.')}
@@ -278,8 +280,8 @@ def test_the_water_is_measured_and_its_silence_told(host: Any) -> None:
     assert 'water_temperature in C from' in monitor.output
 
 
-def test_messages_of_others_on_the_topic_are_no_fault_and_a_name_that_none_has_is_told(host: Any) -> None:
-    """As on ``/joint_states``, where each controller publishes its own joints."""
+def test_only_a_joint_name_that_no_message_has_is_a_fault(host: Any) -> None:
+    """Publish as on ``/joint_states``, where each controller publishes its own joints."""
     from sensor_msgs.msg import JointState
 
     speed = {name: value for name, value in kit.STAMPED.items() if not name.startswith('load.')}
@@ -289,21 +291,21 @@ def test_messages_of_others_on_the_topic_are_no_fault_and_a_name_that_none_has_i
     del values['aft.load.topic']
     values |= {name.replace('aft', 'fore', 1): value for name, value in values.items() if name != 'bearings'}
     monitor = host(values | {'bearings': ['aft', 'fore'], 'fore.speed.field': 'velocity[shfat]'})
-    diagnostics, peer, other = monitor.diagnostics(), monitor.peer, kit.Peer('rudder')
+    diagnostics, peer, rudder = monitor.diagnostics(), monitor.peer, kit.Peer('rudder')
     try:
-        talk = [each.talk(JointState, monitor.input('shaft')) for each in (peer, other)]
+        talk = [node.talk(JointState, monitor.input('shaft')) for node in (peer, rudder)]
         fault = f"No message on {monitor.input('shaft')} names 'shfat': they name rudder, shaft."
 
-        def told() -> bool:
+        def is_reported() -> bool:
             for publisher, name in zip(talk, ('shaft', 'rudder'), strict=True):
                 publisher.publish(JointState(name=[name], velocity=[60.0 if name == 'shaft' else 0.01]))
             peer.spin(0.05)
             return kit.latest_status(diagnostics, 'fore').get('speed fault') == fault
 
-        peer.until(told, fault)
+        peer.until(is_reported, fault)
         aft = kit.latest_status(diagnostics)
         assert (aft['level'], aft['reason'], aft['shaft speed [rpm]']) == (b'\x00', 'normal', '60')
         assert 'speed fault' not in aft
         assert not any(line.startswith('[warning] aft') and '/shaft' in line for line in monitor.log.lines)
     finally:
-        other.node.destroy_node()
+        rudder.node.destroy_node()

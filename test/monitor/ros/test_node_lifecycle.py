@@ -54,8 +54,8 @@ def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets
     assert kit.latest_status(diagnostics)['level'] == b'\x01'
     peer.until(lambda: not json.loads(alarms[-1].data)['monitoring'], 'the last list')
     # All that was done to the node is on record.
-    said = [note for m in alarms for note in json.loads(m.data)['notes']]
-    assert [note['text'] for note in said if note['what'] in ('lifecycle', 'parameter')] == [
+    notes = [note for m in alarms for note in json.loads(m.data)['notes']]
+    assert [note['text'] for note in notes if note['what'] in ('lifecycle', 'parameter')] == [
         'the monitor is configured, inactive',
         'the monitor is active',
         'parameter aft.alarm.on_delay: 0.5 -> 0.6',
@@ -63,12 +63,12 @@ def test_deactivation_stops_the_output_activation_resumes_it_and_cleanup_forgets
     ]
     topic = monitor.input('shaft')
     assert f'aft: speed in rpm from {topic} ({kit.JOINT}, velocity[0])' in monitor.output
-    heard = [*telemetry.heard.values(), warnings, diagnostics]
-    counts = [len(item) for item in heard]
+    outputs = [*telemetry.received.values(), warnings, diagnostics]
+    counts = [len(item) for item in outputs]
     for _ in range(10):
         telemetry.send(60.0, 1000.0)
     peer.spin(1.3)
-    assert [len(item) for item in heard] == counts
+    assert [len(item) for item in outputs] == counts
 
     assert monitor.go('activate')
     # The state was kept: still the alarm of before, until a sample says otherwise.
@@ -126,13 +126,13 @@ def test_a_callback_that_fails_is_told_and_survived(host: Any) -> None:
 
 
 def test_deactivation_under_load_leaves_nothing_behind(host: Any) -> None:
-    """Messages wait at every transition; a callback that fails is counted."""
+    """Have messages wait at every transition; a callback that fails is counted."""
     monitor = host(kit.node_parameters())
     talk = [monitor.talk('shaft/speed'), monitor.talk('aft/load')]
     for _ in range(20):
         for value in (60.0, 1000.0) * 5:
-            for each in talk:
-                each(value)
+            for publish in talk:
+                publish(value)
             monitor.peer.executor.spin_once(timeout_sec=0.0)
         assert monitor.go('deactivate')
         monitor.peer.spin(0.02)

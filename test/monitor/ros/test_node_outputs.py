@@ -33,18 +33,18 @@ def test_warnings_arrive_clear_and_are_kept_for_late_joiners(host: Any) -> None:
 
     for _, (rpm, to) in expected:
         telemetry.until(rpm, 1000.0, lambda to=to: [e for e in changes() if e['to'] == to], to)
-    heard = changes()
-    assert [(e['from'], e['to']) for e in heard] == [(a[1], b[1]) for a, b in expected]
-    for event, (_, (rpm, to)) in zip(heard, expected, strict=True):
+    received = changes()
+    assert [(e['from'], e['to']) for e in received] == [(a[1], b[1]) for a, b in expected]
+    for event, (_, (rpm, to)) in zip(received, expected, strict=True):
         assert (event['schema'], event['bearing']) == ('stickslip_monitor/warning/3', 'aft')
         assert (event['reason'], event['load'], event['input_age']) == (to, 1000.0, {})
         assert event['speed'] == pytest.approx(math.pi * 0.1 * rpm / 60.0, rel=1e-12)
         assert event['sticking'] is (to == 'stick_slip')
         assert event['fold_margin'] == pytest.approx(rpm / 40.7179 - 1.0, abs=2e-6)
         assert event['text'].startswith('aft: ')
-    late = monitor.warnings()
-    monitor.peer.until(lambda: len(late) >= len(warnings), 'latched warnings')
-    assert [message.data for message in late] == [message.data for message in warnings]
+    late_joiner = monitor.warnings()
+    monitor.peer.until(lambda: len(late_joiner) >= len(warnings), 'latched warnings')
+    assert [message.data for message in late_joiner] == [message.data for message in warnings]
 
 
 def test_published_numbers_equal_the_assessment(host: Any) -> None:
@@ -127,8 +127,8 @@ def test_diagnostics_come_without_samples_and_at_once_on_a_change(host: Any) -> 
         telemetry.hold(rpm, 1000.0, 1.0)
     peer.until(lambda: kit.latest_status(diagnostics).get('reason') == 'stick_slip', 'stick-slip')
     # Every change was told, though all of them happened within some tenths of a second.
-    said = {kit.latest_status([message]).get('reason') for message in diagnostics}
-    assert {to for _, to in LEVELS[1:]} <= said
+    reasons = {kit.latest_status([message]).get('reason') for message in diagnostics}
+    assert {to for _, to in LEVELS[1:]} <= reasons
     record = kit.latest_status(diagnostics)
     assert (record['level'], record['name']) == (b'\x02', f'{monitor.space}/stickslip_monitor: aft')
     assert record['message'].startswith('aft: Stick-slip predicted. ')
@@ -142,25 +142,25 @@ def test_diagnostics_come_without_samples_and_at_once_on_a_change(host: Any) -> 
     peer.until(lambda: len(diagnostics) >= 2, 'diagnostics, also while nothing arrives')
 
 
-def test_what_nobody_listens_to_is_not_worked_out_and_what_fails_is_logged() -> None:
+def test_outputs_without_subscriber_are_not_computed_and_failures_are_logged() -> None:
     from rclpy.impl.implementation_singleton import rclpy_implementation
 
     from stickslip_monitor.ros.outputs import Outputs
 
     logged: list[str] = []
     logger = SimpleNamespace(warning=lambda text, **options: logged.append(text))
-    heard, unheard, full = (Mock(topic_name=name) for name in ('heard', 'unheard', 'full'))
-    unheard.get_subscription_count.return_value = 0
-    for each in (heard, full):
-        each.get_subscription_count.return_value = 1
+    subscribed, unsubscribed, full = (Mock(topic_name=name) for name in ('heard', 'unheard', 'full'))
+    unsubscribed.get_subscription_count.return_value = 0
+    for publisher in (subscribed, full):
+        publisher.get_subscription_count.return_value = 1
     full.publish.side_effect = rclpy_implementation.RCLError('cannot publish data')
     outputs: Any = Outputs.__new__(Outputs)
     outputs._clips, outputs._node = None, SimpleNamespace(get_logger=lambda: logger)
     message, never = SimpleNamespace(), Mock(side_effect=AssertionError('for nobody'))
     outputs._bearings = {
-        'aft': [(unheard, message, never)] + [(p, message, lambda _: 0.5) for p in (full, heard)]
+        'aft': [(unsubscribed, message, never)] + [(p, message, lambda _: 0.5) for p in (full, subscribed)]
     }
     outputs.take_verdict(SimpleNamespace(bearing='aft', time_ns=1))
-    heard.publish.assert_called_once_with(message)
+    subscribed.publish.assert_called_once_with(message)
     assert message.data == 0.5
     assert logged == ['not published on full: cannot publish data']

@@ -56,20 +56,20 @@ def test_thresholds_are_tuned_while_active(host: Any) -> None:
 def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
     monitor = host(kit.node_parameters())
 
-    def refused(**changes: Any) -> str:
-        before = monitor.get(*changes)
+    def refusal_of(**changes: Any) -> str:
+        values = monitor.get(*changes)
         ((successful, reason),) = monitor.set(atomically=True, **changes)
         assert not successful
-        assert monitor.get(*changes) == before
+        assert monitor.get(*changes) == values
         return reason
 
     # Outside the descriptor's range it is rclpy that refuses, in its own words.
-    text = refused(aft__alarm__hysteresis=0.95)
+    text = refusal_of(aft__alarm__hysteresis=0.95)
     assert all(word in text for word in ('aft.alarm.hysteresis', '0.95', '0.9'))
-    assert 'aft.alarm.on_delay = -1 must be a' in refused(aft__alarm__on_delay=-1)
-    assert 'aft.alarm.caution_margin' in refused(aft__alarm__caution_margin=math.nan)
-    assert refused(use_sim_time='later')
-    assert refused(use_sim_time=True, aft__alarm__on_delay=9.0) == (
+    assert 'aft.alarm.on_delay = -1 must be a' in refusal_of(aft__alarm__on_delay=-1)
+    assert 'aft.alarm.caution_margin' in refusal_of(aft__alarm__caution_margin=math.nan)
+    assert refusal_of(use_sim_time='later')
+    assert refusal_of(use_sim_time=True, aft__alarm__on_delay=9.0) == (
         'use_sim_time = True cannot be set: it is read-only while the node is active; deactivate it first'
     )
     assert monitor.set(**{'': 1.0}) == [(False, "there is no parameter ''")]
@@ -77,15 +77,15 @@ def test_bad_values_are_refused_with_name_value_and_rule(host: Any) -> None:
     # What rclpy deletes cannot be set again, whether it had a value or not.
     for name in ('aft.alarm.on_delay', 'aft.friction.speed'):
         text = f'{name} cannot be deleted: set it to a value'
-        assert refused(**{name.replace('.', '__'): None}) == text
+        assert refusal_of(**{name.replace('.', '__'): None}) == text
     for changes in (
         {'aft__mass': 60.0},
         {'aft__speed__topic': 'elsewhere'},
         {'aft__alarm__on_delay': 1.0, 'aft__stiffness': 1e6},
     ):
-        assert 'read-only while the node is active' in refused(**changes)
+        assert 'read-only while the node is active' in refusal_of(**changes)
     for fixed in ({'bearings': ['aft', 'fwd']}, {'state_file': '/tmp/x'}, {'aft__calibration': 'x'}):
-        assert 'a running node keeps it' in refused(**fixed)
+        assert 'a running node keeps it' in refusal_of(**fixed)
     # The same value again is no change.
     assert monitor.set(aft__mass=50.0, bearings=['aft']) == [(True, '')] * 2
     # 'ros2 param load' of what 'ros2 param dump' wrote sets what has no value to this word.
@@ -100,7 +100,7 @@ def test_geometry_and_topics_change_between_activations(host: Any) -> None:
 
     monitor = host(kit.stamped_parameters())
     telemetry = kit.Telemetry(monitor)
-    before = telemetry.step(20.0, 1000.0)
+    first_answer = telemetry.step(20.0, 1000.0)
     assert monitor.go('deactivate')
     refusals = monitor.set(aft__mass=-1.0, aft__speed__field='velocity')
     assert [ok for ok, _ in refusals] == [False, False]
@@ -112,12 +112,12 @@ def test_geometry_and_topics_change_between_activations(host: Any) -> None:
         aft__load__topic='elsewhere',
     ) == [(True, '')]
     assert monitor.go('activate')
-    heard, diagnostics = telemetry.heard['fold_margin'], monitor.diagnostics()
+    margins, diagnostics = telemetry.received['fold_margin'], monitor.diagnostics()
     publisher = monitor.peer.talk(JointState, monitor.input('elsewhere'))
-    heard.clear()
+    margins.clear()
     publisher.publish(JointState(velocity=[20.0], effort=[1000.0]))
-    monitor.peer.until(lambda: heard, 'an answer')
-    assert heard[-1].data == pytest.approx(2.0 * (1.0 + before['fold_margin']) - 1.0, rel=1e-12)
+    monitor.peer.until(lambda: margins, 'an answer')
+    assert margins[-1].data == pytest.approx(2.0 * (1.0 + first_answer['fold_margin']) - 1.0, rel=1e-12)
     # Nothing is left of the inputs of before.
     counts = {f'{name} samples accepted': '1' for name in ('speed', 'load')}
     monitor.peer.until(lambda: counts.items() <= kit.latest_status(diagnostics).items(), 'a fresh start')

@@ -39,7 +39,7 @@ CONFIGURED = build_config(kit.node_parameters())
 
 
 def node_with_override(name: str, value: object) -> Any:
-    """A node whose topics are as they are given, with one override."""
+    """Return a node whose topics are as they are given, with one override."""
     parameters = {name.removeprefix('qos_overrides.'): SimpleNamespace(value=value)}
     return SimpleNamespace(
         resolve_topic_name=lambda topic: f'/{topic.replace("~", "stickslip_monitor").lstrip("/")}',
@@ -48,7 +48,7 @@ def node_with_override(name: str, value: object) -> Any:
 
 
 def assert_refused(program: Any, *texts: str) -> None:
-    """It has ended with one sentence that has these words."""
+    """Check that a program ended with one error that has these texts."""
     assert program.wait() == 2
     assert not {'Traceback', 'Warning'} & {*re.findall('Traceback|Warning', program.output)}
     errors = [line for line in program.output.splitlines() if line.startswith('ERROR: ')]
@@ -165,9 +165,9 @@ def test_a_slip_in_how_parameters_are_given_is_told(
         ('pairs', '/**', '[aft], aft: {load: {over_speed: [[0, 2], [60, 1]]}}'),
     ):
         Path(f'{name}.yaml').write_text(f'{section}:\n  ros__parameters: {{bearings: {names}}}\n')
-    found = node._parameter_slip(arguments)
-    assert text in found
-    assert bool(found) == bool(text)
+    message = node._parameter_slip(arguments)
+    assert text in message
+    assert bool(message) == bool(text)
 
 
 def test_the_node_asks_what_check_would_ask(host: Any) -> None:
@@ -234,7 +234,7 @@ def test_signals_during_start_up(run: Any, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_every_large_message_is_heard_or_told_lost(start: Any) -> None:
-    """Of 80 messages of 160 kB at once some find no room in the buffers of the system."""
+    # Of 80 messages of 160 kB at once some find no room in the buffers of the system.
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from sensor_msgs.msg import JointState
 
@@ -247,9 +247,9 @@ def test_every_large_message_is_heard_or_told_lost(start: Any) -> None:
     large = JointState(velocity=[60.0] * 10_000, effort=[1000.0] * 10_000)
 
     def counted() -> int:
-        heard = kit.latest_status(diagnostics).get('speed samples accepted', '0')
+        accepted = kit.latest_status(diagnostics).get('speed samples accepted', '0')
         lost = kit.latest_status(diagnostics, 'the node').get('messages lost on the way', '0')
-        return int(heard) + int(lost)
+        return int(accepted) + int(lost)
 
     def one_more() -> int:
         talk.publish(small)
@@ -301,9 +301,12 @@ def test_a_node_that_was_held_up_blames_no_input(start: Any) -> None:
         end = time.monotonic() + 4.0
         peer.until(sending(lambda end=end: time.monotonic() > end), 'some seconds')
         monitor.process.send_signal(signal.SIGCONT)
-        told = f"'times held up': '{number + 1}'"
+        stall_count = f"'times held up': '{number + 1}'"
         peer.until(
-            sending(lambda told=told: told in str(kit.latest_status(diagnostics, 'the node'))), 'the delay'
+            sending(
+                lambda stall_count=stall_count: stall_count in str(kit.latest_status(diagnostics, 'the node'))
+            ),
+            'the delay',
         )
     assert float(kit.latest_status(diagnostics, 'the node')['longest time held up [s]']) > 3.0
     assert monitor.output.count('the node was stalled for') == 2
@@ -332,7 +335,7 @@ def test_systemd_hears_of_start_life_and_end(
 @pytest.mark.slow
 def test_health_is_asked_of_a_running_node(host: Any, run: Any) -> None:
     monitor = host(kit.node_parameters())
-    own = f'/{monitor.space}/stickslip_monitor'
+    node_name = f'/{monitor.space}/stickslip_monitor'
 
     def health(*arguments: str) -> tuple[int, str]:
         program = run(
@@ -342,12 +345,12 @@ def test_health_is_asked_of_a_running_node(host: Any, run: Any) -> None:
         monitor.peer.until(lambda: not program.alive, 'the answer', 90.0)
         return program.wait(), program.output
 
-    assert health('--node', own) == (0, f'{own}: Monitoring.\n')
+    assert health('--node', node_name) == (0, f'{node_name}: Monitoring.\n')
     # Without a name it is the only one that is heard, whatever its namespace.
     monitor.node.report_exception(ValueError('odd'))
     code, text = health()
     assert code == 1
-    assert re.fullmatch(rf'{own}: 1 callback failed, last at [\d:]+ UTC: ValueError: odd\n', text)
+    assert re.fullmatch(rf'{node_name}: 1 callback failed, last at [\d:]+ UTC: ValueError: odd\n', text)
     assert_refused(
         run('env', 'ROS_DOMAIN_ID=x', sys.executable, '-m', 'stickslip_monitor', 'health'),
         'ROS cannot be started: failed to initialize rcl: ROS_DOMAIN_ID is not an integral number',
@@ -355,7 +358,7 @@ def test_health_is_asked_of_a_running_node(host: Any, run: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ('name', 'heard', 'expected'),
+    ('name', 'nodes', 'expected'),
     [
         ('port/monitor', {'/port/monitor': (0, 'Monitoring.')}, 0),
         (None, {'/port/monitor': (1, 'Not monitoring: the node is not active.')}, 1),
@@ -364,15 +367,15 @@ def test_health_is_asked_of_a_running_node(host: Any, run: Any) -> None:
         (None, {'/a': (0, ''), '/b': (0, '')}, 'several monitors run: choose one of /a, /b'),
     ],
 )
-def test_what_health_says(
-    name: str | None, heard: dict[str, Any], expected: Any, monkeypatch: pytest.MonkeyPatch
+def test_exit_code_of_health(
+    name: str | None, nodes: dict[str, Any], expected: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from stickslip_monitor.commands import health
     from stickslip_monitor.ros import other_nodes
 
     @contextmanager
     def receive(diagnostics: str, take: Any) -> Any:
-        for node_name, (level, text) in heard.items():
+        for node_name, (level, text) in nodes.items():
             take(node_name, level, text)
         yield
 
@@ -388,15 +391,17 @@ def test_what_health_says(
 
 @pytest.mark.parametrize('unit', UNITS, ids=lambda unit: unit.stem)
 def test_the_units_are_such_as_systemd_takes(unit: Path, tmp_path: Path) -> None:
-    """With the program where this environment has it; and little is left open to the service."""
+    """Verify them with the program where this environment has it; little is left open to the service."""
     analyze = shutil.which('systemd-analyze')
     if analyze is None:
         pytest.skip('systemd is not installed')
-    own, text = tmp_path / unit.name, unit.read_text('utf-8')
-    own.write_text(text.replace('/opt/stickslip_monitor/bin', sysconfig.get_path('scripts')))
-    done = subprocess.run([analyze, 'verify', '--man=no', own], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout + done.stderr) == (0, '')
-    safe = [analyze, 'security', '--offline=true', '--threshold=20', own]
+    installed, text = tmp_path / unit.name, unit.read_text('utf-8')
+    installed.write_text(text.replace('/opt/stickslip_monitor/bin', sysconfig.get_path('scripts')))
+    completed = subprocess.run(
+        [analyze, 'verify', '--man=no', installed], capture_output=True, text=True, check=False
+    )
+    assert (completed.returncode, completed.stdout + completed.stderr) == (0, '')
+    safe = [analyze, 'security', '--offline=true', '--threshold=20', installed]
     assert subprocess.run(safe, capture_output=True, check=False).returncode == 0
 
 
@@ -408,10 +413,10 @@ def test_the_units_do_with_the_systemd_of_ubuntu_22_04(unit: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_asks_for_security_gets_it_or_does_not_start(
+def test_a_node_that_asks_for_security_has_it_or_does_not_start(
     start: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Unless told to enforce it, ROS 2 goes on without any security where keys are missing."""
+    """Refuse to start without keys, where ROS 2 would go on without any security."""
     monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
     for keystore, text in (
         ('', 'ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE names no keystore'),
@@ -436,7 +441,7 @@ def test_the_security_policy_covers_all_topics_and_services(host: Any) -> None:
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     (enclaves,) = ElementTree.parse(policy, parser).getroot()
     # sros2 makes an enclave of whatever stands there, a comment too.
-    assert [each.tag for each in enclaves] == ['enclave'] * 3
+    assert [enclave.tag for enclave in enclaves] == ['enclave'] * 3
     (profile,) = enclaves[0].iter('profile')
     name = profile.attrib['node']
     monitor = host(kit.node_parameters())
@@ -456,9 +461,9 @@ def test_the_security_policy_covers_all_topics_and_services(host: Any) -> None:
         ('service', 'reply', node.get_service_names_and_types_by_node),
     ):
         patterns = [*allowed(kind, rule), f'{space}/diagnostics', f'{space}/clock', *inputs]
-        found = [topic for topic, _ in names(name, space)]
-        assert len(found) >= 3
-        assert [t for t in found if not any(fnmatchcase(t, p) for p in patterns)] == []
+        topics = [topic for topic, _ in names(name, space)]
+        assert len(topics) >= 3
+        assert [t for t in topics if not any(fnmatchcase(t, p) for p in patterns)] == []
 
 
 def test_a_double_of_the_node_is_noticed(host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -488,8 +493,8 @@ def test_a_second_publisher_of_the_clock_is_named(host: Any, monkeypatch: pytest
     diagnostics = monitor.diagnostics()
     for _ in range(2):
         monitor.peer.talk(Clock, monitor.input('clock'))
-    own = f'/{monitor.peer.node.get_name()}'
-    text = f'Several nodes publish /clock, so time jumps to and fro: {own}, {own}.'
+    node_name = f'/{monitor.peer.node.get_name()}'
+    text = f'Several nodes publish /clock, so time jumps to and fro: {node_name}, {node_name}.'
     monitor.peer.until(
         lambda: text in kit.latest_status(diagnostics, 'the node').get('message', ''), 'both names'
     )

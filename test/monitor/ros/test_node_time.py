@@ -43,7 +43,7 @@ class Sensors:
         self.peer.spin(0.02)
 
     def sending(self, rpm: float | None, load: float | None, condition: Any) -> Any:
-        """A condition to wait for while values are sent."""
+        """Return a condition to wait for while values are sent."""
 
         def check() -> Any:
             self.send(rpm, load)
@@ -51,8 +51,8 @@ class Sensors:
 
         return check
 
-    def run(self, begin: float, rpm: float | None, condition: Any, what: str, step: float = 0.2) -> float:
-        """Run the clock in steps until a condition holds; the time then."""
+    def run(self, begin: float, rpm: float | None, condition: Any, event: str, step: float = 0.2) -> float:
+        """Run the clock in steps until a condition holds; return its time."""
         now = begin
 
         def check() -> Any:
@@ -64,13 +64,13 @@ class Sensors:
             self.send(rpm, None if rpm is None else 1000.0)
             return condition()
 
-        self.peer.until(check, what)
+        self.peer.until(check, event)
         return now
 
 
 @pytest.mark.parametrize(('pause', 'set_by'), [(4, 0), (100, 0), (4, -40), (4, -7200), (4, 7200)])
 def test_after_a_restart_no_input_is_lost_for_the_time_before(pause: int, set_by: int) -> None:
-    """The node's watch over time, by a session that remembers a bearing from some time ago.
+    """Run the watchdog of a session that remembers a bearing from some time ago.
 
     A computer without a battery for its clock is behind after each start [s].
     """
@@ -143,28 +143,34 @@ class Turns:
         self.waiting: list[Waits] = []
 
         def take_numbers() -> Iterator[Number]:
-            for one in self.waiting:
-                came_ns = ship.now.time_ns - one.ago_ns
-                yield Number('aft', one.place, came_ns - one.late_ns, came_ns, (one.rpm, 1000.0)[one.place])
-                ship.steady_ns += one.frozen_ns
+            for waiting in self.waiting:
+                arrival_ns = ship.now.time_ns - waiting.ago_ns
+                yield Number(
+                    'aft',
+                    waiting.place,
+                    arrival_ns - waiting.late_ns,
+                    arrival_ns,
+                    (waiting.rpm, 1000.0)[waiting.place],
+                )
+                ship.steady_ns += waiting.frozen_ns
 
         node, configured = Mock(), Mock(session=ship.session, health=NodeHealth(), config=ship.config)
         node.get_node_names_and_namespaces.return_value = []
-        self.running: Any = NodeLoop(node, configured, lambda each: each, lambda: ship.now, False)
+        self.running: Any = NodeLoop(node, configured, lambda function: function, lambda: ship.now, False)
         self.running._log = ship
         self.running.inputs = SimpleNamespace(
-            fetch=lambda late: None, take_numbers=take_numbers, piled=False, lanes=[]
+            fetch=lambda is_late: None, take_numbers=take_numbers, piled=False, lanes=[]
         )
 
-    def turn(self, *waiting: Waits, after: float = 0.05) -> None:
-        """A turn so long [s] after the one before; there it finds what waits."""
+    def turn(self, *queued: Waits, after: float = 0.05) -> None:
+        """Take a turn some seconds after the one before, which finds what waits."""
         self.ship.steady_ns += round(after * SECOND)
-        self.waiting = list(waiting)
+        self.waiting = list(queued)
         self.running.turn()
 
 
 def test_what_waited_while_the_node_was_held_up_comes_now() -> None:
-    """One message of each input came at the begin of 4 s, the others were lost: a gap of our own."""
+    # One message of each input came at the begin of 4 s, the others were lost: a gap of our own.
     turns = Turns()
     turns.turn(*(Waits(place, ago) for ago in (39 * SECOND // 10, 0) for place in (0, 1)), after=4.0)
     assert turns.ship.events == []
@@ -183,7 +189,7 @@ def test_a_turn_that_is_frozen_midway_is_excused_by_the_next() -> None:
 
 
 def test_a_turn_that_comes_after_the_end_does_nothing() -> None:
-    """The executor may have taken the timer while the node was deactivated."""
+    """Take a turn whose timer the executor had taken before the node was deactivated."""
     turns = Turns()
     turns.running._ticker = None
     turns.turn(Waits(0, rpm=20.0), Waits(1), after=60.0)
@@ -192,7 +198,7 @@ def test_a_turn_that_comes_after_the_end_does_nothing() -> None:
 
 
 def test_a_clock_that_is_set_while_the_node_is_held_up_refuses_nothing() -> None:
-    """What waits came in part before the clock was set back by an hour, and has no stamp."""
+    # What waits came in part before the clock was set back by an hour, and has no stamp.
     turns = Turns()
     turns.ship.ahead_ns -= 3600 * SECOND
     waiting = (Waits(k % 2, ago * SECOND // 10) for ago in (36_030, 20, 10, 0) for k in range(2))
@@ -203,9 +209,9 @@ def test_a_clock_that_is_set_while_the_node_is_held_up_refuses_nothing() -> None
 
 
 def test_late_delivery_does_not_move_the_time_of_a_verdict() -> None:
-    """Stamps 0.1 s apart come 0.15 s apart: the watchdog looks in between."""
+    # Stamps 0.1 s apart come 0.15 s apart: the watchdog looks in between.
     turns = Turns(**{'alarm.on_delay': 0.5})
-    begun = turns.ship.now.time_ns + 50_000_000
+    begin_ns = turns.ship.now.time_ns + 50_000_000
     for number in range(8):
         late_ns = number * 50_000_000
         turns.turn(*(Waits(place, late_ns=late_ns, rpm=20.0) for place in (0, 1)))
@@ -213,15 +219,15 @@ def test_late_delivery_does_not_move_the_time_of_a_verdict() -> None:
         turns.turn()
     raised = next(event for event in turns.ship.events if event.after.value == 'stick_slip')
     # By the median, 20 rpm are there from the second value on, and for the on-delay of 0.5 s.
-    assert raised.time_ns - begun == 600_000_000
+    assert raised.time_ns - begin_ns == 600_000_000
 
 
 def test_the_state_is_shown_every_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    turns, shown = Turns(), list[Moment]()
-    monkeypatch.setattr(turns.ship.session, 'show', shown.append)
+    turns, moments = Turns(), list[Moment]()
+    monkeypatch.setattr(turns.ship.session, 'show', moments.append)
     for _ in range(100):
         turns.turn()
-    gaps = [(b.steady_ns - a.steady_ns) / SECOND for a, b in pairwise(shown)]
+    gaps = [(b.steady_ns - a.steady_ns) / SECOND for a, b in pairwise(moments)]
     assert gaps == pytest.approx([1.0] * 4, abs=0.1)
 
 
@@ -282,7 +288,7 @@ def test_clock_starts_late_and_jumps(host: Any) -> None:
 
 
 def test_a_clock_that_starts_late_loses_what_is_due_and_nothing_else() -> None:
-    """It starts after the time-out of the speed, and before that of the load."""
+    # It starts after the time-out of the speed, and before that of the load.
     from stickslip_monitor.ros.node_loop import Watchdog
 
     config = load_config(CONFIG)
@@ -331,7 +337,7 @@ ROS, TICK = 10**18, 6 * 10**8
 
 
 @pytest.mark.parametrize(
-    ('simulated', 'begun', 'ticks'),
+    ('simulated', 'begin_ns', 'ticks'),
     [
         # On system time the steady clock counts, whatever ROS time does.
         (False, ROS, [(30, ROS + 10**12, 30), (50, 0, 50)]),
@@ -356,10 +362,10 @@ ROS, TICK = 10**18, 6 * 10**8
         ),
     ],
 )
-def test_time_without_samples(simulated: bool, begun: int, ticks: list[tuple[int, int, int]]) -> None:
+def test_time_without_samples(simulated: bool, begin_ns: int, ticks: list[tuple[int, int, int]]) -> None:
     from stickslip_monitor.ros.node_loop import PassingTime
 
-    clock, elapsed = PassingTime(simulated, Moment(0, begun)), 0
+    clock, elapsed = PassingTime(simulated, Moment(0, begin_ns)), 0
     for steady_ns, time_ns, expected in ticks:
         elapsed += clock.passed(Moment(steady_ns, time_ns))
         assert elapsed == expected

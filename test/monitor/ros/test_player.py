@@ -47,15 +47,15 @@ def play(run: Any) -> Callable[..., Any]:
     return lambda *arguments: run(sys.executable, '-m', 'stickslip_monitor.cli', 'play', *map(str, arguments))
 
 
-class Heard:
-    """What a topic brought, and when."""
+class Received:
+    """Messages of a topic with the times at which they came."""
 
     def __init__(self, peer: Any, kind: Any, topic: str, raw: bool = False) -> None:
         self.messages: list[Any] = []
         self.times: list[float] = []
-        peer.node.create_subscription(kind, topic, self._hear, 2000, raw=raw)
+        peer.node.create_subscription(kind, topic, self._take_message, 2000, raw=raw)
 
-    def _hear(self, message: Any) -> None:
+    def _take_message(self, message: Any) -> None:
         self.messages.append(message)
         self.times.append(time.monotonic())
 
@@ -90,7 +90,7 @@ def test_timing_clock_and_bytes(peer: Any, bag: Path, play: Any) -> None:
     from rosgraph_msgs.msg import Clock
     from std_msgs.msg import Float64
 
-    a, b = Heard(peer, Float64, '/a', raw=True), Heard(peer, Float64, '/b')
+    a, b = Received(peer, Float64, '/a', raw=True), Received(peer, Float64, '/b')
     clock = peer.listen(Clock, '/clock', reliable=False)
     player = play(bag, '--rate', '2', '--wait', '60')
     peer.until(lambda: len(a.messages) >= 20 and len(b.messages) >= 20, 'all messages')
@@ -118,7 +118,7 @@ def test_loop_takes_the_clock_back_and_loses_nothing(peer: Any, tmp_path: Path, 
 
     times = BEGIN + np.arange(400, dtype=np.int64) * 10**6
     write_recording(tmp_path / 'dense', {'/a': (times, np.arange(400.0))})
-    a = Heard(peer, Float64, '/a')
+    a = Received(peer, Float64, '/a')
     clock = peer.listen(Clock, '/clock', reliable=False)
     player = play(tmp_path / 'dense', '--rate', '20', '--loop', '3', '--wait', '60')
     peer.until(lambda: len(a.messages) >= 1200, 'all messages')
@@ -144,7 +144,7 @@ def test_what_cannot_be_played_is_skipped_and_named(peer: Any, tmp_path: Path, p
         for k in range(10):
             for topic in ('/a', '/clock', '/not a topic', *unknown):
                 writer.write(topic, BEGIN + k * 10**7, encode_float64(k))
-    a = Heard(peer, Float64, '/a')
+    a = Received(peer, Float64, '/a')
     player = play(path, '--wait', '60')
     peer.until(lambda: len(a.messages) >= 10, 'all messages')
     assert player.wait() == 0
@@ -162,7 +162,7 @@ def test_what_cannot_be_played_is_skipped_and_named(peer: Any, tmp_path: Path, p
 def test_signals_end_the_player(peer: Any, bag: Path, play: Any, number: int) -> None:
     from std_msgs.msg import Float64
 
-    a = Heard(peer, Float64, '/a')
+    a = Received(peer, Float64, '/a')
     player = play(bag, '--rate', '0.1', '--wait', '60')
     peer.until(lambda: a.messages, 'a message')
     player.process.send_signal(number)
@@ -228,5 +228,5 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
     absolute = {'aft.speed.topic': topic, 'aft.load.topic': topic}
     expected = check_offline(path, monitor.values | absolute)
     assert len(expected) >= 5
-    heard = replay_to_node(monitor, run, path, 5.0, len(expected))
-    assert heard == expected
+    events = replay_to_node(monitor, run, path, 5.0, len(expected))
+    assert events == expected
