@@ -12,6 +12,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
@@ -19,6 +20,8 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ('stickslip_logs', 'stickslip_monitor', 'stickslip_lab')
+# Folders beside the packages, whose names are read as well.
+BESIDE = ('benchmarks', 'fuzz', 'scripts', 'test')
 
 # Words that begin a clause, which is no sentence: "What came of it."
 CLAUSE_WORDS = re.compile('by|for|from|how|if|in|of|that|what|when|where|which|who|whose|why|with')
@@ -88,23 +91,25 @@ def find_in_source(source: str) -> Iterator[Finding]:
 def find_in(path: Path) -> list[tuple[Path, Finding]]:
     """Return the findings in a file, or in all Python files below a folder, in order of files and lines."""
     files = [path] if path.is_file() else sorted(path.rglob('*.py'))
-    return [(file, finding) for file in files for finding in sorted(find_in_source(file.read_text('utf-8')))]
+    sources = [file for file in files if 'node_modules' not in file.parts]
+    return [
+        (file, finding) for file in sources for finding in sorted(find_in_source(file.read_text('utf-8')))
+    ]
 
 
-def count_by_room() -> dict[str, int]:
-    """Return the number of findings by room; what stands beside the rooms of a package bears its name."""
-    counts: dict[str, int] = {}
-    for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob('*.py')):
+def count_by_room() -> Counter[str]:
+    """Return the number of findings by room; files beside the rooms of a folder count under its name."""
+    counts = Counter[str]()
+    for folder in (*PACKAGES, *BESIDE):
+        for path, _ in find_in(ROOT / folder):
             inside = path.relative_to(ROOT).parts
-            room = '/'.join(inside[:2]) if len(inside) > 2 else inside[0]
-            counts[room] = counts.get(room, 0) + len(find_in(path))
+            counts['/'.join(inside[:2]) if len(inside) > 2 else inside[0]] += 1
     return counts
 
 
 def main(arguments: list[str]) -> int:
     """Print the findings of files and folders; return 1 if there are any."""
-    findings = [row for name in arguments or PACKAGES for row in find_in(Path(name))]
+    findings = [row for name in arguments or (*PACKAGES, *BESIDE) for row in find_in(Path(name))]
     for path, (line, kind, name) in findings:
         print(f'{path}:{line}: {kind.value}: {name}')
     return bool(findings)
