@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import signal
 import socket
 import struct
@@ -18,7 +19,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from stickslip_monitor.links.nmea import format_sentence, parse_sentence
-from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
@@ -46,6 +48,7 @@ LAWS = {
     'table': Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1]),
     'two falls': Tabulated([0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]),
 }
+RPM = math.pi * 0.1 / 60.0  # surface speed of the reference journal at one turn a minute [m/s]
 SCHEMAS = resources.files('stickslip_monitor') / 'schemas'
 KINDS: dict[str, tuple[type, ...]] = {
     'string': (str,),
@@ -58,6 +61,14 @@ KINDS: dict[str, tuple[type, ...]] = {
 }
 # Only a test that fails waits so long; a busy machine may need some of it.
 DEADLINE = 60.0
+
+
+def bearing_of(law: FrictionLaw, damping: float = 400.0) -> Bearing:
+    """Return the reference bearing with a law and a damping [N s/m]."""
+    return Bearing(50.0, damping, 2.0e6, law, 0.1)
+
+
+REFERENCE_BEARING = bearing_of(LAWS['stribeck'])
 
 
 class Done(NamedTuple):

@@ -6,14 +6,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from shared import REFERENCE_BEARING
 
 from stickslip_lab.calibration.calibration import Evidence
 from stickslip_lab.calibration.evidence import VibrationReport, bin_level, bin_telemetry
-from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import Stribeck
 
-BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
-RPM = BEARING.speed.factor('rpm')
+RPM = REFERENCE_BEARING.speed.factor('rpm')
 # Where vibration begins on a slow passage, below the Hopf speed of 30.74 rpm, and the fold speed,
 # both at 1 kN and by the averaged model in closed form (docs/physics.md).
 ONSET, FOLD = 26.0, 40.7231

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from slow_passages import BEARING, FOLD, ONSET, RPM, alternating_reports, slow_passage
+from shared import REFERENCE_BEARING
+from slow_passages import FOLD, ONSET, RPM, alternating_reports, slow_passage
 
 from stickslip_lab.calibration.calibration import (
     Calibration,
@@ -80,7 +81,7 @@ def test_a_value_without_a_tolerance_is_as_uncertain_as_a_drawing() -> None:
         (Tolerance(static=0.05, kinetic=0.05), math.hypot(0.05 * 0.3, 0.05 * 0.1) / 0.2),
     ):
         expected = [[0.09, -0.09], [-0.09, 0.09 + 0.16 + fall**2]]
-        np.testing.assert_allclose(prior_covariance(BEARING, tolerance), expected, rtol=1e-12)
+        np.testing.assert_allclose(prior_covariance(REFERENCE_BEARING, tolerance), expected, rtol=1e-12)
 
 
 def test_knocks_move_nothing_and_are_counted() -> None:
@@ -108,7 +109,9 @@ def test_quiet_alone_says_little_of_the_fold() -> None:
     passage = slow_passage(level=False)
     fast = replace(passage.courses[0], speed=np.maximum(passage.courses[0].speed, 45.0 * RPM))
     span = [int(fast.time_ns[0]), int(fast.time_ns[-1])]
-    calibration = calibrate([Evidence('bag', (fast,), alternating_reports(span, 'list'))], BEARING, EXACT)
+    calibration = calibrate(
+        [Evidence('bag', (fast,), alternating_reports(span, 'list'))], REFERENCE_BEARING, EXACT
+    )
     assert 'no episode was seen' in calibration.warnings[0]
     # Noise would have grown at 45 rpm, had it been below the Hopf speed.
     assert calibration.hopf_speeds(1000.0)[2] / RPM < 48.0
@@ -117,7 +120,7 @@ def test_quiet_alone_says_little_of_the_fold() -> None:
 
 def test_a_false_report_is_named_and_does_little() -> None:
     passages = [slow_passage(k, level=False) for k in range(4)]
-    undisturbed = calibrate(passages, BEARING, EXACT)
+    undisturbed = calibrate(passages, REFERENCE_BEARING, EXACT)
     (course,) = passages[3].courses
     start = int(course.time_ns[5])
     # A squeal while the shaft slowed down from 59 to 56 rpm and turned at 60 again after it.
@@ -125,7 +128,7 @@ def test_a_false_report_is_named_and_does_little() -> None:
     false_course = replace(course, name='bag 9', speed=speed)
     edges = [int(course.time_ns[0]), start, start + 14 * 10**9, int(course.time_ns[-1])]
     false = Evidence('bag 9', (false_course,), alternating_reports(edges, 'squeals.csv'))
-    calibration = calibrate([*passages, false], BEARING, EXACT)
+    calibration = calibrate([*passages, false], REFERENCE_BEARING, EXACT)
     assert fold_rpm(calibration) == pytest.approx(fold_rpm(undisturbed), rel=0.01)
     (text,) = calibration.warnings
     assert text.startswith('squeals.csv, line 2: vibration for 14 s')
@@ -135,9 +138,9 @@ def test_a_false_report_is_named_and_does_little() -> None:
 def test_a_bearing_that_changed_is_noticed_and_forgetting_follows() -> None:
     passages = [slow_passage(k) for k in range(5)] + [slow_passage(k, by=1.15) for k in range(5, 8)]
     evidence = read_levels('aft', passages)
-    calibration = calibrate(evidence, BEARING, EXACT)
+    calibration = calibrate(evidence, REFERENCE_BEARING, EXACT)
     assert any('may have changed' in text for text in calibration.warnings)
-    followed = calibrate(evidence, BEARING, EXACT, forget=0.1)
+    followed = calibrate(evidence, REFERENCE_BEARING, EXACT, forget=0.1)
     assert fold_rpm(calibration) < 1.12 * FOLD < fold_rpm(followed) < 1.18 * FOLD
     steady = calibrate_levels([slow_passage(k, rate) for k, rate in enumerate(RATES)])
     assert not steady.has_changed
@@ -147,10 +150,10 @@ def test_the_level_of_another_bearing_is_refused() -> None:
     # Vibration that ends at 3 and at 5 times the fold is none of this bearing's.
     far = [slow_passage(0, by=3.5), slow_passage(1, by=9.0)]
     with pytest.raises(CalibrationError, match='is the level that of another bearing, or a unit'):
-        calibrate_levels(far, BEARING)
+        calibrate_levels(far, REFERENCE_BEARING)
 
 
 def test_without_a_slow_passage_there_is_no_evidence() -> None:
     passage = slow_passage(level=False)
     with pytest.raises(CalibrationError, match='there is no evidence'):
-        calibrate([replace(passage, reports=())], BEARING, EXACT)
+        calibrate([replace(passage, reports=())], REFERENCE_BEARING, EXACT)

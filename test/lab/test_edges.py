@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from slow_passages import BEARING, FOLD, RPM, alternating_reports, slow_passage
+from shared import REFERENCE_BEARING
+from slow_passages import FOLD, RPM, alternating_reports, slow_passage
 
 from stickslip_lab.calibration.edges import (
     LAGS,
@@ -20,7 +21,7 @@ from stickslip_lab.calibration.evidence import TelemetryBins
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.physics.friction import Coulomb, Stribeck
 
-REFERENCE = Reference(BEARING)
+REFERENCE = Reference(REFERENCE_BEARING)
 
 
 def test_the_reference_has_both_boundaries() -> None:
@@ -32,7 +33,10 @@ def test_the_reference_has_both_boundaries() -> None:
 
 @pytest.mark.parametrize(
     'bearing',
-    [replace(BEARING, friction=Stribeck(0.1, 0.3, 10.0)), replace(BEARING, friction=Coulomb(0.1, 0.1))],
+    [
+        replace(REFERENCE_BEARING, friction=Stribeck(0.1, 0.3, 10.0)),
+        replace(REFERENCE_BEARING, friction=Coulomb(0.1, 0.1)),
+    ],
 )
 def test_a_bearing_without_a_fold_cannot_be_calibrated(bearing: object) -> None:
     with pytest.raises(CalibrationError, match='needs a bearing with a fold'):

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
+from shared import RPM
 
 from stickslip_lab.scenes.lining import (
     PER_PERIOD,
@@ -35,7 +36,6 @@ from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 
 MASS, DAMPING, STIFFNESS, OMEGA = 50.0, 400.0, 2.0e6, 200.0
 DROP, DECAY, KINETIC = 0.2, 10.0, 0.1
-RPM = math.pi * 0.1 / 60.0
 
 Make = Callable[..., Scene]
 

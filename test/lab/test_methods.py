@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from shared import bearing_of
 
 from stickslip_lab.accuracy.accuracy import CASES, METHODS
 from stickslip_lab.accuracy.accuracy import REFERENCE as BENCH
@@ -50,13 +51,13 @@ def test_where_there_is_no_cycle_no_method_invents_one(method):
     result = method.solve(BENCH, 0.43, 1000.0)
     assert math.isnan(result.amplitude)
     assert result.outcome != CYCLE
-    rising = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.1, 0.3, 10.0), 0.1)
+    rising = bearing_of(Stribeck(0.1, 0.3, 10.0))
     if method.family in ('KBM', 'harmonic balance', 'exact cycle'):
         assert method.solve(rising, 0.1, 1000.0).outcome == NO_CYCLE
 
 
 def test_harmonic_balance_refuses_a_jump_at_breakaway():
-    bearing = Bearing(50.0, 400.0, 2.0e6, Coulomb(0.3, 0.1), 0.1)
+    bearing = bearing_of(Coulomb(0.3, 0.1))
     refused = {
         method.family
         for method in METHODS

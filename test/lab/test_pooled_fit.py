@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shared import REFERENCE_BEARING
 
 from stickslip_lab.friction.curve_file import FrictionCurve, read_curve
 from stickslip_lab.friction.friction_fit import SEVERAL_LOADS, boundary_belief, fit_stribeck
 from stickslip_lab.friction.pooled_fit import PooledFit, fit_curve
-from stickslip_monitor import Bearing, Stribeck, fold_speed
+from stickslip_monitor import fold_speed
 from stickslip_monitor.errors import FitError
 from stickslip_monitor.physics.lubrication import viscosity
 
@@ -105,7 +106,7 @@ def test_the_interval_holds_the_exponent_in_95_of_100_benches() -> None:
 
 
 def test_boundaries_follow_the_load() -> None:
-    bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
+    bearing = REFERENCE_BEARING
     belief = boundary_belief(fit_curve(make_bench(1.0, 1e-6)), bearing, 3000.0)
     true = 3.0 * float(fold_speed(bearing, 1000.0))
     assert fold_speed(belief.bearing, 3000.0) == pytest.approx(true, rel=1e-3)

@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 from scipy.stats import norm
-from slow_passages import BEARING, RPM
+from shared import REFERENCE_BEARING
+from slow_passages import RPM
 
 from stickslip_lab.calibration.edges import Edges, End, Passage, Reference, ReportedCourse
 from stickslip_lab.calibration.evidence import VibrationReport
@@ -20,7 +21,7 @@ from stickslip_lab.calibration.posterior import (
 )
 from stickslip_monitor.arrays import FloatArray
 
-REFERENCE = Reference(BEARING)
+REFERENCE = Reference(REFERENCE_BEARING)
 PRIOR = np.array([[0.09, -0.09], [-0.09, 0.30]])
 REPORT = VibrationReport('aft', 0, 10**11, True, 1.0, 0.999, 'level, 1')
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.signal import welch
+from shared import RPM
 
 from stickslip_lab.scenes.scene import Scene
 from stickslip_lab.scenes.shaft_effects import Sea
 
 MakeScene = Callable[..., Scene]
-RPM = math.pi * 0.1 / 60.0  # m/s of one rpm
 TIME = np.linspace(0.0, 100.0, 401)
 ORDERS: dict[str, Any] = {
     'unit': 'rpm',

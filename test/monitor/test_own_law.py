@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 from own_law import OwnLaw
+from shared import bearing_of
 
-from stickslip_monitor import Bearing, Stribeck, exact_cycle, exact_unstable_cycle
+from stickslip_monitor import Stribeck, exact_cycle, exact_unstable_cycle
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.jit import has_compiler
 from stickslip_monitor.physics.integrator import Drive, MotionState, integrate
 from stickslip_monitor.physics.scalar_law import scalar_law
 
 NUMBERS = (0.3, 0.1, 10.0)
-REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(*NUMBERS), 0.1)
+REFERENCE = bearing_of(Stribeck(*NUMBERS))
 OWN = replace(REFERENCE, friction=OwnLaw(*NUMBERS))
 SPEED, LOAD = 0.05, 1000.0
 

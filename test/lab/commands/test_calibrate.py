@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from shared import CONFIG, ROOT, Stickslip
+from shared import CONFIG, ROOT, RPM, Stickslip
 
 from stickslip_lab.scenes.truth import read_truth
 from stickslip_logs.recordings.reader import open_bag
@@ -19,7 +18,6 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameter_file import load_config
 
 COAST_DOWN = ROOT / 'bags' / 'coast_down'
-RPM = math.pi * 0.1 / 60.0
 
 
 @pytest.fixture

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from shared import CONFIG as REFERENCE_FILE
-from slow_passages import BEARING, FOLD, ONSET, slow_passage
+from shared import REFERENCE_BEARING
+from slow_passages import FOLD, ONSET, slow_passage
 
 from stickslip_lab.calibration.calibration import Evidence, calibrate, read_levels
 from stickslip_lab.drawing.studies import draw_calibration
@@ -17,12 +18,12 @@ from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.physics.probability import EXACT
 
 pytest.importorskip('matplotlib')
-CONFIG = replace(load_config(REFERENCE_FILE).bearings[0], bearing=BEARING)
+CONFIG = replace(load_config(REFERENCE_FILE).bearings[0], bearing=REFERENCE_BEARING)
 
 
 def lines_of(evidence: list[Evidence]) -> dict[str, Any]:
     """Return the lines of the picture's left panel, by name: x and y of each."""
-    figure = draw_calibration(CONFIG, calibrate(evidence, BEARING, EXACT))
+    figure = draw_calibration(CONFIG, calibrate(evidence, REFERENCE_BEARING, EXACT))
     return {line.get_label(): np.array(line.get_data()) for line in figure.axes[0].lines}
 
 

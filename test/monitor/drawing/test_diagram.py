@@ -12,6 +12,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import i1, i1e
 from shared import CONFIG as REFERENCE_FILE
+from shared import REFERENCE_BEARING, bearing_of
 
 from stickslip_monitor import Bearing, Coulomb, Regime, Stribeck, Tabulated, amplitude_rate
 from stickslip_monitor.drawing.diagram import Diagram, bifurcation_diagram, diagram_columns, draw_diagram
@@ -20,17 +21,9 @@ from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig
 
 pytest.importorskip('matplotlib')
-RPM = math.pi * 0.1 / 60.0
 LOAD = 1000.0
 TABLE = Tabulated([0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4], [0.3, 0.2, 0.19, 0.19, 0.15, 0.1, 0.11])
 CONFIG = load_config(REFERENCE_FILE)
-
-
-def bearing_of(friction: object, damping: float = 400.0) -> Bearing:
-    return Bearing(50.0, damping, 2.0e6, friction, 0.1)  # type: ignore[arg-type]
-
-
-REFERENCE = bearing_of(Stribeck(0.3, 0.1, 10.0))
 
 
 def diagram_of(bearing: Bearing) -> Diagram:
@@ -39,7 +32,7 @@ def diagram_of(bearing: Bearing) -> Diagram:
 
 @pytest.fixture(scope='module')
 def reference() -> Diagram:
-    return diagram_of(REFERENCE)
+    return diagram_of(REFERENCE_BEARING)
 
 
 def test_branches_end_exactly_at_hopf_and_fold(reference: Diagram) -> None:
@@ -63,7 +56,7 @@ def test_branches_end_exactly_at_hopf_and_fold(reference: Diagram) -> None:
     assert reference.spans == (
         (0.0, hopf.speed, Regime.UNSTABLE),
         (hopf.speed, end, Regime.BISTABLE),
-        (end, diagram_speeds(REFERENCE, LOAD)[1], Regime.STABLE),
+        (end, diagram_speeds(REFERENCE_BEARING, LOAD)[1], Regime.STABLE),
     )
     growing, slower = reference.growth_rate > 0.0, reference.speed < hopf.speed
     usual = reference.speed != hopf.speed

@@ -7,23 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shared import CONFIG
+from shared import CONFIG, REFERENCE_BEARING
 
-from stickslip_monitor import Bearing, Stribeck, Tabulated, hopf_speed
+from stickslip_monitor import Stribeck, Tabulated, hopf_speed
 from stickslip_monitor.drawing.diagram import bifurcation_diagram, draw_diagram
 from stickslip_monitor.drawing.map import boundaries, diagram_speeds, draw_map, map_ranges
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.physics.cycles import end_of_vibration
 from stickslip_monitor.physics.lubrication import Lubrication, viscosity
 
-PLAIN = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
-OWN = replace(PLAIN, lubrication=Lubrication(1000.0, 0.7, 15.0)).at_temperature(5.0)
+OWN = replace(REFERENCE_BEARING, lubrication=Lubrication(1000.0, 0.7, 15.0)).at_temperature(5.0)
 LOAD = 3000.0
 SCALE = 3.0**0.7 * viscosity(15.0) / viscosity(5.0)
 
 
 def test_a_diagram_is_that_of_the_law_written_out() -> None:
-    equivalent = replace(PLAIN, friction=Stribeck(0.3, 0.1, 10.0 / SCALE))
+    equivalent = replace(REFERENCE_BEARING, friction=Stribeck(0.3, 0.1, 10.0 / SCALE))
     speeds = diagram_speeds(OWN, LOAD)
     assert speeds == pytest.approx(diagram_speeds(equivalent, LOAD), rel=1e-12)
     diagram, expected = (bifurcation_diagram(bearing, LOAD, speeds, 40) for bearing in (OWN, equivalent))
@@ -46,7 +45,7 @@ def test_map_and_diagram_name_the_water_of_the_configuration() -> None:
 
 @pytest.mark.parametrize('exponent', [0.7, 1.0])
 def test_a_map_has_its_boundaries_where_the_speeds_say(exponent: float) -> None:
-    lubricated = replace(PLAIN, lubrication=Lubrication(1000.0, exponent))
+    lubricated = replace(REFERENCE_BEARING, lubrication=Lubrication(1000.0, exponent))
     speeds, loads = map_ranges(lubricated)
     assert loads[1] > 1000.0
     curves = boundaries(lubricated, speeds, 0.2, 30)
@@ -60,8 +59,8 @@ def test_a_map_has_its_boundaries_where_the_speeds_say(exponent: float) -> None:
 
 def test_corners_of_a_table_lie_at_the_speeds_of_the_load() -> None:
     law = Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1])
-    lubricated = replace(PLAIN, friction=law, lubrication=Lubrication(1000.0, 1.0))
-    equivalent = replace(PLAIN, friction=Tabulated([0.0, 0.3, 0.6, 1.5], law.values))
+    lubricated = replace(REFERENCE_BEARING, friction=law, lubrication=Lubrication(1000.0, 1.0))
+    equivalent = replace(REFERENCE_BEARING, friction=Tabulated([0.0, 0.3, 0.6, 1.5], law.values))
     diagram, expected = (
         bifurcation_diagram(bearing, LOAD, (0.0, 2.0), 40) for bearing in (lubricated, equivalent)
     )

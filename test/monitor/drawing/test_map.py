@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from own_law import OwnLaw
 from scipy.special import i1e
 from shared import CONFIG as REFERENCE_FILE
+from shared import RPM
 
 from stickslip_monitor import Bearing, Coulomb, FrictionLaw, Monitor, Stribeck, Tabulated, assess
 from stickslip_monitor.drawing.canvas import CONDITION_NAMES, envelope
@@ -39,7 +40,6 @@ from stickslip_monitor.physics.cycles import end_of_vibration, exact_cycle
 from stickslip_monitor.physics.lubrication import Lubrication
 
 pytest.importorskip('matplotlib')
-RPM = math.pi * 0.1 / 60.0
 CONFIG = load_config(REFERENCE_FILE)
 BEARING = CONFIG.bearings[0]
 REFERENCE = BEARING.bearing

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shared import LAWS
+from shared import LAWS, REFERENCE_BEARING, RPM, bearing_of
 
 from stickslip_monitor.monitor.assessment import BELIEFS, Outcome, Regime, assess
 from stickslip_monitor.physics.averaging import (
@@ -28,19 +28,13 @@ COLUMNS = ('speed', 'load', 'outcome_code', *STORED, *ON_DEMAND)
 _V = np.append(0.0, np.geomspace(0.005, 1.0, 39))
 _SCATTER = 0.002 * np.random.default_rng(1).standard_normal(40)
 NOISY = Tabulated(_V, 0.1 + 0.2 * np.exp(-10.0 * _V) + _SCATTER)
-BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
-RPM = np.pi * 0.100 / 60.0
-
-
-def _with_law(law: FrictionLaw, damping: float = 400.0) -> Bearing:
-    return Bearing(50.0, damping, 2.0e6, law, 0.100)
 
 
 # The numbers below are the table of docs/physics.md, to the digits printed there.
 
 
 def test_published_boundaries_and_threshold() -> None:
-    verdict = assess(BEARING, 34 * RPM, 1000.0)
+    verdict = assess(REFERENCE_BEARING, 34 * RPM, 1000.0)
     assert (verdict.hopf_speed, verdict.fold_speed_kbm) == pytest.approx((0.1609438, 0.2132256), abs=5e-8)
     assert verdict.fold_speed == pytest.approx(0.2131982, abs=5e-8)
     assert verdict.hopf_speed / RPM == pytest.approx(30.7380, abs=0.5e-4)
@@ -63,7 +57,7 @@ def test_regimes_and_signs_of_the_margins(
     revolutions: float, regime: Regime, hopf_inside: bool, fold_inside: bool
 ) -> None:
     """PHYSICS.md: unstable | bistable | stable with rising speed; negative means inside."""
-    verdict = assess(BEARING, revolutions * RPM, 1000.0)
+    verdict = assess(REFERENCE_BEARING, revolutions * RPM, 1000.0)
     assert verdict.regime is regime
     assert (verdict.hopf_margin < 0.0) is hopf_inside
     assert (verdict.fold_margin < 0.0) is fold_inside
@@ -85,7 +79,7 @@ def speeds_around(boundary: float) -> list[float]:
 @pytest.mark.parametrize('load', [200.5, 1000.0, 1e6])
 @pytest.mark.parametrize('law', ['stribeck', 'viscous'])
 def test_regime_agrees_with_the_margin_to_the_last_bit(law: str, load: float) -> None:
-    bearing = _with_law(LAWS[law])
+    bearing = bearing_of(LAWS[law])
     load = 1.2 * load if law == 'viscous' else load
     verdicts = assess(bearing, speeds_around(hopf_speed(bearing, load)), load)
     np.testing.assert_array_equal(verdicts.hopf_margin < 0.0, verdicts.regime == 'unstable')
@@ -102,7 +96,7 @@ def test_regime_agrees_with_the_margin_to_the_last_bit(law: str, load: float) ->
 @pytest.mark.parametrize('name', LAWS)
 def test_assessment_repeats_the_physics(name: str) -> None:
     # Each column is the function of the physics at the same points.
-    bearing = _with_law(LAWS[name])
+    bearing = bearing_of(LAWS[name])
     speed, load = np.meshgrid([0.01, 0.1, 0.2, 0.25, 0.5], [300.0, 1600.0])
     verdict = assess(bearing, speed, load)
     np.testing.assert_array_equal(verdict.hopf_speed, hopf_speed(bearing, load))
@@ -129,7 +123,7 @@ def test_assessment_repeats_the_physics(name: str) -> None:
 @pytest.mark.parametrize('law', [*LAWS.values(), NOISY], ids=[*LAWS, 'noisy'])
 def test_many_points_are_judged_as_each_by_itself(law: FrictionLaw) -> None:
     # Many points read the boundaries off a table, one asks the solver, also beyond the table's loads.
-    bearing = _with_law(law)
+    bearing = bearing_of(law)
     rng = np.random.default_rng(7)
     speed, load = rng.uniform(0.01, 1.0, 300), np.exp(rng.uniform(3.0, 14.5, 300))
     many = assess(bearing, speed, load)
@@ -171,7 +165,7 @@ UNKNOWN = Outcome.NOT_FINITE
 )
 def test_points_without_a_cycle_say_why(speed: float, load: float, outcome: Outcome, regime: Regime) -> None:
     for name in LAWS if outcome is not Outcome.NO_CYCLE else ['stribeck']:
-        verdict = assess(_with_law(LAWS[name]), speed, load)
+        verdict = assess(bearing_of(LAWS[name]), speed, load)
         assert (verdict.outcome, verdict.regime) == (outcome, regime)
         assert np.isnan([verdict.amplitude, verdict.amplitude_exact, verdict.amplitude_error]).all()
         if outcome is Outcome.NO_CONTACT:
@@ -182,7 +176,7 @@ def test_points_without_a_cycle_say_why(speed: float, load: float, outcome: Outc
 
 @pytest.mark.parametrize('name', ['rising', 'level'])
 def test_friction_that_does_not_fall_has_no_boundary(name: str) -> None:
-    verdict = assess(_with_law(LAWS[name], 0.0), 0.1, 1e5)
+    verdict = assess(bearing_of(LAWS[name], 0.0), 0.1, 1e5)
     assert (verdict.outcome, verdict.regime) == (Outcome.NO_BOUNDARY, Regime.STABLE)
     assert verdict.hopf_margin == verdict.fold_margin == verdict.stability_margin == np.inf
     assert np.isnan([verdict.hopf_speed, verdict.fold_speed, verdict.fold_speed_kbm]).all()
@@ -222,9 +216,9 @@ def test_no_bearing_raises_or_warns(mass: float, damping: float, stiffness: floa
 
 def test_columns_have_the_shape_of_speed_and_load() -> None:
     for law in LAWS.values():
-        grid = assess(_with_law(law), np.full((3, 1), 0.1), np.full(4, 1e3))
-        empty = assess(_with_law(law), np.zeros(0), 1.0)
-        single = assess(_with_law(law), 0.1, 1000)
+        grid = assess(bearing_of(law), np.full((3, 1), 0.1), np.full(4, 1e3))
+        empty = assess(bearing_of(law), np.zeros(0), 1.0)
+        single = assess(bearing_of(law), 0.1, 1000)
         for field in (*COLUMNS, 'regime_code'):
             assert getattr(grid, field).shape == (3, 4), field
             assert getattr(empty, field).shape == (0,), field
@@ -243,7 +237,7 @@ POINTS = st.lists(st.tuples(NUMBERS, st.floats(-10.0, 5e3)), min_size=1, max_siz
 @given(name=st.sampled_from(['stribeck', 'viscous', 'rising', 'level']), points=POINTS)
 def test_batch_is_bit_identical_to_single_points(name: str, points: list[tuple[float, float]]) -> None:
     # Columns by the exact fold differ: many loads start from neighbours.
-    bearing = _with_law(LAWS[name])
+    bearing = bearing_of(LAWS[name])
     batch = assess(bearing, *(np.array(column) for column in zip(*points, strict=True)))
     for i, (v, n) in enumerate(points):
         single = assess(bearing, v, n)
@@ -259,7 +253,7 @@ def test_batch_is_bit_identical_to_single_points(name: str, points: list[tuple[f
 
 @pytest.mark.parametrize('name', LAWS)
 def test_exact_cycles_beyond_the_boundaries_are_found(name: str) -> None:
-    bearing = _with_law(LAWS[name], 20.0)
+    bearing = bearing_of(LAWS[name], 20.0)
     points = assess(bearing, np.full(9, 0.1), np.geomspace(10.0, 2000.0, 9))
     ends = np.fmax(points.fold_speed, points.hopf_speed)
     speed = np.where(np.isfinite(ends), ends, 0.1) * np.array([0.9, 0.999, 1.02, 1.3, 3.0])[:, None]
@@ -273,7 +267,7 @@ def test_the_exact_amplitude_and_what_averaging_misses() -> None:
     revolutions = np.array([10.0, 20.0, 30.0, 38.0])
     averaged = np.array([0.26352, 0.52688, 0.78708, 0.99499])
     exact = np.array([0.296953, 0.556755, 0.804800, 1.000212])
-    verdict = assess(BEARING, revolutions * RPM, 1000.0)
+    verdict = assess(REFERENCE_BEARING, revolutions * RPM, 1000.0)
     np.testing.assert_allclose(verdict.amplitude_exact * 1e3, exact, atol=5.1e-7)
     np.testing.assert_allclose(verdict.amplitude_error, averaged / exact - 1.0, atol=2e-5)
 
@@ -296,7 +290,7 @@ def test_what_only_the_exact_model_sustains_is_not_stable(
     exact: float,
     millimetres: float | None,
 ) -> None:
-    verdict = assess(_with_law(law), revolutions * RPM, load)
+    verdict = assess(bearing_of(law), revolutions * RPM, load)
     assert verdict.fold_speed_kbm / RPM == pytest.approx(averaged, rel=1e-4, nan_ok=True)
     assert verdict.fold_speed / RPM == pytest.approx(exact, rel=1e-4)
     assert verdict.outcome is Outcome.BISTABLE
@@ -305,14 +299,14 @@ def test_what_only_the_exact_model_sustains_is_not_stable(
     assert verdict.stability_margin == verdict.fold_margin < 0.0 < verdict.fold_margin_kbm
     if millimetres is not None:
         assert 1e3 * verdict.amplitude_exact == pytest.approx(millimetres, abs=2e-5)
-    above = assess(_with_law(law), verdict.fold_speed * (1.0 + 1e-5), load)
+    above = assess(bearing_of(law), verdict.fold_speed * (1.0 + 1e-5), load)
     assert above.regime is Regime.STABLE
     assert above.fold_margin > 0.0
 
 
 def test_under_coulombs_law_what_reaches_the_journals_speed_sticks() -> None:
     """Slower than the journal it is a free damped vibration: its velocity amplitude has to be ``V``."""
-    bearing = Bearing(50.0, 400.0, 2.0e6, Coulomb(0.3, 0.1), 0.1)
+    bearing = bearing_of(Coulomb(0.3, 0.1))
     point = assess(bearing, [0.02, -0.02, 0.05], 1000.0)
     assert [Regime(code) for code in point.regime] == [Regime.BISTABLE, Regime.BISTABLE, Regime.STABLE]
     np.testing.assert_allclose(point.threshold_amplitude, [1e-4, 1e-4, np.nan], rtol=1e-12)

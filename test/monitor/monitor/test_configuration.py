@@ -4,7 +4,6 @@ from __future__ import annotations
 import contextlib
 import copy
 import json
-import math
 import os
 import random
 from pathlib import Path
@@ -13,17 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 from sending import configured, points
-from shared import REFERENCE
+from shared import REFERENCE, REFERENCE_BEARING, RPM
 
 from stickslip_monitor import Monitor, build_config, fold_speed
 from stickslip_monitor.errors import ConfigurationError, StickslipError
 from stickslip_monitor.monitor.calibration_file import sensor_record
 from stickslip_monitor.monitor.config_questions import questions
-from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.friction import Stribeck
 
-BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
-RPM = math.pi * 0.1 / 60.0
 SENSOR = {'field': 'data', 'scale': 1.0, 'offset': 0.0}
 SENSORS: dict[str, dict[str, Any]] = {
     'speed': SENSOR | {'topic': '/shaft/speed', 'unit': 'rpm'},
@@ -108,7 +103,7 @@ def test_what_onsets_tell_moves_what_is_believed_and_no_alarm(calibration_path: 
     # A law of twice the decay has all boundaries at half the speed, by the scale of v in mu(v).
     ratio = aft.belief.fold_speed(1000.0, 0.5) / fold_speed(aft.bearing, 1000.0)
     assert ratio == pytest.approx(
-        fold_speed(aft.belief.bearing, 1000.0) / fold_speed(BEARING, 1000.0), rel=1e-3
+        fold_speed(aft.belief.bearing, 1000.0) / fold_speed(REFERENCE_BEARING, 1000.0), rel=1e-3
     )
     assert 0.4 < ratio < 0.9
 

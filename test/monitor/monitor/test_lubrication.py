@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from sending import Ship, configured
-from shared import CONFIG
+from shared import CONFIG, RPM
 
 from stickslip_monitor import Assessments, Monitor, Sample, Stream, assess, exact_fold_speed
 from stickslip_monitor.cli import main
@@ -20,8 +20,6 @@ from stickslip_monitor.monitor.config_questions import questions
 from stickslip_monitor.monitor.over_arrays import BearingScan
 from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.physics.lubrication import viscosity
-
-RPM = math.pi * 0.1 / 60.0
 
 LOAD = 2500.0
 MEASURED = {'friction__at_load': 1000.0, 'friction__load_exponent': 0.8, 'friction__at_temperature': 15.0}

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sending import configured, points
 from sequences import BEARINGS
+from shared import RPM
 
 from stickslip_monitor import Monitor, MonitorConfig, Stream, assess, fold_speed
 from stickslip_monitor.errors import ConfigurationError
@@ -17,7 +18,6 @@ from stickslip_monitor.monitor.bearing_records import event_record, output_topic
 from stickslip_monitor.physics.averaging import hopf_speed
 
 TOLERANCE = {'tolerance__damping': 0.3, 'tolerance__decay': 0.2, 'tolerance__scatter': 0.02}
-RPM = math.pi * 0.1 / 60.0
 
 
 def down_and_up() -> Stream:

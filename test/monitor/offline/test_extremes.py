@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from sending import change, configured
-from shared import LAWS
+from shared import LAWS, bearing_of
 
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.assessment import REGIMES, assess
@@ -140,7 +140,7 @@ def test_a_lighter_point_may_have_the_higher_fold() -> None:
 @pytest.mark.parametrize('law', LAWS.values(), ids=LAWS)
 def test_skipped_points_change_neither_regimes_nor_least_margins(law: FrictionLaw) -> None:
     """Compare with the assessment of every point, in parts that begin with the known extremes."""
-    bearing, rng = Bearing(50.0, 400.0, 2.0e6, law, 0.1), np.random.default_rng(1)
+    bearing, rng = bearing_of(law), np.random.default_rng(1)
     load = rng.uniform(-50.0, 1000.0, (5, 400)) * np.array([[1.0], [1.2], [5.0], [0.5], [0.9]])
     table, extremes = known_table(bearing), Extremes()
     # Most about the highest boundary of their part, some at rest.

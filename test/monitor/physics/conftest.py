@@ -7,7 +7,7 @@ above it: that bounds its error without solving anything twice.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,6 +15,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from shared import REFERENCE_BEARING
 
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck
@@ -98,10 +99,17 @@ def oracle() -> Oracle:
     return Oracle()
 
 
+@pytest.fixture
+def float_errors() -> Iterator[None]:
+    """Raise where a number overflows, is invalid or is divided by zero; underflow to zero is meant."""
+    with np.errstate(divide='raise', over='raise', invalid='raise'):
+        yield
+
+
 @pytest.fixture(scope='session')
 def reference() -> Bearing:
     """Return the reference bearing of PHYSICS.md (law mu_s 0.30, mu_k 0.10, beta 10 s/m)."""
-    return Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
+    return REFERENCE_BEARING
 
 
 @pytest.fixture(scope='session')

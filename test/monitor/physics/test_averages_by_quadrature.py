@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from shared import REFERENCE_BEARING, bearing_of
 
 from stickslip_monitor.physics import averages_by_quadrature
 from stickslip_monitor.physics.averaging import count_cycles, fold_speed, hopf_speed, stationary_amplitudes
@@ -37,8 +38,8 @@ class Sharper(Stribeck):
 
 def test_a_subclass_that_overrides_its_friction_is_a_law_of_its_own() -> None:
     """Neither its parent's closed forms nor its parent's exact cycles are its own."""
-    bearing = Bearing(50.0, 400.0, 2.0e6, Sharper(0.30, 0.10, 5.0), 0.1)
-    same = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.1)
+    bearing = bearing_of(Sharper(0.30, 0.10, 5.0))
+    same = REFERENCE_BEARING
     assert hopf_speed(bearing, 1000.0) == pytest.approx(hopf_speed(same, 1000.0), rel=1e-9)
     assert fold_speed(bearing, 1000.0) == pytest.approx(fold_speed(same, 1000.0), rel=1e-7)
     assert exact_fold_speed(bearing, 1000.0) == pytest.approx(exact_fold_speed(same, 1000.0), rel=1e-6)
@@ -149,8 +150,8 @@ def test_a_fine_table_takes_memory_and_speeds_in_bounds() -> None:
     """1,000 points of Stribeck's law: its own boundaries, in a fraction of 200 MB."""
     speed = np.linspace(0.0, 1.0, 1000)
     law = Tabulated(speed, 0.1 + 0.2 * np.exp(-10.0 * speed))
-    same = Bearing(50.0, 400.0, 2.0e6, STRIBECK, 0.1)
-    bearing = Bearing(50.0, 400.0, 2.0e6, law, 0.1)
+    same = bearing_of(STRIBECK)
+    bearing = bearing_of(law)
     tracemalloc.start()
     fold, hopf = fold_speed(bearing, 1000.0), hopf_speed(bearing, 1000.0)
     peak = tracemalloc.get_traced_memory()[1]
@@ -178,7 +179,7 @@ def test_above_the_fold_of_a_measured_table_no_speed_has_a_cycle(
 ) -> None:
     """Scan 600 speeds and 17 amplitudes above the fold; just below it there is a cycle."""
     law, load = measured_curve(points, scatter, step), 609.0
-    fold = fold_speed(Bearing(50.0, 400.0, 2.0e6, law, 0.1), load)
+    fold = fold_speed(bearing_of(law), load)
     below, above = np.array([fold * (1.0 - 1e-9)]), np.geomspace(fold * (1.0 + 1e-9), 3.0, 600)
     assert load * averages_by_quadrature.peak_slope(law, below) >= 400.0
     for share in np.linspace(0.0, 1.0, 17):
@@ -220,7 +221,7 @@ def test_the_average_of_a_table_that_scatters_is_its_integral(
 @pytest.mark.parametrize('law', [STRIBECK, Sharper(0.3, 0.1, 5.0), TWO_FALLS, measured_curve(60, 0.003, 0.0)])
 def test_cycles_are_counted_as_they_are_found(law: FrictionLaw) -> None:
     # At rest and without a load there are none.
-    bearing, speed = Bearing(50.0, 400.0, 2.0e6, law, 0.1), np.linspace(0.0, 0.4, 200)
+    bearing, speed = bearing_of(law), np.linspace(0.0, 0.4, 200)
     for load in (0.0, 300.0, 1000.0):
         cycle_counts = np.isfinite(stationary_amplitudes(bearing, speed, load).amplitude).sum(axis=1)
         np.testing.assert_array_equal(count_cycles(bearing, speed, load), cycle_counts)

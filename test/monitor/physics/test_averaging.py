@@ -8,7 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from shared import LAWS
+from shared import LAWS, bearing_of
 
 from stickslip_monitor.physics.averaging import (
     amplitude_rate,
@@ -35,10 +35,6 @@ SPREAD = {
 }
 spread = pytest.mark.parametrize('size', SPREAD.values(), ids=SPREAD)
 TWO_FALLS = LAWS['two falls']
-
-
-def bearing_of(law: FrictionLaw, damping: float = 400.0) -> Bearing:
-    return Bearing(50.0, damping, 2.0e6, law, 0.1)
 
 
 @spread

@@ -6,21 +6,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from shared import RPM, bearing_of
 
 from stickslip_monitor import Bearing, CycleKind, Tabulated, assess, exact_cycle, fold_speed
 from stickslip_monitor.physics import averages_by_quadrature, cycles, orbits
 from stickslip_monitor.physics.averaging import sticking_end
 from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.cycles import end_of_vibration, exact_amplitude
-from stickslip_monitor.physics.friction import FrictionLaw, Stretched
+from stickslip_monitor.physics.friction import Stretched
 
 RISES_FIRST = Tabulated([0.0, 0.02, 0.05, 0.1, 0.2, 0.4], [0.15, 0.25, 0.3, 0.2, 0.12, 0.1])
 PLATEAU = Tabulated([0.0, 0.02, 0.05, 0.1, 0.2, 0.4], [0.3, 0.3, 0.3, 0.2, 0.12, 0.1])
-RPM = np.pi * 0.1 / 60.0
-
-
-def bearing_of(law: FrictionLaw) -> Bearing:
-    return Bearing(50.0, 400.0, 2.0e6, law, 0.1)
 
 
 def amplitude_by_integration(bearing: Bearing, speed: float, load: float, start: float) -> float:

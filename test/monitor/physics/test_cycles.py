@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import taylor
 from numpy.testing import assert_allclose, assert_array_equal
-from shared import LAWS
+from shared import LAWS, REFERENCE_BEARING
 
 from stickslip_monitor.physics import orbits
 from stickslip_monitor.physics.averaging import growth_rate
@@ -27,7 +27,6 @@ from stickslip_monitor.physics.integrator import Drive, MotionState, integrate
 
 pytestmark = pytest.mark.filterwarnings('error')
 
-BENCH = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
 LAW = Stribeck(0.3, 0.1, 1.0)
 
 
@@ -37,7 +36,7 @@ def unit_bearing(zeta: float, law: FrictionLaw = LAW) -> Bearing:
 
 
 def surface_speed(value: float) -> float:
-    return float(BENCH.speed.to_surface(value, 'rpm'))
+    return float(REFERENCE_BEARING.speed.to_surface(value, 'rpm'))
 
 
 @pytest.mark.parametrize(
@@ -51,7 +50,7 @@ def surface_speed(value: float) -> float:
     ],
 )
 def test_the_bench_of_physics_md(speed, amplitude, period):
-    cycle = exact_cycle(BENCH, surface_speed(speed), 1000.0)
+    cycle = exact_cycle(REFERENCE_BEARING, surface_speed(speed), 1000.0)
     assert cycle.kind is CycleKind.STICK_SLIP
     assert cycle.amplitude * 1e3 == pytest.approx(amplitude, abs=6e-7)
     if period:
@@ -119,8 +118,8 @@ def test_the_fold_of_damped_coulomb_in_closed_form():
 
 
 def test_the_fold_and_the_unstable_cycle_of_physics_md():
-    assert exact_fold_speed(BENCH, 1000.0) == pytest.approx(0.2131982, abs=6e-8)
-    cycle = exact_unstable_cycle(BENCH, surface_speed(34.0), 1000.0)
+    assert exact_fold_speed(REFERENCE_BEARING, 1000.0) == pytest.approx(0.2131982, abs=6e-8)
+    cycle = exact_unstable_cycle(REFERENCE_BEARING, surface_speed(34.0), 1000.0)
     assert cycle.amplitude * 1e3 == pytest.approx(0.592815, abs=6e-7)
 
 
@@ -181,12 +180,12 @@ def test_branches_meet_at_the_fold():
 
 @pytest.mark.parametrize('points', [1, 40])  # one after another, and together as arrays
 def test_within_1e_9_of_the_fold_the_kind_is_ill_posed(points):
-    fold = exact_fold_speed(BENCH, 1000.0)
+    fold = exact_fold_speed(REFERENCE_BEARING, 1000.0)
     kinds = {-5e-9: CycleKind.STICK_SLIP, 0.0: CycleKind.AT_FOLD, 5e-9: CycleKind.NONE}
     for away, kind in kinds.items():
         speed = np.full(points, fold * (1.0 + away))
-        assert_array_equal(exact_cycle(BENCH, speed, 1000.0).kind, kind)
-    assert exact_unstable_cycle(BENCH, fold, 1000.0).kind is CycleKind.AT_FOLD
+        assert_array_equal(exact_cycle(REFERENCE_BEARING, speed, 1000.0).kind, kind)
+    assert exact_unstable_cycle(REFERENCE_BEARING, fold, 1000.0).kind is CycleKind.AT_FOLD
     assert 'ill-posed' in CycleKind.AT_FOLD.sentence
 
 
@@ -217,13 +216,13 @@ def test_beyond_the_fold_nothing_is_unstable(zeta):
 
 
 def test_the_waveform_closes_and_obeys_the_equation():
-    cycle = exact_cycle(BENCH, 0.1, 1000.0)
+    cycle = exact_cycle(REFERENCE_BEARING, 0.1, 1000.0)
     time, x, v = cycle.waveform(20001)
     assert x[0] == pytest.approx(x[-1], rel=1e-10)
     assert v[0] == pytest.approx(v[-1], rel=1e-10) == pytest.approx(0.1)
     assert (np.max(x) - np.min(x)) / 2.0 == pytest.approx(cycle.amplitude, rel=1e-7)
     assert np.mean(v == 0.1) == pytest.approx(cycle.stick_fraction, abs=2e-4)
-    force = 1000.0 * BENCH.friction.coefficient(0.1 - v) - 400.0 * v - 2.0e6 * x
+    force = 1000.0 * REFERENCE_BEARING.friction.coefficient(0.1 - v) - 400.0 * v - 2.0e6 * x
     acceleration = (v[2:] - v[:-2]) / (time[2:] - time[:-2])
     slipping = np.all([v[k : v.size - 2 + k] != 0.1 for k in range(3)], axis=0)
     # Central differences: their error is the step squared.
@@ -243,7 +242,7 @@ def test_the_waveform_closes_and_obeys_the_equation():
     ],
 )
 def test_points_without_a_cycle_say_why(speed, load, kind):
-    cycle = exact_cycle(BENCH, speed, load)
+    cycle = exact_cycle(REFERENCE_BEARING, speed, load)
     assert cycle.kind is kind
     assert cycle.kind.sentence.endswith('.')
     assert math.isnan(cycle.amplitude)
@@ -277,8 +276,8 @@ def test_friction_that_does_not_fall_has_no_cycle(bearing):
 
 
 def test_fold_conventions():
-    assert_array_equal(np.isnan(exact_fold_speed(BENCH, [0.0, -1.0, math.nan, 100.0])), True)
-    assert exact_fold_speed(BENCH, [[900.0], [1100.0]]).shape == (2, 1)
+    assert_array_equal(np.isnan(exact_fold_speed(REFERENCE_BEARING, [0.0, -1.0, math.nan, 100.0])), True)
+    assert exact_fold_speed(REFERENCE_BEARING, [[900.0], [1100.0]]).shape == (2, 1)
 
 
 # The model is meant for underdamped linings: pairs with zeta above 0.95 are left out.

@@ -10,19 +10,16 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.special import i1e
+from shared import bearing_of
 
 from stickslip_monitor import Bearing, Coulomb, CycleKind, Stribeck, Tabulated, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics import folds, orbits
 from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.cycles import end_of_vibration
-from stickslip_monitor.physics.friction import FrictionLaw, Stretched
+from stickslip_monitor.physics.friction import Stretched
 
 SPEEDS = (0.0, *np.geomspace(0.01, 1.0, 12))
 TABLE = Tabulated(SPEEDS, [0.1 + 0.2 * float(np.exp(-10.0 * v)) for v in SPEEDS])
-
-
-def bearing_of(law: FrictionLaw, damping: float = 400.0) -> Bearing:
-    return Bearing(50.0, damping, 2.0e6, law, 0.100)
 
 
 @pytest.mark.parametrize(

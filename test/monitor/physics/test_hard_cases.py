@@ -8,7 +8,6 @@ zero or overflow; underflow to zero is meant, as in ``exp(-beta V)``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import mpmath as mp
 import numpy as np
@@ -16,6 +15,7 @@ import pytest
 import taylor
 from numpy.testing import assert_array_equal
 from scipy.special import i1e
+from shared import REFERENCE_BEARING
 
 from stickslip_monitor.physics.averaging import (
     fold_load,
@@ -29,13 +29,7 @@ from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import CycleKind, exact_cycle, exact_fold_speed, exact_unstable_cycle
 from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
 
-pytestmark = pytest.mark.filterwarnings('error')
-
-
-@pytest.fixture(autouse=True)
-def _raising() -> Iterator[None]:
-    with np.errstate(divide='raise', over='raise', invalid='raise'):
-        yield
+pytestmark = [pytest.mark.filterwarnings('error'), pytest.mark.usefixtures('float_errors')]
 
 
 def unit_bearing(zeta: float, law: FrictionLaw) -> Bearing:
@@ -44,14 +38,14 @@ def unit_bearing(zeta: float, law: FrictionLaw) -> Bearing:
 
 
 def stribeck_bearing(eta: float, kappa: float) -> tuple[Bearing, float]:
-    """A bearing and its load: the speed is ``beta V``."""
+    """Return a bearing and its load, at which the speed is ``beta V``."""
     return unit_bearing(kappa * eta / 2.0, Stribeck(0.3, 0.1, 1.0)), eta / 0.2
 
 
 @pytest.mark.parametrize(('eta', 'kappa'), [(1e-3, 0.9), (0.2, 0.2), (5.0, 0.2)])
 @pytest.mark.parametrize('side', [-1.0, 1.0])
 def test_the_exact_fold_is_where_the_slip_phase_grazes(eta, kappa, side):
-    """In 40 digits the lining overtakes the belt 1e-9 below the fold and misses it above."""
+    """Overtake the belt 1e-9 below the fold and miss it above, in 40 digits."""
     bearing, load = stribeck_bearing(eta, kappa)
     speed = mp.mpf(exact_fold_speed(bearing, load) * (1.0 + side * 1e-9))
     force = load / speed
@@ -102,7 +96,7 @@ LOADS = np.array([-1.0, 0.0, 1e-300, 1e-3, 1e3, 5e6, 1e300])
 @pytest.mark.parametrize('law', LAWS, ids=str)
 @pytest.mark.parametrize('damping', [0.0, 400.0, 1.8e4])
 def test_every_point_has_an_answer_of_its_kind(law, damping):
-    """No number is lost: nan is where, and only where, there is nothing."""
+    """Lose no number: nan is where, and only where, there is nothing."""
     bearing = Bearing(50.0, damping, 2.0e6, law, 0.1)
     for speed_of in (hopf_speed, fold_speed):
         loaded = np.asarray(speed_of(bearing, LOADS[LOADS > 0.0]))
@@ -126,7 +120,7 @@ def test_every_point_has_an_answer_of_its_kind(law, damping):
 @pytest.mark.slow
 @pytest.mark.parametrize('beta_v', [1e2, 1e4, 1e5, 1e7])
 def test_the_layer_of_a_sharp_law_is_never_stepped_over(beta_v):
-    """Its grazing passage feeds the cycle; weak friction must give averaging's fold.
+    """Find averaging's fold for weak friction, whose grazing passage feeds the cycle.
 
     Averaging is exact to first order in eta; in units of the sharp law's own scale the rest is
     less than ``eta/(beta V)``.
@@ -139,7 +133,7 @@ def test_the_layer_of_a_sharp_law_is_never_stepped_over(beta_v):
 
 def test_the_exact_amplitude_is_monotone_in_the_load_and_ends_in_proportion():
     """Under a great load the lining is pulled from limit to limit: ``A ~ N``."""
-    bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
+    bearing = REFERENCE_BEARING
     load = np.geomspace(500.0, 5e9, 71)
     amplitude = exact_cycle(bearing, math.pi / 30.0, load).amplitude
     slope = np.diff(np.log(amplitude)) / np.diff(np.log(load))

@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
+from own_law import OwnLaw
 from scipy.integrate import LSODA
 
 from stickslip_monitor import Bearing, Stribeck, Tabulated, exact_fold_speed
@@ -15,23 +15,10 @@ from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched
 
 
-@dataclass(frozen=True)
-class Unnamed:
+class Unnamed(OwnLaw):
     """Stribeck's law as somebody writes it who names no breakpoints."""
 
-    static: float = 0.3
-    kinetic: float = 0.1
-    decay: float = 1.0
-    breakpoints: tuple[float, ...] = ()
-
-    def coefficient(self, speed: ArrayLike) -> np.ndarray:
-        v = np.asarray(speed, float)
-        size = self.kinetic + (self.static - self.kinetic) * np.exp(-self.decay * np.abs(v))
-        return np.where(v < 0.0, -size, size)
-
-    def slope(self, speed: ArrayLike) -> np.ndarray:
-        decayed = np.exp(-self.decay * np.abs(np.asarray(speed, float)))
-        return -(self.static - self.kinetic) * self.decay * decayed
+    breakpoints = ()
 
 
 def bearing_of(law: FrictionLaw, zeta: float) -> Bearing:
@@ -80,7 +67,7 @@ NOISY = Tabulated(NOISY_SPEEDS, 0.1 + 0.2 * np.exp(-10.0 * NOISY_SPEEDS) + NOISE
 @pytest.mark.parametrize(('zeta', 'times'), [(1.0, 30.0), (7.3, 4.0)])  # load over the least unstable one
 @pytest.mark.parametrize(
     'law',
-    [Stribeck(0.3, 0.1, 10.0, 0.02), Stretched(0.3, 0.1, 10.0, 0.0, 2.0), Unnamed(decay=10.0), NOISY],
+    [Stribeck(0.3, 0.1, 10.0, 0.02), Stretched(0.3, 0.1, 10.0, 0.0, 2.0), Unnamed(0.3, 0.1, 10.0), NOISY],
     ids=['viscous', 'Gaussian', 'unnamed', 'noisy'],
 )
 def test_slip_meets_the_belt_below_the_fold_and_not_above(law, zeta, times):
@@ -94,14 +81,14 @@ def test_slip_meets_the_belt_below_the_fold_and_not_above(law, zeta, times):
 
 def test_a_law_that_names_no_breakpoints_has_the_boundaries_of_the_same_law_that_does():
     """0.3 of critical damping, 30 kN: it had none."""
-    unnamed, stribeck = (bearing_of(law, 0.3) for law in (Unnamed(), Stribeck(0.3, 0.1, 1.0)))
+    unnamed, stribeck = (bearing_of(law, 0.3) for law in (Unnamed(0.3, 0.1, 1.0), Stribeck(0.3, 0.1, 1.0)))
     load = np.array([3.2e4, 1e5, 1e6])
     np.testing.assert_allclose(exact_fold_speed(unnamed, load), exact_fold_speed(stribeck, load), rtol=1e-9)
     tables = [boundary_table(bearing) for bearing in (unnamed, stribeck)]
     for name in ('fold_kbm', 'fold'):
         np.testing.assert_allclose(*(getattr(bearing, name)(load) for bearing in tables), rtol=1e-6)
     slow = (
-        replace(unnamed, friction=Unnamed(decay=0.003)),
+        replace(unnamed, friction=Unnamed(0.3, 0.1, 0.003)),
         replace(stribeck, friction=Stribeck(0.3, 0.1, 0.003)),
     )
     np.testing.assert_allclose(*(exact_fold_speed(bearing, 1e9) for bearing in slow), rtol=1e-9)

@@ -11,11 +11,11 @@ import subprocess
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from shared import REFERENCE_BEARING, ROOT
 
 from stickslip_monitor import jit
 from stickslip_monitor.errors import PhysicsError
@@ -24,14 +24,13 @@ from stickslip_monitor.physics.cycles import exact_cycle
 from stickslip_monitor.physics.friction import Coulomb, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.integrator import Drive, Motion, MotionOutcome, MotionState, Phase, integrate
 
-REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
 LOAD = 1000.0
 HAS_NUMBA = find_spec('numba') is not None
 
 
 def test_coulomb_damper_stops_where_it_must() -> None:
     # A stopped shaft makes half swings about +-mu_k N/k, each shorter, to a stop within mu_s N/k.
-    bearing = replace(REFERENCE, friction=Coulomb(0.3, 0.25))
+    bearing = replace(REFERENCE_BEARING, friction=Coulomb(0.3, 0.25))
     half = math.pi / (bearing.natural_frequency * math.sqrt(1.0 - bearing.damping_ratio**2))
     ratio = math.exp(-bearing.damping_ratio * bearing.natural_frequency * half)
     kinetic, static = (mu * LOAD / bearing.stiffness for mu in (0.25, 0.3))
@@ -45,20 +44,20 @@ def test_coulomb_damper_stops_where_it_must() -> None:
     assert motion.final.phase is Phase.STICK
 
 
-RISING = replace(REFERENCE, friction=Stribeck(0.1, 0.3, 10.0))
+RISING = replace(REFERENCE_BEARING, friction=Stribeck(0.1, 0.3, 10.0))
 POINTS = Tabulated([0.02, 0.1, 0.5], [0.3, 0.15, 0.2])
 # Beside the cycles of test_integrator_hard.py.
 HARD = {
-    'eta 1e-6': (REFERENCE, 0.1, 5e-3, None),
-    'eta 1e3, released': (REFERENCE, 0.1, 5e6, MotionState(0.75 - 3e-5, 0.0)),
-    'level law': (replace(REFERENCE, friction=Stribeck(0.2, 0.2, 10.0)), 0.1, LOAD, None),
+    'eta 1e-6': (REFERENCE_BEARING, 0.1, 5e-3, None),
+    'eta 1e3, released': (REFERENCE_BEARING, 0.1, 5e6, MotionState(0.75 - 3e-5, 0.0)),
+    'level law': (replace(REFERENCE_BEARING, friction=Stribeck(0.2, 0.2, 10.0)), 0.1, LOAD, None),
     'rising law': (RISING, 0.1, LOAD, None),
     'rising, eta 1e3': (RISING, 0.1, 5e6, MotionState(0.25, 0.0)),
-    'rising Coulomb': (replace(REFERENCE, friction=Coulomb(0.1, 0.3)), 0.1, LOAD, None),
-    'few points': (replace(REFERENCE, friction=POINTS), 0.1, LOAD, None),
-    'no load, no speed': (REFERENCE, 0.0, 0.0, MotionState(1e-3, 0.0)),
-    'nothing at all': (REFERENCE, 0.0, 0.0, None),
-    'almost denormal': (REFERENCE, 0.0, 0.0, MotionState(1e-310, 0.0)),
+    'rising Coulomb': (replace(REFERENCE_BEARING, friction=Coulomb(0.1, 0.3)), 0.1, LOAD, None),
+    'few points': (replace(REFERENCE_BEARING, friction=POINTS), 0.1, LOAD, None),
+    'no load, no speed': (REFERENCE_BEARING, 0.0, 0.0, MotionState(1e-3, 0.0)),
+    'nothing at all': (REFERENCE_BEARING, 0.0, 0.0, None),
+    'almost denormal': (REFERENCE_BEARING, 0.0, 0.0, MotionState(1e-310, 0.0)),
 }
 
 
@@ -80,7 +79,7 @@ def test_hard_cases_end_and_are_finite(name: str) -> None:
 
 def test_rising_coulomb_law_does_not_chatter() -> None:
     # By Filippov's convex hull the lining sticks until the kinetic limit.
-    bearing = replace(REFERENCE, friction=Coulomb(0.1, 0.3))
+    bearing = replace(REFERENCE_BEARING, friction=Coulomb(0.1, 0.3))
     motion = integrate(bearing, Drive.constant(0.05, LOAD, 1.0), MotionState(0.0, 0.0), compiled=False)
     release = (0.3 * LOAD - bearing.damping * 0.05) / bearing.stiffness / 0.05
     assert motion.transitions.time == pytest.approx([release], rel=1e-12)
@@ -91,7 +90,7 @@ def test_motion_astern_mirrors_motion_ahead() -> None:
     grid, speed, load = [0.0, 0.1, 0.2], np.array([0.1, 0.02, 0.15]), [900.0, 1100.0, 700.0]
     ahead, astern = (
         integrate(
-            REFERENCE,
+            REFERENCE_BEARING,
             Drive.sampled(grid, side * speed, load),
             MotionState(side * 1e-4, 0.0),
             times,
@@ -106,18 +105,18 @@ def test_motion_astern_mirrors_motion_ahead() -> None:
 def test_bad_arguments_are_named() -> None:
     drive = Drive.constant(0.1, LOAD, 1.0)
     with pytest.raises(PhysicsError, match=r'times from 0\.5 to 2 s must lie within the drive'):
-        integrate(REFERENCE, drive, MotionState(0.0, 0.0), [0.5, 2.0])
+        integrate(REFERENCE_BEARING, drive, MotionState(0.0, 0.0), [0.5, 2.0])
     with pytest.raises(PhysicsError, match='do not fall'):
-        integrate(REFERENCE, drive, MotionState(0.0, 0.0), [0.5, 0.2])
+        integrate(REFERENCE_BEARING, drive, MotionState(0.0, 0.0), [0.5, 0.2])
     with pytest.raises(PhysicsError, match='must be 0 while the lining sticks'):
         MotionState(0.0, 0.1, Phase.STICK)
     with pytest.raises(PhysicsError, match='accuracy = 0 must be greater than 0'):
-        integrate(REFERENCE, drive, MotionState(0.0, 0.0), accuracy=0.0)
+        integrate(REFERENCE_BEARING, drive, MotionState(0.0, 0.0), accuracy=0.0)
 
 
 def test_overflow_is_an_outcome() -> None:
     drive, far = Drive.constant(0.1, LOAD, 1.0), MotionState(1e307, 0.1)
-    motion = integrate(REFERENCE, drive, far, [0.0, 1.0], compiled=False)
+    motion = integrate(REFERENCE_BEARING, drive, far, [0.0, 1.0], compiled=False)
     assert motion.outcome is MotionOutcome.NOT_FINITE
     assert motion.displacement.size == 0
 
@@ -125,7 +124,7 @@ def test_overflow_is_an_outcome() -> None:
 def test_a_held_lining_moves_as_the_straight_lines_of_the_drive_say() -> None:
     times = np.linspace(0.0, 1.0, 21)
     drive = Drive.sampled([0.0, 0.5, 1.0], [0.0, 2e-4, -2e-4], [1000.0] * 3)
-    motion = integrate(REFERENCE, drive, MotionState(0.0, 0.0), times, compiled=False)
+    motion = integrate(REFERENCE_BEARING, drive, MotionState(0.0, 0.0), times, compiled=False)
     assert motion.sticking.all()
     first_half = 2e-4 * times**2
     second_half = 5e-5 + 2e-4 * (times - 0.5) - 4e-4 * (times - 0.5) ** 2
@@ -135,7 +134,7 @@ def test_a_held_lining_moves_as_the_straight_lines_of_the_drive_say() -> None:
 
 def test_a_falling_load_releases_a_lining_from_a_shaft_at_rest() -> None:
     """Without damping ``x = x_0 - r t + (r/omega) sin(omega t)``, of the limit's rate r."""
-    bearing = replace(REFERENCE, friction=Coulomb(0.3, 0.3), damping=0.0)
+    bearing = replace(REFERENCE_BEARING, friction=Coulomb(0.3, 0.3), damping=0.0)
     time = np.linspace(0.0, 1.0, 2001)
     start = 0.3 * 1000.0 / bearing.stiffness
     drive = Drive.sampled(np.array([0.0, 1.0]), np.zeros(2), np.array([1000.0, 900.0]))
@@ -185,7 +184,7 @@ def motion_columns(motion: Motion) -> list[np.ndarray]:
 @pytest.mark.parametrize('law', LAWS)
 def test_numba_and_python_agree(law: Stribeck) -> None:
     pytest.importorskip('numba')
-    bearing, times = replace(REFERENCE, friction=law), np.linspace(0.0, 1.0, 501)
+    bearing, times = replace(REFERENCE_BEARING, friction=law), np.linspace(0.0, 1.0, 501)
     motions = [
         integrate(bearing, VARYING, MotionState(1e-4, 0.02), times, compiled=compiled)
         for compiled in (True, False)
@@ -199,18 +198,19 @@ def test_numba_and_python_agree(law: Stribeck) -> None:
 
 SIGNALLED = """
 import signal
-from test_integrator import REFERENCE, Drive, MotionState, integrate
+from shared import REFERENCE_BEARING
+from stickslip_monitor.physics.integrator import Drive, MotionState, integrate
 
 def interrupt(*_):
     raise KeyboardInterrupt
 
 drive = Drive.constant(0.1, 1000.0, 1000.0)
-integrate(REFERENCE, Drive.constant(0.1, 1000.0, 0.1), MotionState(0.0, 0.0), compiled=True)
+integrate(REFERENCE_BEARING, Drive.constant(0.1, 1000.0, 0.1), MotionState(0.0, 0.0), compiled=True)
 signal.signal(signal.SIGALRM, interrupt)
 for _ in range(10):
     signal.setitimer(signal.ITIMER_REAL, 0.005)
     try:
-        integrate(REFERENCE, drive, MotionState(0.0, 0.0), compiled=True)
+        integrate(REFERENCE_BEARING, drive, MotionState(0.0, 0.0), compiled=True)
     except KeyboardInterrupt:
         print('interrupted')
 """
@@ -220,11 +220,7 @@ def test_a_signal_in_compiled_code_ends_the_motion_and_not_the_process() -> None
     """Interrupt a thousand seconds at once: nearly all of the time goes by in the compiled loop."""
     pytest.importorskip('numba')
     completed = subprocess.run(
-        [sys.executable, '-c', SIGNALLED],
-        cwd=Path(__file__).parent,
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, '-c', SIGNALLED], cwd=ROOT / 'test', capture_output=True, text=True, check=False
     )
     assert (completed.returncode, completed.stdout.split(), completed.stderr) == (0, ['interrupted'] * 10, '')
 
@@ -232,14 +228,14 @@ def test_a_signal_in_compiled_code_ends_the_motion_and_not_the_process() -> None
 def test_without_numba_python_serves(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jit, 'has_compiler', lambda: False)
     drive = Drive.constant(0.1, 1000.0, 0.05)
-    assert integrate(REFERENCE, drive, MotionState(0.0, 0.0)).steps > 0
+    assert integrate(REFERENCE_BEARING, drive, MotionState(0.0, 0.0)).steps > 0
     with pytest.raises(PhysicsError, match='needs numba, which is not installed'):
-        integrate(REFERENCE, drive, MotionState(0.0, 0.0), compiled=True)
+        integrate(REFERENCE_BEARING, drive, MotionState(0.0, 0.0), compiled=True)
 
 
 @pytest.mark.parametrize('law', LAWS)
 def test_cutting_a_drive_at_its_samples_changes_no_bit(law: Stribeck) -> None:
-    bearing, times = replace(REFERENCE, friction=law), np.linspace(0.0, 1.0, 257)
+    bearing, times = replace(REFERENCE_BEARING, friction=law), np.linspace(0.0, 1.0, 257)
     uncut = integrate(bearing, VARYING, MotionState(0.0, 0.0), times, compiled=False)
     parts, state, cuts = [], MotionState(0.0, 0.0), (1, 2, 3, 20, 37)
     for first, last in zip((0, *cuts), (*cuts, 50), strict=True):
@@ -260,12 +256,12 @@ def test_many_cycles_do_not_drift() -> None:
 
     The period is that of the exact cycle, found by another method.
     """
-    speed, cycles = REFERENCE.speed.to_surface(20.0, 'rpm'), 100_000 if HAS_NUMBA else 2_000
-    exact = exact_cycle(REFERENCE, speed, 1000.0)
+    speed, cycles = REFERENCE_BEARING.speed.to_surface(20.0, 'rpm'), 100_000 if HAS_NUMBA else 2_000
+    exact = exact_cycle(REFERENCE_BEARING, speed, 1000.0)
     duration = (cycles + 10) * exact.period
     last_times = np.linspace(duration - 0.05, duration, 2001)
     motion = integrate(
-        REFERENCE,
+        REFERENCE_BEARING,
         Drive.constant(speed, 1000.0, duration),
         MotionState(0.0, 0.0),
         np.append(np.linspace(0.3, 0.35, 2001), last_times),
@@ -326,7 +322,7 @@ def follow_independently(bearing: Bearing, drive: Drive, motion: Motion, x: floa
 @pytest.mark.parametrize('law', [*LAWS, Stretched(0.3, 0.1, 10.0), Stretched(0.3, 0.1, 10.0, 0.0, 1.5)])
 def test_motion_is_that_of_an_independent_integrator(law: Stribeck) -> None:
     """Sticks, slips, overtakes and a belt that reverses, with load and speed that change in each piece."""
-    bearing = replace(REFERENCE, friction=law)
+    bearing = replace(REFERENCE_BEARING, friction=law)
     drive = Drive.sampled([0.0, 0.11, 0.2, 0.33], [0.06, 0.01, -0.05, -0.03], [1500.0, 900.0, 400.0, 2100.0])
     first = integrate(bearing, drive, MotionState(4e-4, 0.01), compiled=False)
     assert {(Phase.FORWARD, Phase.STICK), (Phase.STICK, Phase.BACKWARD)} <= set(
@@ -356,7 +352,7 @@ def random_case(seed: int) -> tuple[Bearing, Drive]:
     speed = np.where(rng.random(12) < 0.2, 0.0, 0.1 * rng.standard_normal(12))
     load = np.where(rng.random(12) < 0.2, 0.0, 10.0 ** rng.uniform(1.0, 4.5) * rng.random(12))
     damping = float(rng.choice([0.0, 400.0, 2.0e4]))
-    bearing = replace(REFERENCE, friction=law, damping=damping)
+    bearing = replace(REFERENCE_BEARING, friction=law, damping=damping)
     return bearing, Drive.sampled(time, speed, load)
 
 

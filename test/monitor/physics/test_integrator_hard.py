@@ -8,27 +8,20 @@ to Taylor series in 40 digits at the same hard places.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from shared import REFERENCE_BEARING
 
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import CycleKind, exact_cycle, exact_fold_speed
 from stickslip_monitor.physics.friction import Stribeck, Tabulated
 from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, integrate
 
-pytestmark = pytest.mark.filterwarnings('error')
+pytestmark = [pytest.mark.filterwarnings('error'), pytest.mark.usefixtures('float_errors')]
 
-REFERENCE = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
 LOAD = 1000.0
-
-
-@pytest.fixture(autouse=True)
-def _raising() -> Iterator[None]:
-    with np.errstate(divide='raise', over='raise', invalid='raise'):
-        yield
 
 
 def breakaway_state(bearing: Bearing, speed: float, load: float) -> MotionState:
@@ -37,15 +30,15 @@ def breakaway_state(bearing: Bearing, speed: float, load: float) -> MotionState:
 
 
 def last_speed(load: float) -> float:
-    """The last speed with a stick-slip cycle to rounding, by bisection about the fold."""
-    fold = float(exact_fold_speed(REFERENCE, load))
+    """Return the last speed with a stick-slip cycle to rounding, by bisection about the fold."""
+    fold = float(exact_fold_speed(REFERENCE_BEARING, load))
     low, high = fold * (1.0 - 1e-9), fold * (1.0 + 1e-9)
     # So close the kind is ill-posed: the numbers tell on which side our solver puts a speed.
-    assert exact_cycle(REFERENCE, low, load).amplitude > 0.0
-    assert math.isnan(exact_cycle(REFERENCE, high, load).amplitude)
+    assert exact_cycle(REFERENCE_BEARING, low, load).amplitude > 0.0
+    assert math.isnan(exact_cycle(REFERENCE_BEARING, high, load).amplitude)
     while high - low > 4e-16 * high:
         middle = 0.5 * (low + high)
-        sticks = exact_cycle(REFERENCE, middle, load).amplitude > 0.0
+        sticks = exact_cycle(REFERENCE_BEARING, middle, load).amplitude > 0.0
         low, high = (middle, high) if sticks else (low, middle)
     return low
 
@@ -55,11 +48,11 @@ def last_speed(load: float) -> float:
 def test_a_distance_of_1e_12_from_the_fold_decides(side: float, sticks: bool, load: float) -> None:
     """Below the fold every passage grazes the belt and sticks; above it the first one misses."""
     speed = last_speed(load) * (1.0 + side * 1e-12)
-    period = 2.0 * math.pi / REFERENCE.natural_frequency
+    period = 2.0 * math.pi / REFERENCE_BEARING.natural_frequency
     motion = integrate(
-        REFERENCE,
+        REFERENCE_BEARING,
         Drive.constant(speed, load, 10.5 * period),
-        breakaway_state(REFERENCE, speed, load),
+        breakaway_state(REFERENCE_BEARING, speed, load),
         compiled=False,
     )
     phases = motion.transitions.after.tolist()
@@ -75,13 +68,13 @@ SHARP, FEW = Stribeck(0.3, 0.1, 1e5), Tabulated([0.02, 0.5], [0.3, 0.1])
 FALLING = Tabulated([0.0, 0.1, 0.3, 1.0, 5.0], [0.3, 0.2, 0.12, 0.1, 0.11])
 # Bearing, speed [m/s], load [N]
 CYCLES = {
-    'beta V = 1e4': (replace(REFERENCE, friction=SHARP), 0.1, 1e4),
-    'crawling': (REFERENCE, 1e-9, LOAD),
-    'no damping': (replace(REFERENCE, damping=0.0), 0.1, LOAD),
-    'zeta 0.9': (replace(REFERENCE, damping=1.8e4), 0.1, 5e5),
-    'eta 5': (REFERENCE, 0.1, 2.5e4),
-    'eta 1e3': (REFERENCE, 0.1, 5e6),
-    'two points': (replace(REFERENCE, friction=FEW), 0.1, 5e3),
+    'beta V = 1e4': (replace(REFERENCE_BEARING, friction=SHARP), 0.1, 1e4),
+    'crawling': (REFERENCE_BEARING, 1e-9, LOAD),
+    'no damping': (replace(REFERENCE_BEARING, damping=0.0), 0.1, LOAD),
+    'zeta 0.9': (replace(REFERENCE_BEARING, damping=1.8e4), 0.1, 5e5),
+    'eta 5': (REFERENCE_BEARING, 0.1, 2.5e4),
+    'eta 1e3': (REFERENCE_BEARING, 0.1, 5e6),
+    'two points': (replace(REFERENCE_BEARING, friction=FEW), 0.1, 5e3),
     'five points': (Bearing(1.0, 0.1, 1.0, FALLING, 0.1), 0.3, 10.0),
     'five points, faster': (Bearing(1.0, 0.1, 1.0, FALLING, 0.1), 2.0, 10.0),
 }
@@ -118,7 +111,7 @@ def test_hard_cycles_are_the_exact_ones(name: str) -> None:
 
 def test_weak_friction_overtakes_the_belt_as_the_exact_cycle_does() -> None:
     """eta = 1e-6: a million cycles to settle, but the cycle itself closes in one."""
-    bearing, speed, load = replace(REFERENCE, damping=4e-4), 0.1, 5e-3
+    bearing, speed, load = replace(REFERENCE_BEARING, damping=4e-4), 0.1, 5e-3
     exact = exact_cycle(bearing, speed, load)
     assert exact.kind is CycleKind.OVERTAKING
     _, x, _ = exact.waveform(2)
@@ -133,15 +126,15 @@ def test_weak_friction_overtakes_the_belt_as_the_exact_cycle_does() -> None:
 @pytest.mark.parametrize('load', [LOAD, 2.5e4])
 def test_rising_friction_damps_as_its_slope_says(load: float) -> None:
     """mu_k > mu_s: about steady sliding ``m u'' + (c + N mu') u' + k u = 0``, mu' > 0."""
-    bearing, speed, small = replace(REFERENCE, friction=Stribeck(0.1, 0.3, 10.0)), 0.1, 1e-9
+    bearing, speed, small = replace(REFERENCE_BEARING, friction=Stribeck(0.1, 0.3, 10.0)), 0.1, 1e-9
     damping = bearing.damping + load * 0.2 * 10.0 * math.exp(-1.0)
     rate = damping / (2.0 * bearing.mass)
     turn = math.sqrt(bearing.natural_frequency**2 - rate**2)
     times = np.linspace(0.0, 2.0 / rate, 41)
-    rest = float(bearing.equilibrium(speed, load))
+    equilibrium = float(bearing.equilibrium(speed, load))
     drive = Drive.constant(speed, load, float(times[-1]))
     plus, minus = (
-        integrate(bearing, drive, MotionState(rest + u, speed), times, compiled=False)
+        integrate(bearing, drive, MotionState(equilibrium + u, speed), times, compiled=False)
         for u in (small, -small)
     )
     u = 0.5 * (plus.displacement - minus.displacement)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shared import REFERENCE_BEARING, RPM
 
 from stickslip_monitor import (
     Bearing,
@@ -27,7 +28,6 @@ from stickslip_monitor.physics.cycles import exact_amplitude
 from stickslip_monitor.physics.integrator import Drive, MotionState, integrate
 from stickslip_monitor.physics.lubrication import Lubrication, as_measured, scale_at, viscosity
 
-RPM = np.pi * 0.1 / 60.0
 POINTS = [(g, load, water) for g in (0.0, 0.5, 1.0) for load in (600.0, 4000.0) for water in (5.0, 30.0)]
 
 
@@ -104,7 +104,7 @@ def test_a_table_has_its_points_at_other_speeds():
 
 def test_the_published_example():
     # With Hersey's exponent the folds of the reference bearing grow with the load, here 4 kN.
-    plain = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
+    plain = REFERENCE_BEARING
     lubricated = replace(plain, lubrication=Lubrication(1000.0, 1.0))
     # At g = 1 each boundary is 4 times that at 1 kN: ln 5/10 and the root of 2 I1e(v)/v = 0.2.
     assert hopf_speed(lubricated, 4000.0) == pytest.approx(4.0 * np.log(5.0) / 10.0, rel=1e-12)

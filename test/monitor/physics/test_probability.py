@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtri
+from shared import REFERENCE_BEARING, bearing_of
 
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.averages_closed_form import decline
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
-from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched, Stribeck, Tabulated
 from stickslip_monitor.physics.probability import (
     Belief,
@@ -21,11 +21,10 @@ from stickslip_monitor.physics.probability import (
     update_running_probability,
 )
 
-BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)
-RPM = BEARING.speed.factor('rpm')
-DAMPING = Belief.from_tolerance(BEARING, Tolerance(damping=0.10))
+RPM = REFERENCE_BEARING.speed.factor('rpm')
+DAMPING = Belief.from_tolerance(REFERENCE_BEARING, Tolerance(damping=0.10))
 # 8 % on Delta = 0.2 by the static coefficient alone.
-THREE = Belief.from_tolerance(BEARING, Tolerance(damping=0.10, static=0.16 / 3, decay=0.05))
+THREE = Belief.from_tolerance(REFERENCE_BEARING, Tolerance(damping=0.10, static=0.16 / 3, decay=0.05))
 # How far a probability may be off that of drawn bearings: mu_s - mu_k is taken as logarithmic
 # normal, which costs 0.8 % at 8 % of it, 2.5 % at 24 % (a handbook's), 6 % at 40 %.
 TOLERANCES = [
@@ -81,14 +80,14 @@ def test_compiled_look_ups_are_those_of_single_points() -> None:
 def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance, off: float) -> None:
     random, size = np.random.default_rng(3), 200_000
     z = random.standard_normal((5, size))
-    law = BEARING.friction
+    law = REFERENCE_BEARING.friction
     static = law.static * (1.0 + tolerance.static * z[1])
     kinetic = law.kinetic * (1.0 + tolerance.kinetic * z[2])
     log_d = tolerance.load * random.standard_normal(size) - tolerance.damping * z[0]
     log_d += np.log(np.maximum((static - kinetic) / (law.static - law.kinetic), 1e-12))
     beta = law.decay * np.exp(tolerance.decay * z[3])
     shift = np.exp(tolerance.of_speed * z[4])
-    belief = Belief.from_tolerance(BEARING, tolerance)
+    belief = Belief.from_tolerance(REFERENCE_BEARING, tolerance)
     for rpm in (20.0, 33.0, 45.0):
         v = beta * shift * rpm * RPM
         d = np.log(1000.0 * 0.2 * beta / 400.0) + log_d
@@ -99,7 +98,7 @@ def test_probabilities_are_those_of_drawn_bearings(tolerance: Tolerance, off: fl
 @pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE])
 def test_any_law_has_the_probabilities_of_drawn_bearings(law: FrictionLaw) -> None:
     # Drawn by damping and load alone, each bearing with its own boundaries by averaging.
-    bearing = replace(BEARING, friction=law)
+    bearing = replace(REFERENCE_BEARING, friction=law)
     belief = Belief.from_tolerance(bearing, Tolerance(damping=0.2, load=0.1))
     spread = math.hypot(0.2, 0.1)
     loads = 1000.0 * np.exp(spread * (np.arange(999) + 0.5 - 499.5) / 150.0)
@@ -113,7 +112,7 @@ def test_any_law_has_the_probabilities_of_drawn_bearings(law: FrictionLaw) -> No
 
 @pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0, 0.05), Stretched(0.3, 0.1, 8.0, 0.0, 1.3), TABLE])
 def test_a_moved_bearing_has_boundaries_at_other_speeds_and_loads(law: FrictionLaw) -> None:
-    bearing = replace(BEARING, friction=law)
+    bearing = replace(REFERENCE_BEARING, friction=law)
     moved = move_boundaries(bearing, 1.2, 0.8)
     for of in (fold_speed, hopf_speed):
         assert of(moved, 1500.0) == pytest.approx(1.2 * of(bearing, 1200.0), rel=1e-6)
@@ -122,7 +121,7 @@ def test_a_moved_bearing_has_boundaries_at_other_speeds_and_loads(law: FrictionL
 
 @pytest.mark.parametrize('tolerance', [Tolerance(), *(tolerance for tolerance, _ in TOLERANCES)])
 def test_it_falls_with_speed_and_will_is_below_can(tolerance: Tolerance) -> None:
-    belief = Belief.from_tolerance(BEARING, tolerance)
+    belief = Belief.from_tolerance(REFERENCE_BEARING, tolerance)
     speed = np.geomspace(1e-3, 20.0, 3000)
     for load in (150.0, 300.0, 1000.0, 5000.0, 2e5):
         can, will = belief.probabilities(speed, load)
@@ -153,7 +152,7 @@ def test_margins_are_those_of_the_quantiles() -> None:
 def test_loads_without_evidence_are_known_less() -> None:
     # Twice the highest known load, but for a fifth, is known 0.2 log2(2/1.2) = 15 % less well, and
     # V_F = 0.35 m/s there: 90 % are within a factor e^(2 * 1.645 * 0.147).
-    belief = Belief(BEARING, np.eye(2) * 1e-6, 0.01, loads=(900.0, 1100.0))
+    belief = Belief(REFERENCE_BEARING, np.eye(2) * 1e-6, 0.01, loads=(900.0, 1100.0))
     wide, narrow = ([belief.fold_speed(n, p) for p in (0.05, 0.95)] for n in (2200.0, 1100.0))
     assert wide[1] / wide[0] == pytest.approx(math.exp(3.29 * 0.148), rel=0.03)
     assert narrow[1] / narrow[0] == pytest.approx(math.exp(3.29 * 0.01), rel=0.01)
@@ -170,22 +169,22 @@ def test_after_a_calibration_the_fold_stays_and_the_hopf_speed_follows_the_load(
     loads = np.geomspace(201.0, 60_000.0, 4000)
 
     def fold(log_load: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.interp(log_load, np.log(loads), np.log(fold_speed(BEARING, loads)))
+        return np.interp(log_load, np.log(loads), np.log(fold_speed(REFERENCE_BEARING, loads)))
 
     middle = np.array([math.log(4000.0)])
     hopf_draws = np.exp(u - fold(middle + log_q) + fold(middle)) * np.log(20.0 * np.exp(log_q)) / 10.0
     slope = float(fold(middle + 0.01)[0] - fold(middle - 0.01)[0]) / 0.02
     by = np.array([[1.0, -slope], [0.0, 1.0]])
     covariance = by @ np.diag([1e-4, 0.55**2]) @ by.T
-    belief = Belief(BEARING, covariance, loads=(4000.0, 4000.0), calibrated=True)
+    belief = Belief(REFERENCE_BEARING, covariance, loads=(4000.0, 4000.0), calibrated=True)
     for p in (0.05, 0.5, 0.95):
         assert belief.hopf_speed(4000.0, p) == pytest.approx(np.quantile(hopf_draws, p), rel=0.015)
-        expected = float(fold_speed(BEARING, 4000.0)) * math.exp(0.01 * ndtri(p))
+        expected = float(fold_speed(REFERENCE_BEARING, 4000.0)) * math.exp(0.01 * ndtri(p))
         assert belief.fold_speed(4000.0, p) == pytest.approx(expected, rel=2e-3)
 
 
 def test_a_law_without_boundaries_is_never_in_stick_slip() -> None:
-    rising = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.1, 0.3, 10.0), 0.1)
+    rising = bearing_of(Stribeck(0.1, 0.3, 10.0))
     assert Belief.from_tolerance(rising, Tolerance(damping=0.1)).probabilities(0.1, 1e3) == (0, 0)
     with pytest.raises(PhysicsError, match=r'tolerance.damping = -0.1 must not be negative'):
         Tolerance(damping=-0.1)

@@ -6,14 +6,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from shared import bearing_of
 
-from stickslip_monitor import Bearing, exact_cycle, fold_speed, hopf_speed
+from stickslip_monitor import exact_cycle, fold_speed, hopf_speed
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.friction import Stretched, Stribeck, stribeck
 from stickslip_monitor.physics.scalar_law import law_bounds, scalar_law
 
 LAW = Stretched(0.3, 0.1, 10.0, 0.002, 2.0)
-BENCH = Bearing(50.0, 400.0, 2.0e6, LAW, 0.100)
+BENCH = bearing_of(LAW)
 
 
 def test_an_exponent_of_one_is_stribecks_law():

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from datetime import datetime, timezone
 from html.parser import HTMLParser
@@ -12,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import CONFIG, ROOT, contrast_ratio, relative_luminance
+from shared import CONFIG, ROOT, RPM, contrast_ratio, relative_luminance
 
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS
@@ -33,7 +32,6 @@ from stickslip_monitor.report.summary import Fact, Finding
 
 pytest.importorskip('jinja2')
 HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>{{ 7 * 7 }}\' & </style>'
-RPM = math.pi * 0.1 / 60.0
 VOID = {'meta', 'br', 'img', 'link', 'hr', 'input'}
 
 
