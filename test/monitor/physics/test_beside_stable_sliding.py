@@ -94,7 +94,7 @@ def test_beyond_its_last_speed_a_tabulated_averaged_fold_is_that_of_the_load():
 
 
 def test_the_scan_for_a_vibration_takes_fine_steps_only_where_a_gain_is_about_none(monkeypatch):
-    """The amplitudes are those of a scan by the finest steps throughout."""
+    """Compare the amplitudes with those of a scan by the finest steps throughout."""
     bearing, errors = _scattered_bearing(), []
 
     def follow(field, e, z, route):

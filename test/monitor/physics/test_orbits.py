@@ -27,11 +27,11 @@ def test_an_orbit_that_creeps_to_rest_needs_no_steps(law, direction, monkeypatch
     before = orbits._Effort.steps
     follow(*arguments)
     steps = orbits._Effort.steps - before
-    some = orbits._creep_to_rest(*arguments[:3], np.full(speed.size, direction))
+    creeping = orbits._creep_to_rest(*arguments[:3], np.full(speed.size, direction))
     monkeypatch.setattr(orbits, '_creep_to_rest', lambda *_: np.zeros(speed.size, bool))
     monkeypatch.setattr(orbits, 'PATIENCE', 10**7)
     ends = follow(*arguments).end
-    assert some.any()
-    assert np.isin(ends[some], (RESTED, EXHAUSTED)).all()
-    assert (ends[~some] != RESTED).any()
+    assert creeping.any()
+    assert np.isin(ends[creeping], (RESTED, EXHAUSTED)).all()
+    assert (ends[~creeping] != RESTED).any()
     assert steps < orbits._Effort.steps - before - steps
