@@ -183,7 +183,7 @@ def test_the_readme_says_how_far_averaging_can_be_off() -> None:
 
 
 def test_the_first_alarm_says_what_each_value_moves() -> None:
-    """Its table in whole per cent, but for a half, of the reference bearing at 1 kN."""
+    # The table is in whole per cent, but for a half, of the reference bearing at 1 kN.
     bearing = load_config(ROOT / 'launch_configs' / 'reference_bearing.yaml').bearings[0].bearing
     law = bearing.friction
     changed = {

@@ -166,7 +166,7 @@ def test_the_clock_of_one_sender_shifts_its_rows_only() -> None:
 def test_a_source_that_is_silent_meanwhile_is_under_the_same_clock(
     silent: tuple[float, float], back: int
 ) -> None:
-    """Its own times step back by less, or not at all."""
+    # Its own times step back by less, or not at all.
     rows = [
         row
         for row in under_clock(lambda t: t - back * (t >= 300))
