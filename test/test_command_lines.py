@@ -92,7 +92,7 @@ def test_docs_have_command_lines() -> None:
     assert {'README.md', 'docs/quick.md', 'docs/fit.md', 'docs/dashboard.md'} <= pages
 
 
-def test_what_is_not_run_here_names_what_exists() -> None:
+def test_commands_that_are_not_run_here_exist() -> None:
     assert [(page, line, fault) for page, line in sorted(LINES) if (fault := find_fault(line))] == []
 
 

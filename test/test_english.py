@@ -44,5 +44,5 @@ def test_the_numbers_are_lowered_as_findings_go() -> None:
         ('rows = f(own)', []),
     ],
 )
-def test_what_is_found(source: str, kinds: list[FindingKind]) -> None:
+def test_findings_of_a_source(source: str, kinds: list[FindingKind]) -> None:
     assert [finding.kind for finding in find_in_source(source)] == kinds

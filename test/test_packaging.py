@@ -178,7 +178,9 @@ def test_pip_puts_both_commands_on_the_path_and_launch_files_where_ros_looks(
 
 
 @pytest.mark.slow
-def test_the_container_is_built_from_what_a_wheel_needs(source: Path, wheel: Path, tmp_path: Path) -> None:
+def test_the_container_is_built_from_the_sources_of_a_wheel(
+    source: Path, wheel: Path, tmp_path: Path
+) -> None:
     """Build the same wheel from what .dockerignore lets through; every line of the file is sound."""
     allowed = [
         line[1:] for line in (ROOT / '.dockerignore').read_text('utf-8').splitlines() if line.startswith('!')

@@ -218,7 +218,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize('line', REFUSED)
-def test_what_is_refused_is_told_in_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_refusal_is_one_sentence(line: str, capsys: pytest.CaptureFixture[str]) -> None:
     scene_file = ROOT / 'launch_configs' / 'scenes' / 'coast_down.yaml'
     places = {'BAG': str(ROOT / 'bags' / 'coast_down'), 'CONFIG': str(CONFIG)}
     words = [(places | {'SCENE': str(scene_file)}).get(word, word) for word in line.split()]

@@ -98,7 +98,7 @@ def test_a_table_is_printed(scene: str, capsys: pytest.CaptureFixture[str]) -> N
         assert words in out
 
 
-def test_two_publishers_are_told(tmp_path: Path) -> None:
+def test_two_publishers_are_reported(tmp_path: Path) -> None:
     path = write_scene(tmp_path / 'two.yaml')
     document = yaml.safe_load(Path(path).read_text('utf-8'))
     publisher = {'second_publisher': {'speed': {'value': 3.0, 'unit': 'fold', 'rate': 5.0}}}

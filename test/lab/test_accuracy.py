@@ -133,7 +133,7 @@ def test_csv_round_trip_to_the_last_bit(tmp_path):
     ('text', 'words'),
     [('', 'is not a measurement'), ('a,b\n1,2\n', 'is not a measurement'), (None, 'not a number')],
 )
-def test_what_is_no_measurement_is_refused(tmp_path, text, words):
+def test_a_file_without_measurements_is_refused(tmp_path, text, words):
     write_csv(columns([make_row()]), tmp_path / 'a.csv')
     if text is None:
         text = (tmp_path / 'a.csv').read_text().replace('0.1', 'much')

@@ -100,7 +100,7 @@ def test_a_recording_counts_once_whatever_its_name() -> None:
     assert 'copy of it was given before and counts once' in calibration.remarks
 
 
-def test_one_end_alone_is_told() -> None:
+def test_one_end_alone_is_reported() -> None:
     (text,) = calibrate_levels([slow_passage(0)]).warnings
     assert text.startswith('all rests on one end of vibration (bag 0, 2)')
 

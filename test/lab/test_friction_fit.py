@@ -460,7 +460,7 @@ def test_a_column_of_another_quantity_is_no_part_of_the_curve(write: Write, extr
     assert curve.std.tolist() == [1.0, 1.0]
 
 
-def test_a_unit_of_the_coefficient_that_is_none(write: Write) -> None:
+def test_a_coefficient_with_a_unit_is_refused(write: Write) -> None:
     with pytest.raises(FitError, match=r"unit = 'N' must be one of 1, %: a coefficient"):
         read_curve(write('speed,friction [N]\n0.1,300\n'))
 

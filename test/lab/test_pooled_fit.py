@@ -51,7 +51,7 @@ def test_exact_curves_give_the_law_and_the_exponent(exponent: float) -> None:
 
 
 @pytest.mark.parametrize(('load', 'sentence'), [(None, ''), (1000.0, 'the points are of one load')])
-def test_one_load_is_told_and_an_unknown_one_is_not(load: float | None, sentence: str) -> None:
+def test_one_load_is_reported_and_an_unknown_one_is_not(load: float | None, sentence: str) -> None:
     curve = make_bench(0.0, 0.0, has_column=False)
     loads = None if load is None else np.full(36, load)
     fit = fit_pooled(replace(curve, load=loads, temperature=np.repeat([5.0, 15.0, 30.0], 12)))
@@ -80,7 +80,7 @@ def test_the_sentence_says_what_the_load_does() -> None:
 
 
 @pytest.mark.parametrize('order', ['curves', 'mixed'])
-def test_pooled_curves_without_their_loads_are_asked_about(order: str) -> None:
+def test_pooled_curves_without_their_loads_raise_a_question(order: str) -> None:
     assert SEVERAL_LOADS in fit_curve(make_bench(1.0, 0.004, has_column=False, order=order)).warnings
     assert not fit_curve(make_bench(1.0, 0.004, order=order)).warnings
 
@@ -178,7 +178,7 @@ def test_impossible_conditions_are_refused(tmp_path: Path, heading: str, row: st
         ('speed [m/s],friction force [N],load [N]', r'coefficient \(friction force over load\) among'),
     ],
 )
-def test_a_table_of_another_form_is_told_how_to_write_it(tmp_path: Path, headings: str, text: str) -> None:
+def test_the_refusal_of_another_table_says_how_to_write_it(tmp_path: Path, headings: str, text: str) -> None:
     path = tmp_path / 'bench.csv'
     path.write_text(f'{headings}\n0.1,0.3,0.25\n')
     with pytest.raises(FitError, match=text):

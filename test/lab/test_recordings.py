@@ -76,7 +76,7 @@ def test_the_cut_recording_is_whole_up_to_its_cut() -> None:
     assert abs(noise.std() / 0.1 - 1.0) < 5.0 / np.sqrt(2 * noise.size)
 
 
-def test_lost_inputs_are_told_and_given_back() -> None:
+def test_lost_inputs_are_reported_and_given_back() -> None:
     """NaN for 12 s at a speed that is safe; ten seconds without the load; a timeout of 5 s."""
     for name, from_s, to_s in (('sensor_values', 200.0, 212.0), ('sensor_clocks', 170.0, 180.0)):
         _, start_ns, scan = scan_single_bearing(name)

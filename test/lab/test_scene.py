@@ -134,7 +134,7 @@ def test_a_wrong_scene_is_refused_in_one_sentence(
 
 
 @pytest.mark.parametrize(('text', 'sentence'), EFFECTS)
-def test_a_wrong_effect_is_told(make_scene: MakeScene, text: str, sentence: str) -> None:
+def test_a_wrong_effect_is_reported(make_scene: MakeScene, text: str, sentence: str) -> None:
     effects = [yaml.safe_load(part) for part in re.split(r'\s-\s', text)]
     with pytest.raises(SceneError, match=re.escape(sentence)):
         make_scene(effects=effects)
@@ -149,7 +149,7 @@ def test_a_wrong_effect_is_told(make_scene: MakeScene, text: str, sentence: str)
         ('t,rpm\n0,1\n', " must begin with a line 'time,value'"),
     ],
 )
-def test_a_wrong_table_is_told_with_its_line(
+def test_a_wrong_table_is_reported_with_its_line(
     make_scene: MakeScene, tmp_path: Path, text: str, sentence: str
 ) -> None:
     path = tmp_path / 'speeds.csv'
@@ -251,7 +251,7 @@ TOO_MUCH = parse_refusals("""
 
 
 @pytest.mark.parametrize(('text', 'sentence'), TOO_MUCH)
-def test_what_the_telemetry_cannot_carry_is_refused(
+def test_numbers_that_the_telemetry_cannot_carry_are_refused(
     make_scene: MakeScene, messages_of: Callable[..., Any], text: str, sentence: str
 ) -> None:
     bearings, effect = map(yaml.safe_load, text.split(' + ' if ' + ' in text else ' +\n'))

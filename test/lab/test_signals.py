@@ -117,7 +117,7 @@ def test_numbers_are_drawn_evenly_and_each_from_its_own_stream() -> None:
     assert draw_numbers([[1, 'a'], {'b': None, 'c': 2}], 0) == [[1, 'a'], {'b': None, 'c': 2}]
 
 
-def test_parameters_are_off_by_no_more_than_is_said() -> None:
+def test_parameters_are_off_by_no_more_than_the_scene_states() -> None:
     errors = {'damping': 0.1, 'friction.static': 0.05, 'load.scale': 0.02}
     believed = [with_parameter_errors(BEARING, errors, seed) for seed in range(200)]
     for name, max_value, values in (

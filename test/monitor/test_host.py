@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.signals import Input
 DAY = 86_400 * SECOND
 
 
-def test_a_step_is_one_and_a_slew_is_none() -> None:
+def test_a_step_of_the_clock_is_found_and_a_slew_is_not() -> None:
     steady, wall = 0, T0
     clock = HostClock(lambda: steady, lambda: wall)
     times = []

@@ -13,7 +13,7 @@ import pytest
 from stickslip_monitor import jit
 
 
-def test_compiling_is_told_at_a_terminal_until_it_is_kept(
+def test_compiling_is_reported_at_a_terminal_until_it_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = tmp_path / 'arithmetic.py'
@@ -33,7 +33,7 @@ def test_compiling_is_told_at_a_terminal_until_it_is_kept(
     assert notes == ['', 'compiling for long work: seconds, once for this version\n', '']
 
 
-def test_what_answers_live_never_compiles() -> None:
+def test_the_live_monitor_never_compiles() -> None:
     assert jit.has_compiler()
     with jit.interpreted():
         assert not jit.has_compiler()

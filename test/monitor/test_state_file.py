@@ -33,7 +33,7 @@ def test_the_old_one_stays_whole_until_the_new_one_is(
 
 
 @pytest.mark.parametrize('content', [b'{"time": 1', b'\xff\xfe', b'[' * 100_000])
-def test_what_is_not_json_is_named_and_set_aside(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_not_json_is_named_and_set_aside(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / 'state.json'
     path.write_bytes(content)
     file = StateFile(str(path))
@@ -60,7 +60,7 @@ def make_pipe(folder: Path) -> str:
         (str, 'must be a file, but is a folder'),
     ],
 )
-def test_what_is_no_regular_file_is_refused_at_once(
+def test_a_state_file_that_is_not_regular_is_refused_at_once(
     tmp_path: Path, path: Callable[[Path], str], words: str
 ) -> None:
     with pytest.raises(RosError, match=words):
@@ -150,7 +150,7 @@ def test_one_that_cannot_be_set_aside_is_named(tmp_path: Path) -> None:
     assert StateFile(str(path)).set_aside() == 'it cannot be set aside: Is a directory'
 
 
-def test_a_full_disk_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(state_file, 'RETRY_PERIOD', 0.01)
     full, tried = threading.Event(), threading.Semaphore(0)
     full.set()

@@ -85,7 +85,7 @@ def test_a_calibration_may_be_renewed_where_the_configuration_names_it(tmp_path:
         ({'picture': ''}, '--picture is given an empty name'),
     ],
 )
-def test_what_cannot_be_written_is_told_before_the_work(
+def test_an_output_that_cannot_be_written_is_reported_before_the_work(
     paths: dict[str, str], text: str, tmp_path: Path
 ) -> None:
     (tmp_path / 'folder.png').mkdir()
@@ -99,7 +99,7 @@ def test_what_cannot_be_written_is_told_before_the_work(
 
 
 @pytest.mark.parametrize('line', REFUSED)
-def test_what_is_refused_is_told_in_one_sentence(
+def test_a_refusal_is_one_sentence(
     line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stickslip: Stickslip
 ) -> None:
     write_files_of_a_user(tmp_path)

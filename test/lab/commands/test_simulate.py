@@ -91,7 +91,9 @@ def test_rosbags_reads_the_bag(tmp_path: Path, scene: str, stickslip: Stickslip,
 
 
 @pytest.mark.parametrize('name', ['bag', 'bag.mcap'])
-def test_what_exists_is_not_overwritten(tmp_path: Path, scene: str, stickslip: Stickslip, name: str) -> None:
+def test_an_existing_output_is_not_overwritten(
+    tmp_path: Path, scene: str, stickslip: Stickslip, name: str
+) -> None:
     target = tmp_path / name
     target.write_text('dear', 'utf-8')
     message = f"ERROR: bag '{target}' exists already and is not overwritten\n"

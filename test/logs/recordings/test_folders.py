@@ -85,7 +85,7 @@ def test_a_log_is_known_by_its_content(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('name', NO_DATA)
-def test_what_holds_no_numbers_is_excluded(name: str, tmp_path: Path) -> None:
+def test_files_without_numbers_are_excluded(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(NO_DATA[name])
     assert find_bags([tmp_path]) == [tmp_path]
     assert describe_unchecked([tmp_path], []) == ''

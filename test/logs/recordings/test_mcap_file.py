@@ -173,7 +173,7 @@ RUN = [message(1 + k % 2, START + k, float(k)) for k in range(4000)]
     ],
     ids=['a channel', 'longer', 'too short', 'another kind', 'cut', 'of 2^56 bytes', 'none'],
 )
-def test_many_messages_of_one_length_end_at_what_is_odd(exception: bytes) -> None:
+def test_a_run_of_messages_of_one_length_ends_at_an_exception(exception: bytes) -> None:
     # Expected by the records one by one, as they say where they end.
     data = b''.join([*RUN[:3000], exception, *RUN[3000:], exception])
     *records, _ = records_of(data)

@@ -277,7 +277,7 @@ def check_copies(recording: Recording, topics: Sequence[str], error_ns: int = 10
 
 @pytest.mark.parametrize('name', FORMATS)
 @pytest.mark.parametrize('copies', COPIES)
-def test_what_stands_twice_is_sorted(copies: str, name: str, tmp_path: Path) -> None:
+def test_copies_in_one_recording_are_sorted(copies: str, name: str, tmp_path: Path) -> None:
     write, topics = FORMATS[name]
     write(tmp_path / name, in_file_order(COPIES[copies]))
     check_copies(open_bag(tmp_path / name), topics)

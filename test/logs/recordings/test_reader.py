@@ -50,7 +50,7 @@ string unit
 @pytest.mark.parametrize(
     ('neighbours', 'is_told'), [([], False), (['voyage_1.mcap'], True), (['trial_1.mcap'], False)]
 )
-def test_of_a_numbered_file_its_other_parts_are_told(
+def test_of_a_numbered_file_its_other_parts_are_reported(
     neighbours: list[str], is_told: bool, tmp_path: Path
 ) -> None:
     for name in ('voyage_0.mcap', *neighbours):
@@ -185,7 +185,9 @@ def test_a_file_cut_in_a_folder_does_not_hide_the_others(tmp_path: Path) -> None
     assert read_values(tmp_path / 'bag') == [1, 2, 4]
 
 
-def test_what_was_unpacked_goes_with_its_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unpacked_files_are_removed_with_their_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_recording(tmp_path / 'a.mcap', {'/x': ([1, 2], [1, 2])})
     packed, scratch = tmp_path / 'b.mcap.zstd', tmp_path / 'scratch'
     packed.write_bytes(zstandard.compress((tmp_path / 'a.mcap').read_bytes()))
@@ -419,7 +421,9 @@ CONVERT = "convert it with 'ros2 bag convert' first"
         ),
     ],
 )
-def test_what_is_no_bag_is_named(tmp_path: Path, make: Callable[[Path], None], text: str) -> None:
+def test_files_that_are_no_recording_are_named(
+    tmp_path: Path, make: Callable[[Path], None], text: str
+) -> None:
     make(tmp_path / 'bag')
     with pytest.raises(BagError) as caught:
         open_bag(tmp_path / 'bag')
@@ -507,7 +511,7 @@ def test_a_link_that_leads_nowhere_is_named_and_the_rest_read(tmp_path: Path) ->
     assert find_bags([tmp_path]) == [tmp_path / 'a.mcap', tmp_path / 'b.mcap']
 
 
-def test_what_is_none_stays_as_it_is(tmp_path: Path) -> None:
+def test_paths_without_recordings_stay_as_they_are(tmp_path: Path) -> None:
     (tmp_path / 'empty').mkdir()
     paths = [tmp_path / 'nowhere', tmp_path / 'empty']
     assert find_bags(paths) == paths

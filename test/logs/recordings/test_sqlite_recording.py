@@ -167,7 +167,7 @@ def test_rows_in_no_order_of_time_are_sorted(tmp_path: Path, order: str) -> None
     assert 'the messages are in no order of time: sorted by time' in recording.warnings
 
 
-def test_what_is_played_in_a_loop_is_not_sorted(tmp_path: Path) -> None:
+def test_a_recording_of_a_loop_is_not_sorted(tmp_path: Path) -> None:
     """Ten rounds of 25 messages in 2.5 s: sorted, the values of all rounds would be mixed."""
     path = change_database(
         tmp_path,
@@ -195,7 +195,7 @@ def test_a_type_that_nobody_knows_is_named(tmp_path: Path, monkeypatch: pytest.M
         'UPDATE message_definitions SET encoded_message_definition = zeroblob(7)',
     ],
 )
-def test_values_of_another_kind_are_told(change: str, tmp_path: Path) -> None:
+def test_values_of_another_kind_are_reported(change: str, tmp_path: Path) -> None:
     tables = [
         statement
         for table in ('topics', 'message_definitions')

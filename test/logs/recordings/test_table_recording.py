@@ -43,7 +43,7 @@ def test_a_table_is_parsed_once(log: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @pytest.mark.parametrize('kept_bytes', [0, 1 << 20, 1 << 30])
-def test_what_is_kept_in_a_file_comes_back(
+def test_rows_kept_in_a_file_come_back(
     log: Path, kept_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / 'scratch').mkdir()
@@ -62,7 +62,7 @@ def test_what_is_kept_in_a_file_comes_back(
     assert not any((tmp_path / 'scratch').iterdir())
 
 
-def test_a_full_disk_is_told_with_what_to_do(
+def test_a_full_disk_is_reported_with_what_to_do(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'none'))

@@ -85,7 +85,7 @@ def test_a_last_line_without_an_end_is_read(tmp_path: Path) -> None:
     assert times_of(tmp_path, text.removesuffix(',900\n'))[0] == expected[:3]
 
 
-def test_a_day_or_a_month_of_parts_is_asked(tmp_path: Path) -> None:
+def test_a_day_or_a_month_of_parts_raises_a_question(tmp_path: Path) -> None:
     text = log_of('a,b,c,d,e,f', lambda t: f'5,4,2026,{t:%H,%M,%S}')
     assert 'month first' in times_of(tmp_path, text)[1]
 
@@ -117,14 +117,14 @@ def test_days_between_the_ends_tell_month_and_day(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('rate', [12, 24, 48, 96, 144, 288])
 @pytest.mark.parametrize('digits', [4, 6, 9])
-def test_a_rate_that_is_so_many_lines_a_day_is_asked(rate: int, digits: int, tmp_path: Path) -> None:
+def test_a_rate_that_is_so_many_lines_a_day_raises_a_question(rate: int, digits: int, tmp_path: Path) -> None:
     """24 Hz since a start of hours ago are one line an hour in days of a spreadsheet."""
     text = 'time,rpm\n' + ''.join(f'{30000 + k / rate:.{digits}f},{30 + k % 3}\n' for k in range(90))
     assert 'days of a spreadsheet or s since the start' in times_of(tmp_path, text)[1]
 
 
 @pytest.mark.parametrize('first', [0, 15_000])
-def test_seconds_that_begin_before_any_day_of_a_spreadsheet_are_none(first: int, tmp_path: Path) -> None:
+def test_seconds_before_any_day_of_a_spreadsheet_are_no_days(first: int, tmp_path: Path) -> None:
     text = 'time,rpm\n' + ''.join(f'{first + 3600 * k},{30 + k % 3}\n' for k in range(20))
     assert times_of(tmp_path, text)[0] == [(first + 3600 * k) * 10**9 for k in range(20)]
 
@@ -133,7 +133,9 @@ def test_seconds_that_begin_before_any_day_of_a_spreadsheet_are_none(first: int,
     ('head', 'gap', 'is_asked'),
     [('time', 100, True), ('time [s]', 100, False), ('time', 5, True), ('time', 1, True)],
 )
-def test_milliseconds_or_seconds_are_asked(head: str, gap: int, is_asked: bool, tmp_path: Path) -> None:
+def test_milliseconds_or_seconds_raise_a_question(
+    head: str, gap: int, is_asked: bool, tmp_path: Path
+) -> None:
     """0, 1, 2, ... are 1 Hz, 1 kHz, or numbers of lines."""
     times = times_of(tmp_path, log_of(head, lambda t: f'{(t - T0).seconds * gap}'))
     assert times == ([k * gap * 10**9 for k in range(90)], times[1] if is_asked else '')
@@ -216,7 +218,7 @@ def test_a_log_of_one_value_a_line_without_headings_has_its_seconds_since_1970(t
     assert times_of(tmp_path, rows) == ([epoch_ns(T0 + k * EVERY) for k in range(60)], '')
 
 
-def test_numbers_of_lines_are_asked(tmp_path: Path) -> None:
+def test_numbers_of_lines_raise_a_question(tmp_path: Path) -> None:
     for form in ('{}', '{}.00'):
         text = log_of('No', lambda t, form=form: form.format((t - T0).seconds))
         assert 'without a unit, 1 apart' in times_of(tmp_path, text)[1]
@@ -296,7 +298,7 @@ def test_julian_days(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('head', 'is_asked'), [('time', True), ('date,time', False)])
-def test_times_of_two_parts_are_asked(head: str, is_asked: bool, tmp_path: Path) -> None:
+def test_times_of_two_parts_raise_a_question(head: str, is_asked: bool, tmp_path: Path) -> None:
     """06:30 may be minutes and seconds, as a spreadsheet shows them."""
     text = log_of(head, lambda t: f'{t:%Y-%m-%d,%H:%M}'[11 * is_asked :], 60 * EVERY)
     assert ('write 06:00:00, or 00:06:00' in times_of(tmp_path, text)[1]) == is_asked

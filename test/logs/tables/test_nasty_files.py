@@ -167,7 +167,7 @@ def test_units_as_they_are_written(written: str, unit: str | None) -> None:
         ('2016-04-09T16:41:39.628Z,2,127488,16,255,8,00,ff,20,ff,7f,ff,ff,ff', 'analyzer -json < '),
     ],
 )
-def test_what_is_refused_is_named_with_its_converter(line: str, remedy: str, tmp_path: Path) -> None:
+def test_a_refused_format_is_named_with_its_converter(line: str, remedy: str, tmp_path: Path) -> None:
     (tmp_path / 'ship.log').write_text(f'{line}\n' * 9)
     with pytest.raises(BagError, match=remedy):
         TableRecording(tmp_path / 'ship.log')

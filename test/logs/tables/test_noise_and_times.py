@@ -120,7 +120,7 @@ def test_seconds_since_a_start_of_hours_ago_are_seconds(rate: float, digits: int
 @pytest.mark.parametrize(
     ('gap', 'is_asked'), [(1.0, True), (0.25, True), (0.125, True), (0.1, False), (0.001, False)]
 )
-def test_what_may_be_days_or_seconds_is_asked(gap: float, is_asked: bool, tmp_path: Path) -> None:
+def test_times_in_days_or_seconds_raise_a_question(gap: float, is_asked: bool, tmp_path: Path) -> None:
     recording = open_log(tmp_path, csv_text([round(46146.25 + k * gap, 6) for k in range(30)]))
     assert ('or are they days of a spreadsheet?' in ' '.join(recording.warnings)) == is_asked
 
@@ -170,7 +170,7 @@ YEAR_FIRST = "'26-05-04 06:00:00' is read day first: or is the year first? Write
         ('%d/%m/%Y %H:%M:%S', timedelta(hours=6), '', True),
     ],
 )
-def test_a_year_of_two_digits_in_front_is_asked(
+def test_a_year_of_two_digits_in_front_raises_a_question(
     form: str, every: timedelta, question: str, right: bool, tmp_path: Path
 ) -> None:
     times = equal_steps(every)

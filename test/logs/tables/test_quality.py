@@ -93,7 +93,7 @@ def test_a_bad_code_after_the_head_of_a_file_of_zeros_counts() -> None:
     ('marks', 'question'),
     [('100 0', ['100', '0']), ('1 1', None), ('192 0', None), (' '.join(map(str, range(120))), None)],
 )
-def test_numbers_of_a_quality_without_a_meaning_are_asked(
+def test_numbers_of_a_quality_without_a_meaning_raise_a_question(
     marks: str, question: list[str] | None, tmp_path: Path
 ) -> None:
     """Take the share of a historian that is good as a question; many numbers are a measurement."""

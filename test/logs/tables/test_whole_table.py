@@ -72,7 +72,7 @@ def test_encodings_and_packings_are_those_of_logs(data: bytes, tmp_path: Path) -
     assert [row.cells for row in rows] == [['speed', 'mu'], *CELLS]
 
 
-def test_what_is_too_large_or_damaged_is_refused(tmp_path: Path) -> None:
+def test_tables_too_large_or_damaged_are_refused(tmp_path: Path) -> None:
     path = tmp_path / 'a.csv'
     path.write_bytes(gzip.compress(bytes(100_000)))
     with pytest.raises(BagError, match='larger than 10000 bytes'):

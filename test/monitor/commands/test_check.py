@@ -208,7 +208,7 @@ def test_in_a_browser_it_fits_a_phone_and_follows_the_night(
     assert layout['back'] == ('rgb(22, 25, 29)' if dark else 'rgb(255, 255, 255)')
 
 
-def test_two_publishers_and_a_wrong_unit_are_told(tmp_path: Path, stickslip: Stickslip) -> None:
+def test_two_publishers_and_a_wrong_unit_are_reported(tmp_path: Path, stickslip: Stickslip) -> None:
     """60 and 20 rpm in turn, ten a second; the load in kN where N are expected."""
     time, is_odd = START + np.arange(200) * 10**8, np.arange(200) % 2
     columns = {
@@ -275,7 +275,7 @@ def test_an_absent_topic_costs_its_bearing_and_no_other(tmp_path: Path, sticksli
     assert 'nothing is known of fore' in done.err
 
 
-def test_what_was_not_read_is_no_all_clear(tmp_path: Path, stickslip: Stickslip) -> None:
+def test_unread_parts_are_no_all_clear(tmp_path: Path, stickslip: Stickslip) -> None:
     (file,) = record_one_speed(tmp_path / 'whole', FAST).glob('*.mcap')
     done = stickslip(*CHECK, file, '--json')
     assert (done.code, done.json['complete']) == (0, True)
@@ -365,7 +365,7 @@ def test_six_recordings_with_an_alarm_in_one_second_give_six_clips(
     assert len(list((tmp_path / 'clips').glob('*.mcap'))) == 6
 
 
-def test_what_the_limit_has_removed_is_said(tmp_path: Path, stickslip: Stickslip) -> None:
+def test_clips_removed_by_the_limit_are_reported(tmp_path: Path, stickslip: Stickslip) -> None:
     bags = [record_one_speed(tmp_path / 'in' / f'r{n}', SLOW) for n in range(3)]
     config, clips = config_with(tmp_path, clips={'most': 2}), tmp_path / 'clips'
     *_, last = stickslip('check', *bags, '-c', config, '--clips', clips, '--jobs', 1).err.splitlines()

@@ -115,7 +115,7 @@ def test_a_recording_on_standard_input_is_checked_as_the_file_is(
 
 
 @pytest.mark.slow
-def test_a_report_names_what_could_not_be_checked(tmp_path: Path, stickslip: Stickslip) -> None:
+def test_a_report_names_recordings_that_could_not_be_checked(tmp_path: Path, stickslip: Stickslip) -> None:
     pytest.importorskip('jinja2')
     page = tmp_path / 'page.html'
     bags = [BAGS / 'history_above', tmp_path / 'gone <b>', BAGS / 'voyage']

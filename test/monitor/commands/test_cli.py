@@ -125,7 +125,7 @@ def test_the_tab_key_offers_commands_options_and_files(typed: str, offered: str,
 
 
 @pytest.mark.parametrize('command', ['--help', 'check --help', 'health --help'])
-def test_what_needs_no_numbers_starts_without_their_libraries(command: str) -> None:
+def test_commands_without_numbers_start_without_numerical_libraries(command: str) -> None:
     # A container asks ``health`` every half minute.
     code = (
         'import sys; from stickslip_monitor.cli import main\n'

@@ -48,7 +48,7 @@ def test_a_question_about_times_is_no_all_clear(
     [('-99', 1), ('999.9', 1), ('9999.0', 1), ('-9999', 0), ('1e20', 0), ('82', 0), ('-50', 0)],
 )
 @pytest.mark.parametrize('first', [0, 3000])
-def test_a_filler_that_is_not_known_is_asked(
+def test_a_filler_that_is_not_known_raises_a_question(
     filler: str, code: int, first: int, tmp_path: Path, stickslip: Stickslip
 ) -> None:
     """-99 rpm are turns astern; -9999 means no value wherever it comes, and so it is of the whole log."""
@@ -64,7 +64,7 @@ def test_a_filler_that_is_not_known_is_asked(
     ('filler', 'is_asked'),
     [('-555', True), ('555', True), ('-1', True), ('0', False), ('40', False), ('81.5', False)],
 )
-def test_a_number_that_stands_far_from_those_of_a_sensor_is_asked(
+def test_a_number_that_stands_far_from_those_of_a_sensor_raises_a_question(
     filler: str, is_asked: bool, tmp_path: Path, stickslip: Stickslip
 ) -> None:
     # A sensor has noise, which a filler has not; a shaft at rest, or a slower one, is none.
@@ -77,7 +77,7 @@ def test_a_number_that_stands_far_from_those_of_a_sensor_is_asked(
 @pytest.mark.parametrize(
     ('load', 'is_asked'), [('60,000', True), ('60.000', True), ('0,900', False), ('60,00', False)]
 )
-def test_thousands_or_decimals_are_asked(
+def test_thousands_or_decimals_raise_a_question(
     load: str, is_asked: bool, tmp_path: Path, stickslip: Stickslip
 ) -> None:
     path = tmp_path / 'voyage.csv'
@@ -88,7 +88,7 @@ def test_thousands_or_decimals_are_asked(
     assert result.code == 1 or not is_asked
 
 
-def test_a_column_of_an_average_is_asked_about(tmp_path: Path, stickslip: Stickslip) -> None:
+def test_a_column_of_an_average_raises_a_question(tmp_path: Path, stickslip: Stickslip) -> None:
     path = tmp_path / 'voyage.csv'
     path.write_text(
         'time [s],rpm_min,rpm_max,rpm_avg,load [N]\n' + ''.join(f'{k},79,81,80,900\n' for k in range(60))
@@ -98,7 +98,7 @@ def test_a_column_of_an_average_is_asked_about(tmp_path: Path, stickslip: Sticks
     assert result.code == 1
 
 
-def test_unknown_words_of_a_quality_are_asked(tmp_path: Path, stickslip: Stickslip) -> None:
+def test_unknown_words_of_a_quality_raise_a_question(tmp_path: Path, stickslip: Stickslip) -> None:
     """They are asked about wherever they come, and answered by a line of the configuration."""
     rows = (f'{k},80,{"schlecht" if 4000 < k < 4100 else "gut"},900\n' for k in range(6000))
     path, config = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml'
@@ -113,7 +113,7 @@ def test_unknown_words_of_a_quality_are_asked(tmp_path: Path, stickslip: Sticksl
 @pytest.mark.parametrize(
     ('zone', 'first', 'exit_code'), [('', '01:58', 1), ('Z', '01:58', 0), ('', '01:28', 0)]
 )
-def test_an_hour_that_summer_time_may_leave_out_is_asked(
+def test_an_hour_that_summer_time_may_leave_out_raises_a_question(
     zone: str, first: str, exit_code: int, tmp_path: Path, stickslip: Stickslip
 ) -> None:
     """On 29 March 2026 clocks went from 02:00 to 03:00; a pause from 01:30 on is none of summer time."""

@@ -47,7 +47,7 @@ def test_an_output_that_is_an_input_is_refused(command: str, spelling: str, tmp_
 
 
 @pytest.mark.parametrize('source_kind', ['configuration', 'recording', 'archive'])
-def test_what_an_input_names_or_holds_is_an_input(source_kind: str, tmp_path: Path) -> None:
+def test_files_that_an_input_names_or_holds_are_inputs(source_kind: str, tmp_path: Path) -> None:
     files = list_declared_files('check')
     (tmp_path / 'archive' / 'one').mkdir(parents=True)
     (tmp_path / 'archive' / 'one' / 'a.html').write_text('{}')

@@ -103,7 +103,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize('line', REFUSED)
-def test_what_is_refused_is_told_in_one_sentence(
+def test_a_refusal_is_one_sentence(
     line: str, folder: Path, monkeypatch: pytest.MonkeyPatch, stickslip: Stickslip
 ) -> None:
     if line.startswith('dashboard'):

@@ -73,7 +73,7 @@ def test_the_point_moves(dashboard: Any, page: Any) -> None:
     assert page.text('.speed') == '300 rpm'
 
 
-def test_an_alarm_appears_without_reloading_and_is_said(dashboard: Any, page: Any) -> None:
+def test_an_alarm_appears_without_reloading_and_is_announced(dashboard: Any, page: Any) -> None:
     assert not page.js(f'!!document.querySelector(`{ALARM}`)')
     dashboard.sail(20.0, 1000.0, 5.0)
     page.until(f'document.querySelector(`{ALARM}`)')
@@ -200,7 +200,7 @@ def test_the_page_reconnects_after_a_refusal(
     browser.until(f'{STANDS} === "normal"')
 
 
-def test_a_token_is_asked_for_once(dashboards: Callable[..., Any], browser: Any) -> None:
+def test_a_token_is_requested_once(dashboards: Callable[..., Any], browser: Any) -> None:
     locked = dashboards(token=TOKEN)
     locked.sail(60.0, 1000.0)
     browser.open(locked.url)
@@ -342,7 +342,7 @@ def test_nothing_is_wider_than_the_screen(dashboard: Any, page: Any, width: int)
     assert width > 500 or part > 0.8
 
 
-def test_what_was_not_done_stays_until_it_is_seen(
+def test_a_failed_action_is_shown_until_it_is_seen(
     dashboard: Any, page: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('stickslip_monitor.dashboard.server.ACTION_TIMEOUT', 0.1)
@@ -359,7 +359,7 @@ def test_what_was_not_done_stays_until_it_is_seen(
     page.forget()  # Chromium notes the refusal
 
 
-def test_no_alarm_is_not_said_before_it_is_known(dashboard: Any, browser: Any) -> None:
+def test_the_page_claims_no_alarm_only_when_it_is_known(dashboard: Any, browser: Any) -> None:
     dashboard.do(lambda: setattr(dashboard.ship.watched, 'alarms', None))
     dashboard.do(dashboard.ship.look)
     browser.open(dashboard.url)
@@ -844,7 +844,7 @@ def test_one_lost_input_is_one_line_with_all_its_bearings(dashboard: Any, page: 
     assert row.count('Input speed lost') == 1
 
 
-def test_times_are_said_for_people(page: Any) -> None:
+def test_times_are_written_for_people(page: Any) -> None:
     seconds = (0.4, 9.94, 30.0, 119.0, 150.0, 7_200.0, 172_800.0, 2.96e8)
     texts = page.js(f'import("./dom.js").then(({{ about }}) => {list(seconds)}.map(about))')
     assert texts == ['0.4 s', '9.9 s', '30 s', '119 s', '2.5 min', '2.0 h', '2 days', '9.4 years']

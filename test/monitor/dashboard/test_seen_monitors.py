@@ -78,7 +78,7 @@ def acknowledge_request(by: str = 'Ada', bearing: str | None = 'aft_stern') -> A
     return ActionRequest(Action.ACKNOWLEDGE, by, bearing, AlarmKind.STICK_SLIP)
 
 
-def test_what_is_no_number_has_no_value() -> None:
+def test_a_value_that_is_no_number_is_dropped() -> None:
     record = checked_record(
         bearing_status(
             speed='fast',
@@ -152,14 +152,14 @@ def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
         *(alarm_table(alarm_row(state=None)), alarm_table(changes=[{}]), alarm_table(rows=[7])),
     ],
 )
-def test_what_is_none_changes_nothing(board: DashboardState, document: Any) -> None:
+def test_invalid_records_change_nothing(board: DashboardState, document: Any) -> None:
     board.monitors[0].take_record(document)
     board.monitors[0].take_alarms(document)
     assert not board.monitor()['there']
     assert board.alarms is None
 
 
-def test_what_is_offered_is_what_does_something() -> None:
+def test_the_offered_actions_are_those_with_an_effect() -> None:
     """Apply each offered action to a real alarm in that state: it changes the alarm, and no other does."""
     config = load_config(CONFIG)
     for state in AlarmState:
@@ -190,7 +190,7 @@ def test_one_matter_is_one_row(board: DashboardState) -> None:
     assert (row['text'], row['came_back'], row['came_back_since']) == ('now', 4, 5)
 
 
-def test_what_another_did_is_no_answer(board: DashboardState) -> None:
+def test_an_action_of_another_person_is_no_answer(board: DashboardState) -> None:
     waiting = alarm_row(state='unacknowledged', sounding=True)
     (monitor,) = board.monitors
     with pytest.raises(DashboardError, match='the list of alarms has not come'):
@@ -368,7 +368,7 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
         (0.3, None, False),
     ],
 )
-def test_a_map_of_other_parameters_is_told(
+def test_a_map_of_other_parameters_is_reported(
     now: list[float], fold: float | None, load: float | None, foreign: bool
 ) -> None:
     # The page was started with another file than the node: its own curve leads through (0.3, 250).

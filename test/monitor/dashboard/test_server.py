@@ -239,7 +239,7 @@ NO_REQUESTS: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-def test_a_request_that_is_none_is_refused(dashboard: Any) -> None:
+def test_an_invalid_request_is_refused(dashboard: Any) -> None:
     dashboard.sail(20.0, 1000.0, 5.0)
     for change, words in NO_REQUESTS:
         code, answer = post_action(dashboard, ACTION | change)
@@ -247,7 +247,7 @@ def test_a_request_that_is_none_is_refused(dashboard: Any) -> None:
     assert dashboard.ship.requests == []
 
 
-def test_what_is_no_course_of_a_replay(dashboards: Any) -> None:
+def test_invalid_courses_of_a_replay_are_refused(dashboards: Any) -> None:
     dashboard = dashboards(player=object())
     for document, words in (
         ({'paused': 'yes'}, "paused = 'yes' must be true or false"),
@@ -259,7 +259,7 @@ def test_what_is_no_course_of_a_replay(dashboards: Any) -> None:
         assert (code, answer['ok'], words in answer['text']) == (400, False, True), answer
 
 
-def test_what_the_monitor_does_not_answer_is_not_said_to_be_done(
+def test_an_action_without_answer_of_the_monitor_is_not_confirmed(
     dashboard: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('stickslip_monitor.dashboard.server.ACTION_TIMEOUT', 0.1)

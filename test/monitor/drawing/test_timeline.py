@@ -180,7 +180,7 @@ class FollowedLining:
     amplitude: FollowedNumbers
 
 
-def test_what_the_lining_did_stands_beside_what_was_said() -> None:
+def test_true_episodes_are_drawn_beside_the_verdicts() -> None:
     course = draw_course([60.0] * 20 + [20.0] * 20, start=0)
     when = np.arange(40) * 10**9
     numbers = (when * 1e-11, when * 2e-11, np.full(40, 5e-4))

@@ -214,14 +214,14 @@ def test_a_token_goes_unencrypted_to_this_machine_only(files: Files, address: st
         (SIGNALK, {}, True, "parameter 'aft.speed.topic' is missing"),
     ],
 )
-def test_what_does_not_fit_the_bearing(
+def test_links_that_do_not_fit_the_bearing_are_refused(
     files: Files, links: Any, bearing: dict[str, Any], with_node: bool, text: str
 ) -> None:
     with pytest.raises(ConfigurationError, match=re.escape(text)):
         load_watch(files.write(links, **bearing), '/stickslip_monitor' if with_node else None)
 
 
-def test_an_input_that_may_stand_is_asked_after_when_it_no_longer_does() -> None:
+def test_an_input_with_a_hold_is_silent_only_after_it() -> None:
     kinds = (('a', 0.0), ('b', 3600.0))
     items = [
         BusInput(bearing=name, place=Input.SPEED, hold=hold, bus='signalk', path=f'x.{name}')

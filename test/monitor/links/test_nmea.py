@@ -108,7 +108,7 @@ def test_sentences_with_any_end_or_none(end: bytes) -> None:
     assert SentenceStream().take(rpm_sentence + end + load_sentence + end) == TWO.decode().split()
 
 
-def test_what_is_not_used_is_counted() -> None:
+def test_unused_sentences_are_counted() -> None:
     stream = SentenceStream()
     bad = TWO.replace(b'74.6', b'74.7')
     assert len(stream.take(b'$RCRPM,S,1,1.0,,A\r\n' + bad + b'$RCRPM,S,1,7' + TWO)) == 3
@@ -124,7 +124,7 @@ def test_what_is_not_used_is_counted() -> None:
     assert stream.unused['no checksum'] == 1
 
 
-def test_a_silent_input_is_logged_with_what_was_received_instead() -> None:
+def test_a_silent_input_is_logged_with_the_sentences_received_instead() -> None:
     lines: list[str] = []
     inputs = NmeaInputs([SPEED, LOAD], lines.append)
     inputs.log_silent(0.0, {})
@@ -301,7 +301,7 @@ def test_a_long_list_is_split_and_counted() -> None:
     assert {line.split(',')[3] for line in lines} == set('0123456789')
 
 
-def test_revisions_begin_anew_after_99() -> None:
+def test_revisions_restart_after_99() -> None:
     panel = Panel()
     revisions = []
     for step in range(102):

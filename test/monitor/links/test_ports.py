@@ -140,7 +140,7 @@ async def test_a_stream_that_comes_late_ends_and_comes_back() -> None:
     server.close()
 
 
-async def test_what_the_other_end_does_not_take_is_not_kept() -> None:
+async def test_lines_that_the_other_end_does_not_take_are_dropped() -> None:
     """Connect a display that hangs: the system takes some megabytes for it, and then a part of a line."""
     with socket.create_server(('127.0.0.1', 0)) as display:
         end = End(f'tcp://127.0.0.1:{display.getsockname()[1]}', silent=math.inf)
@@ -204,7 +204,7 @@ async def test_where_only_acknowledgements_may_come_silence_is_no_fault(
     assert states == [('nmea_in', True, '')]
 
 
-async def test_what_cannot_be_opened_at_the_start_is_an_error(tmp_path: Path) -> None:
+async def test_an_address_that_cannot_be_opened_at_the_start_is_an_error(tmp_path: Path) -> None:
     no_line = tmp_path / 'file'
     no_line.touch()
     with bind_udp() as occupier:
@@ -239,7 +239,7 @@ class Display:
         return int(self.server.sockets[0].getsockname()[1])
 
 
-async def test_the_heartbeat_says_what_is_true_now(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_heartbeat_follows_the_state_of_the_monitor(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SimpleNamespace(now=100.0)
     monkeypatch.setattr(nmea_client, 'time', SimpleNamespace(monotonic=lambda: clock.now))
     sent: list[str] = []

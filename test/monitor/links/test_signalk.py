@@ -64,7 +64,7 @@ class Reader:
         (10**400, math.nan),
     ],
 )
-def test_what_is_no_number_is_no_rest(value: Any, expected: float) -> None:
+def test_a_value_that_is_no_number_is_no_rest(value: Any, expected: float) -> None:
     assert Reader().take(make_delta(value)) == pytest.approx([expected], nan_ok=True)
 
 

@@ -181,7 +181,9 @@ async def test_a_frozen_server_is_noticed_by_its_silence(
         await ship.until(lambda: ship.up('signalk_in'))
 
 
-async def test_what_is_not_taken_is_told(server: SmallServer, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_server_without_echo_is_reported(
+    server: SmallServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(signalk_client, 'UNHEARD', 0.2)
     server.deaf = True
     async with connected_client(Ship(server)) as ship:
@@ -247,7 +249,7 @@ async def test_the_end_takes_values_back_and_leaves_alarms(server: SmallServer) 
 @pytest.mark.parametrize(
     ('mode', 'is_taken'), [(0o600, True), (0o400, True), (0o640, False), (0o620, False), (0o604, False)]
 )
-def test_a_token_that_others_can_read_is_none(tmp_path: Path, mode: int, is_taken: bool) -> None:
+def test_a_token_that_others_can_read_is_refused(tmp_path: Path, mode: int, is_taken: bool) -> None:
     path = tmp_path / 'token'
     path.write_text('0123456789abcdef\n')
     path.chmod(mode)
@@ -323,7 +325,7 @@ async def test_a_certificate_must_fit(server: SmallServer, certificate: Path, tm
         (['PENDING', 'COMPLETED'], 'DENIED', None),
     ],
 )
-async def test_a_token_is_asked_for(
+async def test_a_token_is_requested(
     server: SmallServer, states: list[str], permission: str, expected: str | None
 ) -> None:
     server.requests, server.permission = states, permission

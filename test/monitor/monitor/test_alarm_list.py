@@ -137,7 +137,9 @@ LADDER = [
 
 
 @pytest.mark.parametrize(('kind', 'condition'), LADDER)
-def test_it_comes_and_goes_before_and_after_somebody_looks(panel: Build, kind: str, condition: str) -> None:
+def test_an_alarm_comes_and_goes_before_and_after_an_acknowledgement(
+    panel: Build, kind: str, condition: str
+) -> None:
     aft = panel().advance_to(1).enter_condition(condition)
     assert (aft.raised, aft.state_of(kind)) == ([kind], 'unacknowledged')
     aft.advance_to(5).act('acknowledge')
@@ -256,7 +258,7 @@ def test_states_and_raised_alarms_after_a_script(
         ('0 bistable 2 stick_slip 4 amplitude_limit', ['bistable'], True),
     ],
 )
-def test_what_sounds(panel: Build, script: str, aloud: list[str], sounding: bool) -> None:
+def test_sounds_of_a_script(panel: Build, script: str, aloud: list[str], sounding: bool) -> None:
     aft = panel().play(script)
     assert (aft.sounded, aft.alarms.sounding) == (aloud, sounding)
 
@@ -392,7 +394,7 @@ def test_stick_slip_under_an_acknowledged_alarm_sounds_once_it_lasts_longer(pane
 
 
 @pytest.mark.parametrize('action', ['shelve', 'remove'])
-def test_what_was_put_away_makes_no_sound_however_long_it_lasts(panel: Build, action: str) -> None:
+def test_a_removed_or_shelved_alarm_makes_no_sound_however_long_it_lasts(panel: Build, action: str) -> None:
     aft = panel().play('0 stick_slip runs:20 acknowledge turns:0.1 60 begins runs:10')
     aft.act(action, 'stick_slip')
     assert aft.predict_stick_slip(100.0).sounded == ['stick_slip']
@@ -412,7 +414,7 @@ def test_after_a_pause_it_is_another_manoeuvre(panel: Build) -> None:
     assert aft.predict_stick_slip(1.0).sounded == ['stick_slip'] * 2
 
 
-def test_a_stop_does_not_count_and_a_pause_begins_anew(panel: Build) -> None:
+def test_a_stop_does_not_count_and_a_pause_restarts_the_manoeuvre(panel: Build) -> None:
     aft = panel().play(AGAIN).predict_stick_slip(10.0).predict_stick_slip(20.0, speed=0.0)
     assert not aft.alarms.sounding
     aft.take_speed(0.1).advance_to(aft.second + 121.0).predict_stick_slip(14.0)

@@ -160,7 +160,7 @@ def test_a_damaged_state_is_named_and_nothing_is_taken_over(
 
 
 @pytest.mark.parametrize('document', [None, 5, [], 'text', {}])
-def test_what_is_no_state_at_all(stuck: Annunciator, document: Any) -> None:
+def test_records_that_are_no_state_are_refused(stuck: Annunciator, document: Any) -> None:
     with pytest.raises(AlarmStateError, match='the document has no'):
         recall_state(stuck, document, T0)
 

@@ -80,7 +80,7 @@ def test_the_published_transitions() -> None:
         (AlarmState.OUT_OF_SERVICE, Trigger.RESTORE),
     ],
 )
-def test_what_comes_back_with_its_cause_is_given_again(state: AlarmState, trigger: Trigger) -> None:
+def test_a_returning_alarm_with_its_cause_is_raised_again(state: AlarmState, trigger: Trigger) -> None:
     assert next_state(state, trigger, Facts(active=True)) is AlarmState.UNACKNOWLEDGED
     assert next_state(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED
 

@@ -282,7 +282,7 @@ def test_the_exact_amplitude_and_what_averaging_misses() -> None:
         (Coulomb(0.3, 0.1), 7.19, 1000.0, np.nan, 7.1936, None),
     ],
 )
-def test_what_only_the_exact_model_sustains_is_not_stable(
+def test_a_point_with_an_exact_cycle_alone_is_not_stable(
     law: FrictionLaw,
     revolutions: float,
     load: float,

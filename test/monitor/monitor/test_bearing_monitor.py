@@ -87,7 +87,7 @@ def test_coast_down_and_recovery() -> None:
     ]
 
 
-def test_what_returns_within_a_minute_is_held_for_a_minute() -> None:
+def test_a_condition_that_returns_within_a_minute_is_held_for_a_minute() -> None:
     # A change of speed counts a point later, by the median of three; both conditions clear in 10 s.
     monitor, speeds = Monitor(configured()), [INSIDE, QUIET, INSIDE, QUIET, QUIET, QUIET, QUIET]
     events = [e for k in range(700) for e in update_point(monitor, k / 5, speeds[k // 100])]
@@ -205,7 +205,7 @@ def test_event_text_names_speed_load_amplitude_and_way_out() -> None:
     assert event.standing.assessment.amplitude == pytest.approx(0.52688e-3, rel=1e-4)
 
 
-def test_nobody_is_told_to_stop_a_shaft_that_stands() -> None:
+def test_no_text_asks_to_stop_a_shaft_that_stands() -> None:
     monitor = Monitor(configured())
     for k in range(40):
         update_point(monitor, k / 2, UNSTABLE if k < 30 else 0.0)

@@ -66,7 +66,7 @@ def test_a_damaged_result_is_refused_in_a_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('kind', ['pipe', 'device', 'nested'])
-def test_what_is_no_file_of_results_is_not_read_for_ever(tmp_path: Path, kind: str) -> None:
+def test_a_pipe_or_device_as_a_file_of_results_is_refused(tmp_path: Path, kind: str) -> None:
     path = tmp_path / 'given'
     if kind == 'pipe':
         os.mkfifo(path)
@@ -95,7 +95,7 @@ def test_a_calibration_takes_the_place_of_tolerances(calibration_path: str) -> N
     assert fold_speed(aft.bearing, 1000.0) / RPM == pytest.approx(40.723091, rel=1e-6)
 
 
-def test_what_onsets_tell_moves_what_is_believed_and_no_alarm(calibration_path: str) -> None:
+def test_evidence_of_onsets_moves_the_belief_and_no_alarm(calibration_path: str) -> None:
     law = {f'friction.{name}': value for name, value in (LAW | {'decay': 2.0 * LAW['decay']}).items()}
     Path(calibration_path).write_text(json.dumps(RESULT | {'believed': {'damping': 400.0} | law}))
     aft = configured(damping=900.0, calibration=calibration_path).bearing('aft')
@@ -236,7 +236,7 @@ def test_nothing_is_asked_of_a_right_bearing() -> None:
         ),
     ],
 )
-def test_a_slip_is_asked_about(changes: dict[str, object], clause: str) -> None:
+def test_a_slip_raises_a_question(changes: dict[str, object], clause: str) -> None:
     assert any(clause in text for text in ask_questions(**changes)), ask_questions(**changes)
 
 
@@ -257,7 +257,9 @@ def test_a_retired_parameter_has_no_effect_and_a_sentence() -> None:
         ({'law': 'stribeck'}, 'viscous', 0.1, False),
     ],
 )
-def test_what_a_law_does_not_take_is_named(law: Any, parameter: str, value: Any, has_no_effect: bool) -> None:
+def test_a_parameter_that_a_law_does_not_take_is_named(
+    law: Any, parameter: str, value: Any, has_no_effect: bool
+) -> None:
     parameters = law | {parameter: value}
     config = configured('aft', {f'friction.{key}': value for key, value in parameters.items()})
     named = [note for note in config.notes if note.startswith(f'aft.friction.{parameter} = ')]

@@ -138,7 +138,7 @@ def test_a_fault_stands_for_a_minute_and_clears_when_values_settle() -> None:
     assert watch.standing_fault(last + 60 * SECOND + 1) is None
 
 
-def test_what_is_said() -> None:
+def test_sentences_of_input_faults() -> None:
     config = configured(load__unit='kN', load__offset=0.5, load__scale=2.0).bearing('aft')
     # Three revolutions a minute of a journal of 0.1 m.
     assert least_gap(config, 0) == pytest.approx(3.0 / 60.0 * np.pi * 0.1)
@@ -216,7 +216,7 @@ LOST = replace(FINE, lost=True, receiving=False)
         (replace(FINE, source='values jump'), 'On /speed, values jump.'),
     ],
 )
-def test_the_most_fundamental_fault_is_told(facts: InputFacts, sentence: str) -> None:
+def test_the_most_fundamental_fault_is_reported(facts: InputFacts, sentence: str) -> None:
     assert input_fault(facts) == sentence
 
 

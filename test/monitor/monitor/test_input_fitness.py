@@ -84,7 +84,7 @@ def test_honest_values_are_not_named(name: str) -> None:
     assert clause_of(*HONEST[name]) == ''
 
 
-def test_what_was_held_and_is_no_longer_is_taken_back() -> None:
+def test_the_clause_on_held_values_is_withdrawn() -> None:
     watch, time_ns = FitnessWatch(), (TIMES * SECOND).astype(np.int64)
     watch.take_values(LOAD, time_ns, load_in_swell(10.0 * np.floor(TIMES / 10.0)))
     assert watch.clause(LOAD)
@@ -162,7 +162,7 @@ def test_a_slow_load_is_reported_live_and_no_verdict_changes() -> None:
     ('topic', 'named'),
     [('/shaft/speed_avg', 'avg'), ('/Mean/speed', 'Mean'), ('/meander', ''), ('/shaft/speed', '')],
 )
-def test_a_name_that_says_average_is_asked_about(topic: str, named: str) -> None:
+def test_a_name_that_says_average_raises_a_question(topic: str, named: str) -> None:
     (bearing,) = configured(speed__topic=topic).bearings
     texts = [text for text in questions(bearing, 0.0)['speed'] if 'average' in text]
     assert [f"'{named}'" in text for text in texts] == [True] * bool(named)

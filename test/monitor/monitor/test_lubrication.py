@@ -123,7 +123,9 @@ def test_an_error_of_the_load_moves_speed_and_load_together() -> None:
         ({'friction__load_exponent': 2.0, 'friction__at_load': 1.0}, 'and 1'),
     ],
 )
-def test_what_is_missing_or_out_of_range_is_refused(parameters: dict[str, float], text: str) -> None:
+def test_missing_parameters_and_values_out_of_range_are_refused(
+    parameters: dict[str, float], text: str
+) -> None:
     with pytest.raises(ConfigurationError, match=text):
         configured(**parameters)
 
@@ -135,7 +137,7 @@ def test_what_is_missing_or_out_of_range_is_refused(parameters: dict[str, float]
         ({'friction__at_temperature': 15.0}, 'without water_temperature.constant or .topic'),
     ],
 )
-def test_what_has_no_effect_is_noted(parameters: dict[str, float], text: str) -> None:
+def test_parameters_without_effect_are_noted(parameters: dict[str, float], text: str) -> None:
     (note,) = configured(**parameters).notes
     assert text in note
 
@@ -166,7 +168,7 @@ def test_the_temperature_may_change_while_the_monitor_runs() -> None:
     assert update.verdict.assessment.fold_speed > 1.05 * cold  # thinner water, in which friction falls later
 
 
-def test_blades_are_asked_about_where_they_meet_the_lining() -> None:
+def test_blades_raise_a_question_where_they_meet_the_lining() -> None:
     config = configured(stiffness=2.0e4).bearings[0]  # 3.18 Hz: four blades at 47.7 rpm
     (clause,) = [text for text in questions(config, 1000.0)['load'] if 'blades' in text]
     assert '3.18 Hz' in clause
@@ -174,7 +176,7 @@ def test_blades_are_asked_about_where_they_meet_the_lining() -> None:
     assert not any('blades' in text for text in questions(configured().bearings[0], 1000.0)['load'])
 
 
-def test_propellers_of_three_to_seven_blades_are_asked_about() -> None:
+def test_propellers_of_three_to_seven_blades_raise_a_question() -> None:
     """At 2.757 Hz the blades meet the lining at 165.4 rpm over their number."""
     config = configured(stiffness=1.5e4).bearings[0]
     (clause,) = [text for text in questions(config, 1000.0)['load'] if 'blades' in text]
@@ -278,7 +280,7 @@ def test_water_that_is_not_measured_is_no_all_clear(more: dict[str, Any], text: 
         (MEASURED | {'water_temperature__unit': 'F'}, 'must be one of C, K'),
     ],
 )
-def test_what_a_measured_temperature_needs(parameters: dict[str, Any], text: str) -> None:
+def test_requirements_of_a_measured_temperature(parameters: dict[str, Any], text: str) -> None:
     with pytest.raises(ConfigurationError, match=text):
         configured(**parameters)
 

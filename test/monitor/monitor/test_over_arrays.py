@@ -114,7 +114,7 @@ def test_inputs_that_never_come_are_lost_by_the_end() -> None:
     assert set(event.lost) == {n for n, channel in inputs.items() if channel.timeout_ns == first}
 
 
-def test_what_is_an_index_of_the_rule_is_a_plain_number() -> None:
+def test_an_index_of_the_rule_is_a_plain_number() -> None:
     """numba takes an enumeration as an index from some version after 0.60 on; 0.57 is supported."""
     assert {type(place) for place in (rule_state.SPEED, rule_state.LOAD, rule_state.LEVEL)} == {int}
 

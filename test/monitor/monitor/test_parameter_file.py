@@ -48,7 +48,7 @@ def refusal_of(path: Path) -> str:
     return text.removeprefix(str(path))
 
 
-def test_a_file_says_what_the_same_values_say(write: Write) -> None:
+def test_a_file_equals_the_same_values(write: Write) -> None:
     assert load_config(write(WHOLE)) == configured()
     assert load_config(str(write(WHOLE))) == configured()
 
@@ -99,7 +99,7 @@ def test_dotted_names_and_nested_names_are_the_same(write: Write) -> None:
         ('off', False),
     ],
 )
-def test_what_is_a_number(write: Write, text: str, value: Any) -> None:
+def test_spellings_of_a_number(write: Write, text: str, value: Any) -> None:
     read = load_yaml(write(f'a: {text}\n'))['a']
     assert read == value
     assert type(read) is type(value)
@@ -162,7 +162,7 @@ def test_no_file_and_a_folder(tmp_path: Path) -> None:
     assert refusal_of(tmp_path / 'none.yaml') == ': No such file or directory'
 
 
-def test_what_ros_reads_for_itself_is_left_alone(write: Write) -> None:
+def test_parameters_of_ros_itself_are_left_alone(write: Write) -> None:
     node_settings = (
         '    use_sim_time: true\n'
         '    start_type_description_service: false\n'
@@ -197,7 +197,7 @@ def test_of_a_file_for_two_nodes_one_is_read(tmp_path: Path, node: str, mass: fl
 @pytest.mark.parametrize(
     'port', ['/port/stickslip_monitor', '/port/**', '/port/*', '/port/**/stickslip_monitor']
 )
-def test_a_file_for_two_nodes_is_asked_about(tmp_path: Path, port: str) -> None:
+def test_a_file_for_two_nodes_raises_a_question(tmp_path: Path, port: str) -> None:
     path = tmp_path / 'ship.yaml'
     path.write_text(OF_TWO.replace('/port/stickslip_monitor', port))
     with pytest.raises(ConfigurationError) as error:

@@ -166,7 +166,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(('changes', 'sentence'), REFUSED)
-def test_what_breaks_a_rule_is_named_with_it(changes: dict[str, Any], sentence: str) -> None:
+def test_a_value_that_breaks_a_rule_is_named_with_it(changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ConfigurationError) as caught:
         build_changed(changes)
     text = str(caught.value)
@@ -200,7 +200,7 @@ def test_edges_of_ranges_are_allowed() -> None:
 
 
 @pytest.mark.parametrize('name', [p.name for p in BEARING_PARAMETERS if p.default is REQUIRED] + ['bearings'])
-def test_a_required_parameter_is_asked_for(name: str) -> None:
+def test_a_missing_required_parameter_is_an_error(name: str) -> None:
     full = name if name == 'bearings' else f'aft.{name}'
     with pytest.raises(ConfigurationError, match=f"parameter '{full}'.* is missing"):
         build_changed({full: MISSING})

@@ -91,7 +91,7 @@ def test_probabilities_are_calibrated(rate: float, noise: float) -> None:
         np.testing.assert_allclose(rows[:, 2] / rows[:, 0], rows[:, 1] / rows[:, 0], atol=0.07)
 
 
-def test_without_tolerances_nothing_is_said() -> None:
+def test_without_tolerances_there_is_no_probability() -> None:
     config = configured()
     assert config.bearing('aft').belief is None
     point = assess(config.bearing('aft').bearing, [0.1, 0.2], 1000.0)
@@ -154,7 +154,7 @@ def test_stick_slip_goes_by_its_threshold(runs: float) -> None:
     assert f'Raise speed above {math.ceil(clear / RPM)} rpm, or stop the shaft.' in event.text
 
 
-def test_growth_leans_to_the_share_that_is_asked_for() -> None:
+def test_growth_leans_to_the_requested_share() -> None:
     # With the damping alone unknown to 10 %, N/N0 of the bearing that 10 % are steadier than
     # is exp(-0.1 z) times that of the middle, z = -1.2815515655 the standard normal's quantile.
     belief = configured(tolerance__damping=0.1).bearing('aft').belief

@@ -43,7 +43,7 @@ ODD = ('text', True, 2**63, -(2**63), math.inf, [], [1] * 6, {}, 1e300, -1e300)
 
 
 @pytest.mark.parametrize('name', [row.name for row in fields(State)])
-def test_what_is_out_of_its_range_is_refused_by_name(name: str) -> None:
+def test_a_field_out_of_its_range_is_refused_by_name(name: str) -> None:
     for damage in ODD:
         with pytest.raises(ValueError, match=f'^{name} = '):
             State.of_record(_STICKING | {name: damage})

@@ -54,7 +54,7 @@ def test_a_held_state_is_not_held_while_an_input_is_lost(ship: Ship) -> None:
     assert (record['reason'], record['held_until']) == ('input_stale', None)
 
 
-def test_a_mostly_dead_sensor_is_told_with_its_share(ship: Ship) -> None:
+def test_a_mostly_dead_sensor_is_reported_with_its_share(ship: Ship) -> None:
     assert ship.sail(20.0, rpm=lambda k: 60.0 if k % 10 else math.nan)['severity'] == 'OK'
     record = ship.sail(60.0, rpm=lambda k: math.nan if k % 5 else 60.0)
     assert record['severity'] == 'WARN'
@@ -87,7 +87,7 @@ def test_a_mix_of_two_quantities_is_an_alarm_and_no_all_clear(ship: Ship) -> Non
 
 
 @pytest.mark.parametrize('number', [-999.25, 30e3])
-def test_what_is_refused_mixes_no_verdict(ship: Ship, number: float) -> None:
+def test_refused_samples_mix_no_verdict(ship: Ship, number: float) -> None:
     record = ship.sail(20.0, rpm=lambda k: number if k % 3 == 0 else 60.0)
     assert (record['reason'], ship.states()) == ('normal', {'input_implausible': 'unacknowledged'})
 
@@ -122,7 +122,7 @@ def test_simulated_time_that_does_not_come_is_named(ship: Ship, time_ns: int, is
     assert any('/clock' in line for line in ship.lines) == is_named
 
 
-def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:
+def test_after_a_pause_the_node_waits_for_inputs_again(ship: Ship) -> None:
     ship.sail(20.0, rpm=20.0)
     event_count = len(ship.events)
     ship.session.end()
@@ -133,7 +133,7 @@ def test_after_a_pause_inputs_are_waited_for_anew(ship: Ship) -> None:
     assert ship.events[event_count:] == []
 
 
-def test_time_in_which_nobody_could_listen_loses_no_input(ship: Ship) -> None:
+def test_a_stall_of_the_process_loses_no_input(ship: Ship) -> None:
     ship.sail(5.0)
     ship.steady_ns += 10 * SECOND
     ship.session.discount_stall(10 * SECOND)
@@ -181,7 +181,7 @@ def test_the_list_is_published_once_a_minute_without_any_change(ship: Ship) -> N
     assert [record['changes'] for record in ship.published] == [[], []]
 
 
-def test_what_is_noted_comes_once_with_the_next_list(ship: Ship) -> None:
+def test_a_note_comes_once_with_the_next_list(ship: Ship) -> None:
     ship.session.note('node', 'it was held up')
     for _ in range(2):
         ship.tick()

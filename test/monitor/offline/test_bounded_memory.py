@@ -86,7 +86,7 @@ def test_a_check_takes_as_much_memory_whatever_the_length(tmp_path: Path) -> Non
 @pytest.mark.slow
 @pytest.mark.usefixtures('compiled')
 @pytest.mark.parametrize('option', ['--mcap', '--clips', '--report'])
-def test_so_does_what_is_written_beside_it(tmp_path: Path, option: str) -> None:
+def test_memory_is_bounded_with_outputs_too(tmp_path: Path, option: str) -> None:
     target = {'--mcap': 'out.mcap', '--clips': 'clips', '--report': 'out.html'}[option]
     path = write_slow_passages(tmp_path / 'in.mcap', _MILLION // 5)
     # Some 110 MB of it is numba, as above.

@@ -79,7 +79,7 @@ def test_the_same_instant_again_gets_a_number(tmp_path: Path) -> None:
     assert names == {f'{stem}.mcap', f'{stem}-2.mcap', f'{stem}-3.mcap'}
 
 
-def test_what_a_crash_left_is_swept_when_it_is_old(tmp_path: Path) -> None:
+def test_leftovers_of_a_crash_are_removed_when_old(tmp_path: Path) -> None:
     name = '.20260504T060000Z_aft_stick_slip.mcap.0.draft'
     old, new, other_node, foreign = (
         tmp_path / n for n in (name, name.replace('.0.', '.1.'), '.x.draft', name.replace('.0.', '.2.'))
@@ -117,7 +117,7 @@ def test_a_checked_bag_has_a_clip_around_each_alarm(
 
 
 @pytest.mark.parametrize(('written', 'error'), [(False, True), (True, True), (False, False)])
-def test_what_is_stopped_before_its_first_clip_leaves_no_folder(
+def test_a_monitor_stopped_before_its_first_clip_leaves_no_folder(
     written: bool, error: bool, tmp_path: Path
 ) -> None:
     with suppress(KeyboardInterrupt), make_clip_folder(tmp_path / 'clips') as store:

@@ -31,7 +31,7 @@ def message_counts(document: dict[str, dict[str, dict[str, dict[str, dict[str, i
 
 
 @pytest.mark.parametrize('name', ODD)
-def test_an_odd_recording_is_told_and_read_as_far_as_it_can_be(
+def test_an_odd_recording_is_reported_and_read_as_far_as_it_can_be(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording, path = ODD[name], tmp_path / 'odd.mcap'
@@ -113,7 +113,7 @@ def test_mutants_of_a_voyage_with_stick_slip_are_no_all_clear(kind: str, tmp_pat
     [('db3', (20261126 << 32) + 417)],
     ids=['a page that asks for more memory than there is'],
 )
-def test_what_mutants_had_found(kind: str, seed: int, tmp_path: Path) -> None:
+def test_files_on_which_mutants_had_failed(kind: str, seed: int, tmp_path: Path) -> None:
     path = tmp_path / f'mutant.{kind}'
     path.write_bytes(mutant(seed, SOURCES[kind](), kind))
     assert judge(path) == ''

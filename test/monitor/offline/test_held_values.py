@@ -96,7 +96,7 @@ def test_a_value_stands_as_long_as_hold_says() -> None:
     assert 'Input speed lost' in lost[0].text
 
 
-def test_a_number_that_is_none_ends_the_repeats_live_and_offline() -> None:
+def test_an_invalid_number_ends_the_repeats_live_and_offline() -> None:
     """'unavailable' of home automation: the value before it stands, but nothing new is made of it."""
     rows = [(0.0, Input.LOAD, 0.0, 1000.0), (0.0, Input.SPEED, 0.0, 136.0), (60.0, Input.SPEED, 60.0, np.nan)]
     stream, repeats = HeldValues(config_with_hold().bearings[0]).fill(stream_of(rows), round(600 * SECOND))

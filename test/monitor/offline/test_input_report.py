@@ -111,7 +111,7 @@ def plausibility_questions(
         ([], []),
     ],
 )
-def test_what_can_be_is_not_asked_about(speed: list[float], load: list[float]) -> None:
+def test_plausible_operating_points_raise_no_question(speed: list[float], load: list[float]) -> None:
     assert plausibility_questions(speed, load) == {'speed': [], 'load': []}
 
 
@@ -125,7 +125,7 @@ def test_what_can_be_is_not_asked_about(speed: list[float], load: list[float]) -
         ([0.1] * 3, [-900.0, -800.0, 100.0], 'load', 'is negative for most of the time'),
     ],
 )
-def test_what_cannot_be_is_asked_about(
+def test_implausible_operating_points_raise_a_question(
     speed: list[float], load: list[float], quantity: str, words: str
 ) -> None:
     questions = plausibility_questions(speed, load)
@@ -142,7 +142,7 @@ def test_a_shaft_a_hundred_metres_thick() -> None:
     ]
 
 
-def test_friction_that_rises_from_rest_is_asked_about() -> None:
+def test_friction_that_rises_from_rest_raises_a_question() -> None:
     swapped = replace(BEARING, bearing=replace(BEARING.bearing, friction=Stribeck(0.1, 0.3, 10.0)))
     (question,) = plausibility_questions([0.2], [1000.0], swapped)['speed']
     assert question.endswith('are static and kinetic swapped?')
@@ -231,7 +231,7 @@ def test_why_an_input_brings_nothing(
     assert sentence in printed
 
 
-def test_a_topic_that_is_missing_in_a_cut_recording_is_said_with_the_cut(
+def test_a_topic_that_is_missing_in_a_cut_recording_is_reported_with_the_cut(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, time = tmp_path / 'cut.mcap', START + np.arange(1000) * 10**8
@@ -288,14 +288,16 @@ def check_recorded(path: Path, interval: float, rpm: list[float], config: Path =
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
 @pytest.mark.parametrize(('interval', 'is_reported'), [(9.9, False), (20.0, True)])
-def test_samples_far_apart_are_told(tmp_path: Path, name: str, interval: float, is_reported: bool) -> None:
+def test_samples_far_apart_are_reported(
+    tmp_path: Path, name: str, interval: float, is_reported: bool
+) -> None:
     warnings = ' '.join(check_recorded(tmp_path / name, interval, [60.0] * 30)['warnings'])
     text = f'samples are {interval:g} s apart: stick-slip shorter than some minutes cannot be seen'
     assert (text in warnings) == is_reported
 
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
-def test_a_speed_that_is_held_is_asked_about(tmp_path: Path, name: str) -> None:
+def test_a_speed_that_is_held_raises_a_question(tmp_path: Path, name: str) -> None:
     rpm = np.repeat(60.0 + 5.0 * np.sin(1.3 * np.arange(30) ** 1.1), 20).tolist()
     (bearing,) = check_recorded(tmp_path / name, 0.5, rpm)['bearings'].values()
     (question,) = bearing['inputs']['speed']['questions']
@@ -417,7 +419,7 @@ COUNTS = np.arange(3000)
         ((80 + NOISE).round(2), False),
     ],
 )
-def test_a_last_value_that_a_historian_repeats_is_asked_about(
+def test_a_last_value_that_a_historian_repeats_raises_a_question(
     value: np.ndarray, is_asked: bool, cuts: list[int]
 ) -> None:
     standing = StandingValue()

@@ -54,7 +54,7 @@ def in_chunks(rows: Rows, size: int) -> list[Rows]:
 
 @pytest.mark.parametrize('step', [199, 200, 201, 300])
 @pytest.mark.parametrize('size', [1, 7, 100, 101, 300, 1000])
-def test_what_follows_a_step_back_comes_behind_what_was_before(tmp_path: Path, size: int, step: int) -> None:
+def test_messages_after_a_step_back_follow_those_before_it(tmp_path: Path, size: int, step: int) -> None:
     """Steps inside of chunks, exactly between two, and beside such a boundary."""
     times = START + np.arange(400) * SECOND
     times[step:] -= 150 * SECOND
@@ -163,7 +163,7 @@ def test_no_verdict_is_lost_or_doubled_at_a_step_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('factor', 'unit'), [(10**3, 'microseconds'), (10**6, 'milliseconds'), (10**9, 'seconds')]
 )
-def test_dates_in_another_unit_are_asked_about(factor: int, unit: str) -> None:
+def test_dates_in_another_unit_raise_a_question(factor: int, unit: str) -> None:
     start, end = START // factor, (START + 300 * SECOND) // factor
     assert f'are they in {unit}' in ask_for_time_unit(start, end, 3000)
     assert ask_for_time_unit(START, START + 300 * SECOND, 3000) == ''
@@ -201,14 +201,14 @@ def stick_slip_seconds(report: CheckReport) -> tuple[float, list[str]]:
     return lasting / SECOND, [item.fault for item in bearing.inputs]
 
 
-def test_what_is_played_at_its_own_pace_is_no_fault(tmp_path: Path) -> None:
+def test_log_times_at_the_pace_of_the_stamps_are_no_fault(tmp_path: Path) -> None:
     seconds, faults = stick_slip_seconds(check_log_times(tmp_path, lambda stamp: stamp + SECOND // 100))
     assert seconds == pytest.approx(180.0, abs=15.0)
     assert faults == ['', '']
 
 
 @pytest.mark.parametrize('pace', [0.1, 0.002, 20.0])
-def test_rewritten_log_times_are_told_and_hide_nothing(tmp_path: Path, pace: float) -> None:
+def test_rewritten_log_times_are_reported_and_hide_nothing(tmp_path: Path, pace: float) -> None:
     later = START + 86_400 * SECOND
     seconds, faults = stick_slip_seconds(
         check_log_times(tmp_path, lambda stamp: later + (stamp - START) * pace)

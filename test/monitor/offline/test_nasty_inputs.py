@@ -153,12 +153,12 @@ def test_a_column_of_the_topic_is_the_shafts_own(tmp_path: Path) -> None:
         '{"path":"propulsion.port.revolutions","value":0.5},{"path":"shaft.load","value":900}]}]}\n',
     ],
 )
-def test_the_speed_of_an_engine_is_asked_about(text: str, tmp_path: Path) -> None:
+def test_the_speed_of_an_engine_raises_a_question(text: str, tmp_path: Path) -> None:
     question = bind(open_log(tmp_path, text), load_config(CONFIG)).questions['aft_stern', 'speed']
     assert "is it the shaft's own? Write aft_stern.speed.column, and gear" in question
 
 
-def test_a_column_that_says_another_unit_is_asked_about(tmp_path: Path) -> None:
+def test_a_column_that_says_another_unit_raises_a_question(tmp_path: Path) -> None:
     config_text = CONFIG.read_text().replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
     (tmp_path / 'own.yaml').write_text(config_text)
     recording = open_log(tmp_path, 'time [s],rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
@@ -207,7 +207,7 @@ def test_a_level_is_taken_in_the_unit_of_its_heading(tmp_path: Path) -> None:
     assert recording.read([request])[request].value == pytest.approx([19.6133, 29.41995])
 
 
-def test_a_shaft_that_is_named_after_its_side_is_not_asked_about(tmp_path: Path) -> None:
+def test_a_shaft_that_is_named_after_its_side_raises_no_question(tmp_path: Path) -> None:
     config = tmp_path / 'ship.yaml'
     config.write_text(CONFIG.read_text().replace('aft_stern', 'port'))
     recording = open_log(
@@ -225,7 +225,7 @@ def test_lines_centuries_apart_are_judged(tmp_path: Path, capsys: pytest.Capture
     assert 'so its timeout is' in capsys.readouterr().out
 
 
-def test_lines_far_apart_are_told_and_a_value_counts_for_three_of_them(tmp_path: Path) -> None:
+def test_lines_far_apart_are_reported_and_a_value_counts_for_three_of_them(tmp_path: Path) -> None:
     recording = open_log(tmp_path, 'time,rpm,kN\n' + ''.join(f'{20 * k},30,1\n' for k in range(30)))
     inputs = bound_inputs(recording)
     assert inputs['speed'].timeout_ns == inputs['load'].timeout_ns == 60 * 10**9

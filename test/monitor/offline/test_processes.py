@@ -197,7 +197,7 @@ if __name__ == '__main__':
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_goes_away_is_told() -> None:
+def test_a_scheduler_that_goes_away_is_reported() -> None:
     def wait(seconds: float) -> float:
 
         time.sleep(seconds)

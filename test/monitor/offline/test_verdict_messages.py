@@ -150,7 +150,7 @@ def test_topics_are_those_of_the_node_beside_the_inputs(written: Path) -> None:
 
 
 @pytest.mark.slow
-def test_another_reader_sees_what_the_live_monitor_says(written: Path) -> None:
+def test_another_reader_decodes_the_verdicts_of_the_live_monitor(written: Path) -> None:
     verdicts, events, _ = monitor_live()
     messages = rosbags_messages(written)
     for name, value in (
@@ -300,7 +300,7 @@ def test_a_mix_of_two_sources_is_no_all_clear_for_a_minute(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize('number', [-999.25, 30e3])
-def test_what_is_refused_is_no_second_source(tmp_path: Path, number: float) -> None:
+def test_refused_samples_are_no_second_source(tmp_path: Path, number: float) -> None:
     times = START + np.arange(300) * 10**8
     rpm = np.where(np.arange(300) % 3, 60.0, number)
     write_recording(tmp_path / 'in', {'/shaft': (times, rpm), '/load': (times, np.full(300, 1000.0))})

@@ -130,7 +130,7 @@ def test_it_falls_with_speed_and_will_is_below_can(tolerance: Tolerance) -> None
         assert (np.diff(will) <= 1e-9).all()
 
 
-def test_what_has_no_operating_point_has_no_probability() -> None:
+def test_without_an_operating_point_there_is_no_probability() -> None:
     speed, load = [0.0, math.nan, 0.1, -0.1, 0.1], [1e3, 1e3, math.inf, 1e3, 0.0]
     can = THREE.probabilities(speed, load)[0]
     assert np.isnan(can).tolist() == [True, True, True, False, False]

@@ -90,7 +90,7 @@ def test_a_wrong_source_is_no_clear_verdict(course: Make) -> None:
     assert judge_bearing(replace(course([20.0] * 30), sources=['a'])).grade == 'alarm'
 
 
-def test_lost_time_is_said_and_is_no_clear_verdict(course: Make) -> None:
+def test_lost_time_is_reported_and_is_no_clear_verdict(course: Make) -> None:
     # The last samples at second 29 count for 5 s, so from 34 on an input is lost.
     judged = judge_bearing(course([60.0] * 30, seconds=40))
     assert judged.grade == 'warning'
@@ -187,7 +187,7 @@ def test_quantities(quantity: str, text: str) -> None:
         ),
     ],
 )
-def test_when_it_was_is_said_with_each_day_once(ends: tuple[str, ...], text: str) -> None:
+def test_times_of_events_have_each_day_once(ends: tuple[str, ...], text: str) -> None:
     times = [epoch_ns(f'2026-05-{end}') for end in ends]
     intervals = [
         ConditionInterval(begin, end, Condition.STICK_SLIP)

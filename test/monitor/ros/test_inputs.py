@@ -233,7 +233,9 @@ def test_messages_that_cannot_be_decoded_are_known() -> None:
     [((b'a', b'b'), [False, True]), ((b'a', b'b', b'a'), [True, True]), ((b'x', b'y'), [True, True])],
     ids=['came back', 'two', 'named otherwise'],
 )
-def test_who_sends_is_told_by_the_order_of_messages(sent_by: tuple[bytes, ...], sends: list[bool]) -> None:
+def test_senders_are_told_apart_by_the_order_of_messages(
+    sent_by: tuple[bytes, ...], sends: list[bool]
+) -> None:
     """Report two publishers as mixed though the clock was set back, or names do not match."""
     node: Any = _Node()
     infos = [

@@ -80,7 +80,7 @@ def test_a_clip_that_is_not_over_is_written_when_the_node_stops(
     assert not list((tmp_path / 'clips').glob('.*'))
 
 
-def test_a_clip_that_cannot_be_written_is_told_and_written_when_there_is_room_again(
+def test_a_clip_that_cannot_be_written_is_reported_and_written_when_there_is_room_again(
     host: Callable[..., Any], values: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('stickslip_monitor.state_file.RETRY_PERIOD', 0.02)

@@ -147,7 +147,7 @@ def test_inputs_that_bring_nothing_are_explained(host: Any) -> None:
     rclpy.shutdown(context=context)
 
 
-def test_messages_of_another_definition_are_said_to_be(host: Any) -> None:
+def test_messages_of_another_definition_are_reported(host: Any) -> None:
     """Announce fifty numbers and send one (CDR: four bytes of head, then the fields)."""
     from std_msgs.msg import Float64MultiArray
 
@@ -258,7 +258,7 @@ def test_an_assumed_load_and_a_speed_by_its_name(host: Any, load: dict[str, Any]
     assert 'load in kN from' not in monitor.output
 
 
-def test_the_water_is_measured_and_its_silence_told(host: Any) -> None:
+def test_the_water_is_measured_and_its_silence_reported(host: Any) -> None:
     values = {'friction.at_temperature': 15.0, 'water_temperature.topic': 'water'}
     monitor = host(kit.node_parameters(values | {'water_temperature.timeout': 1.0}))
     peer, diagnostics = monitor.peer, monitor.diagnostics()

@@ -111,7 +111,7 @@ def test_the_loop_survives_a_request_that_raises(monkeypatch: pytest.MonkeyPatch
     assert [str(error) for error in survived] == ['Transition is not registered.', 'what nobody expected']
 
 
-def test_a_callback_that_fails_is_told_and_survived(host: Any) -> None:
+def test_a_callback_that_fails_is_reported_and_survived(host: Any) -> None:
     monitor = host(kit.node_parameters())
 
     def fails(message: object) -> None:

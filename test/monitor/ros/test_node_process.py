@@ -61,7 +61,7 @@ def node_command(*arguments: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_what_ros_cannot_use_is_refused(run: Any, start: Any, tmp_path: Path) -> None:
+def test_parameters_that_ros_cannot_use_are_refused(run: Any, start: Any, tmp_path: Path) -> None:
     missing = tmp_path / 'missing.yaml'
     for program, *texts in (
         (run(*node_command('--params-file', str(missing))), f'{missing}: No such file or directory'),
@@ -153,7 +153,7 @@ def test_an_override_that_is_read_needs_no_word(name: str, value: object) -> Non
         ),
     ],
 )
-def test_a_slip_in_how_parameters_are_given_is_told(
+def test_a_slip_in_how_parameters_are_given_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], text: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -233,7 +233,7 @@ def test_signals_during_start_up(run: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_large_message_is_heard_or_told_lost(start: Any) -> None:
+def test_every_large_message_is_accepted_or_counted_as_lost(start: Any) -> None:
     # Of 80 messages of 160 kB at once some find no room in the buffers of the system.
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from sensor_msgs.msg import JointState
@@ -277,7 +277,7 @@ def test_without_ros_one_sentence_says_so(run: Any) -> None:
 
 
 @pytest.mark.slow
-def test_a_node_that_was_held_up_blames_no_input(start: Any) -> None:
+def test_after_a_stall_of_the_node_no_input_is_blamed(start: Any) -> None:
     monitor = start(kit.node_parameters({'speed.timeout': 2.0, 'load.timeout': 2.0}))
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
     speed, load = monitor.talk('shaft/speed'), monitor.talk('aft/load')

@@ -169,7 +169,7 @@ class Turns:
         self.running.turn()
 
 
-def test_what_waited_while_the_node_was_held_up_comes_now() -> None:
+def test_messages_that_waited_while_the_node_stalled_are_taken() -> None:
     # One message of each input came at the begin of 4 s, the others were lost: a gap of our own.
     turns = Turns()
     turns.turn(*(Waits(place, ago) for ago in (39 * SECOND // 10, 0) for place in (0, 1)), after=4.0)
@@ -197,7 +197,7 @@ def test_a_turn_that_comes_after_the_end_does_nothing() -> None:
     assert turns.running._health.delays == 0
 
 
-def test_a_clock_that_is_set_while_the_node_is_held_up_refuses_nothing() -> None:
+def test_no_message_is_refused_after_a_clock_step_while_the_node_stalls() -> None:
     # What waits came in part before the clock was set back by an hour, and has no stamp.
     turns = Turns()
     turns.ship.ahead_ns -= 3600 * SECOND

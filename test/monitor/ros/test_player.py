@@ -130,7 +130,9 @@ def test_loop_takes_the_clock_back_and_loses_nothing(peer: Any, tmp_path: Path, 
 
 
 @pytest.mark.slow
-def test_what_cannot_be_played_is_skipped_and_named(peer: Any, tmp_path: Path, play: Any, run: Any) -> None:
+def test_topics_that_cannot_be_played_are_skipped_and_named(
+    peer: Any, tmp_path: Path, play: Any, run: Any
+) -> None:
     from std_msgs.msg import Float64
 
     path = tmp_path / 'odd'
