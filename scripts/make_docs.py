@@ -182,8 +182,8 @@ def _format_values(row: Parameter) -> str:
     default = _format_default(row)
     if row.choices:
         choices = [f'`{choice}`' for choice in row.choices]
-        others = ', '.join(choice for choice in choices if choice != default)
-        return f'{default}, or {others}' if default in choices else f'{default}: {others}'
+        other_choices = ', '.join(choice for choice in choices if choice != default)
+        return f'{default}, or {other_choices}' if default in choices else f'{default}: {other_choices}'
     if row.unit:
         return f'{default}, {row.unit}' if default.startswith('*') else f'{default} {row.unit}'
     kind = KINDS.get(row.kind, f'{_format_number(row.minimum)} to {_format_number(row.maximum)}')
