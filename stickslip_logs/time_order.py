@@ -113,6 +113,7 @@ class TimeCourse:
         steps_ns: By how much the clock was set back, each time [ns].
         ahead_count: Times that jumped ahead and came back.
         late_count: Rows that are written later or earlier than they belong, and are sorted.
+        undated_count: Rows with times since something was switched on, before the clock was set to a date.
         start_ns: The first resulting time [ns], None where there is none.
         end_ns: The last resulting time [ns], likewise.
         gap_ns: The longest time without rows [ns], where it is far longer than all the rest; else 0.
@@ -124,6 +125,7 @@ class TimeCourse:
     steps_ns: list[int] = field(default_factory=list)
     ahead_count: int = 0
     late_count: int = 0
+    undated_count: int = 0
     start_ns: int | None = None
     end_ns: int | None = None
     gap_ns: int = 0
@@ -169,6 +171,11 @@ class TimeCourse:
         if self.ahead_count:
             times_text = plural(self.ahead_count, 'time')
             yield f'the clock {owner} leapt ahead and back: {times_text} taken from those beside'
+        if self.undated_count:
+            yield (
+                f'the clock {owner} began at zero and was set to a date:'
+                f' {plural(self.undated_count, "time")} before it taken to lead up to it'
+            )
         if self.gap_ns and self.start_ns is not None and self.end_ns is not None:
             rest_ns = self.end_ns - self.start_ns - self.gap_ns
             yield (
@@ -389,6 +396,7 @@ class TimeOrder:
             _begins_copy(read_rows, place, _span_before(place, sources.values()), near_ns, files)
             for place in steps
         )
+        are_copies = are_copies and not _are_loops(read_rows, steps, near_ns, files)
         if steps and are_copies:
             course = TimeCourse()
         _measure_wait(course, sources)
@@ -401,6 +409,23 @@ def _span_before(place: int, sources: Iterable[_Source]) -> tuple[int, int]:
     segments = np.concatenate([source.segments for source in sources])
     segments = segments[segments[:, 0] < place]
     return int(segments[:, 4].min()), int(segments[:, 5].max())
+
+
+def _begins_file(read_rows: ReadRows, begin: int, files: Sequence[int]) -> bool:
+    """Return whether the row at a place is the first one of a further file."""
+    file = max((place for place in files if place <= begin), default=0)
+    return file > 0 and next(read_rows(file, begin, (0, _END)), None) is None
+
+
+def _are_loops(read_rows: ReadRows | None, steps: Sequence[int], near_ns: int, files: Sequence[int]) -> bool:
+    """Return whether two steps back or more, at some places, lead to one time: a player that starts again.
+
+    Exports that overlap begin at different times, and files that do are no loop.
+    """
+    if read_rows is None or len(steps) < 2 or any(_begins_file(read_rows, place, files) for place in steps):
+        return False
+    first_ns = [next(read_rows(place, _END, (0, _END)))[1] for place in steps]
+    return max(first_ns) - min(first_ns) <= near_ns
 
 
 def _begins_copy(
@@ -430,10 +455,8 @@ def _begins_copy(
             return False
         contents |= {content} if same_time else set()
     first_rows = [next(read_rows(place, _END, (0, _END)), None) for place in (0, begin)]
-    file = max((place for place in files if place <= begin), default=0)
-    begins_file = file > 0 and next(read_rows(file, begin, (0, _END)), None) is None
     # A shaft at rest repeats its numbers.
-    return len(contents) >= 3 and (begins_file or first_rows[0] != first_rows[1])
+    return len(contents) >= 3 and (_begins_file(read_rows, begin, files) or first_rows[0] != first_rows[1])
 
 
 def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
@@ -443,7 +466,7 @@ def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
     have to be sorted instead.
     """
     max_jump_ns = max(source.jump_ns for source in sources.values())
-    runs = {key: source.runs() for key, source in sources.items()}
+    runs = {key: _date_runs(course, key, source) for key, source in sources.items()}
     if any(run.last_ns < run.first_ns - _MIN_STEP_NS for source_runs in runs.values() for run in source_runs):
         return False
     if all(_fit_together(source_runs, max_jump_ns) for source_runs in runs.values()):
@@ -473,6 +496,35 @@ def _open_steps(sources: dict[int, _Source], open_runs: dict[int, list[_Run]]) -
             if behind.step_ns < 0:
                 steps.append(_Step(behind.place, key, before.last_place, back_ns, interval_ns))
     return sorted(steps)
+
+
+def _date_runs(course: TimeCourse, key: int, source: _Source) -> list[_Run]:
+    """Return the runs of a source; if the last are dates, shift those before 1973 to end where dates begin.
+
+    Their clock counted from zero until it was set. Shifts and their count are added to the course.
+
+    Args:
+        course: Takes the shifts.
+        key: The number of the source.
+        source: The source.
+    """
+    runs = source.runs()
+    if not runs or runs[-1].first_ns < DATES_FROM_NS:
+        return runs
+    for k in reversed(range(len(runs) - 1)):
+        run, behind = runs[k], runs[k + 1]
+        if run.most_ns < DATES_FROM_NS:
+            is_pause = 0 < behind.step_ns < DATES_FROM_NS // 2
+            step_ns = behind.step_ns if is_pause else source.interval_ns
+            add_ns = behind.first_ns - step_ns - run.last_ns
+            times_ns = (time_ns + add_ns for time_ns in run[2:6])
+            runs[k : k + 2] = [
+                run._replace(**dict(zip(_Run._fields[2:6], times_ns, strict=True))),
+                behind._replace(step_ns=step_ns),
+            ]
+            course.shifts.append(_Shift(run.place, behind.place, key, add_ns))
+            course.undated_count += behind.row - run.row
+    return runs
 
 
 def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:

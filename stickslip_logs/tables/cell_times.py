@@ -33,7 +33,7 @@ _CLOCK = (
     r'(?P<H>\d{1,2}):(?P<M>\d\d)(?::(?P<S>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?)?'
     r'\s*(?P<half>[AaPp]\.?[Mm]\.?)?'
 )
-_ZONE = r'\s*(?P<z>Z|UTC|GMT|[+-]\d\d(?::?\d\d)?)?'
+_ZONE = r'\s*(?P<z>Z|(?:UTC|GMT) ?[+-]\d\d?(?::?\d\d)?|UTC|GMT|[+-]\d\d(?::?\d\d)?)?'
 _DATES = (
     r'(?P<Y>\d{4})[-/.](?P<m>\d\d?)[-/.](?P<d>\d\d?)',
     r'(?P<a>\d\d?)(?P<sep>[-/.])(?P<b>\d\d?)[-/.](?P<Y>\d{4}|\d\d)',
@@ -61,6 +61,9 @@ _STAMPS = [
     # The day of the year, as ISO 8601 and the loggers of research ships have it: 2026:124:06:00:00.
     re.compile(rf'(?P<Y>\d{{4}})[-:](?P<j>\d{{3}})[T :]{_CLOCK}{_ZONE}'),
 ]
+_OFFSET = re.compile(r'([+-])(\d\d?)(?::?(\d\d))?')
+# What only a zone is; '+02' may be a number, too.
+_SURE_ZONE = re.compile(r'Z|(?:UTC|GMT) ?(?:[+-]\d\d?(?::?\d\d)?)?|[+-]\d\d:\d\d')
 # Eight digits alone may be a number.
 _DAYS = [re.compile(day) for day in _DATES[:-1]]
 _TIME = re.compile(_CLOCK + _ZONE)
@@ -78,6 +81,11 @@ def is_stamp(cell: str) -> bool:
 def is_day(cell: str) -> bool:
     """Return whether a cell is a date alone."""
     return any(pattern.fullmatch(cell.strip()) for pattern in _DAYS)
+
+
+def is_zone(cell: str) -> bool:
+    """Return whether a cell is a distance from UTC and nothing else, as +02:00 or UTC+2."""
+    return bool(_SURE_ZONE.fullmatch(cell.strip()))
 
 
 def is_time_of_day(cell: str) -> bool:
@@ -146,17 +154,17 @@ class StampLayout:
         return possible[0]
 
     def read(self, columns: Sequence[Cells]) -> Times:
-        """Return the times of a column, or of one of dates and one of times of the day.
+        """Return the times of a column, or of those of dates, of times of the day and of zones.
 
         Args:
-            columns: The cells of the one column, or of the two.
+            columns: The cells of the one column, or of each.
 
         Returns:
             The times [ns] since 1970, and which cells are in this layout and a date; others have the time 0.
         """
         texts = columns[0]
         if len(columns) > 1:
-            texts = [f'{day.strip()} {clock.strip()}' for day, clock in zip(*columns, strict=True)]
+            texts = [' '.join(map(str.strip, cells)) for cells in zip(*columns, strict=True)]
         time_ns, is_timed = self._parse_alike(texts)
         for k in np.flatnonzero(~is_timed).tolist():
             moment_ns = self._parse_stamp(texts[k])
@@ -238,11 +246,10 @@ class StampLayout:
 
     def _zone_offset(self, zone: str | None) -> int:
         """Return the distance from UTC [s] of a zone as written: of none that of the table, or else 0."""
-        zone = zone or self._zone
-        if zone[:1] not in ('+', '-'):
+        match = _OFFSET.search(zone or self._zone)
+        if match is None:
             return 0
-        digits = zone[1:].replace(':', '').ljust(4, '0')
-        return (int(digits[:2]) * 60 + int(digits[2:])) * (60 if zone[0] == '+' else -60)
+        return (int(match[2]) * 60 + int(match[3] or 0)) * (60 if match[1] == '+' else -60)
 
 
 def read_time_of_day(columns: Sequence[Cells]) -> Times:

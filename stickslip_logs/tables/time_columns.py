@@ -29,6 +29,7 @@ from stickslip_logs.tables.cell_times import (
     is_stamp,
     is_time,
     is_time_of_day,
+    is_zone,
     number_reader,
     read_time_of_day,
 )
@@ -42,7 +43,8 @@ TIME_WORDS = re.compile(
 )
 """Words by which a heading, in lower case, is that of a time."""
 _IN_UTC = re.compile(r'(?<![^\W_])(?:UTC|GMT)(?![^\W_])')
-_HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?([+-])(\d\d?)(?::?(\d\d))?\b')
+_HEADED_ZONE = re.compile(r'\b(?:GMT|UTC) ?[+-]\d\d?(?::?\d\d)?\b')
+_OF_ZONE = re.compile(r'\b(?:tz|zone|timezone|utc offset|zeitzone)\b')
 # Numbers since a date, where they are dates of 2000 to 2090 [s since 1970]: their unit [ns], what is added
 # for 1970, and their name. Those of .NET, Windows and LabVIEW would be of 1990, 1974 and 2092 if since 1970.
 _DATES_FROM, _DATES_TO = 946_684_800, 3_786_912_000
@@ -228,7 +230,7 @@ def _find_whole_times(path: Path, table: TableColumns) -> Clock:
     if of_day:
         return _clock_of_day_times(table, of_day[0])
     if clock := _clock_of_digits(table, rows, named) or _first_clock_of_numbers(path, table, rows, named):
-        return clock
+        return _clock_since_midnight(table, rows, clock, days[0]) if days and clock.is_count else clock
     if stamps:
         return _clock_of_stamps(table, rows, (stamps[0],))
     if times:
@@ -353,17 +355,36 @@ def _clock_of_day_times(table: TableColumns, column: int) -> Clock:
 def _clock_of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
     """Return the clock of dates with times in one column, or in one of dates and one of times.
 
+    The zones of a further column belong to it; what a column that is headed as a zone has else is a question.
+
     Args:
         table: The columns.
         rows: Its first rows, by which, with the tail, the layout is detected.
         columns: The places of the one column, or of the two.
     """
-    complete_rows = [row for row in (*rows, *table.tail) if len(row) > max(columns)]
     zone = _HEADED_ZONE.search(' '.join(table.names[k] for k in columns))
-    stamps = [' '.join(row[k].strip() for k in columns) for row in complete_rows]
-    return _clock_of_layout(
-        columns, StampLayout(stamps, f'{zone[1]}{zone[2]:0>2}{zone[3] or "00"}' if zone else '')
-    )
+    layout = _layout_of(table, rows, columns, zone[0] if zone else '')
+    for k in [] if layout.has_zone else [k for k in range(len(table.names)) if k not in columns]:
+        is_headed = bool(_OF_ZONE.search(table.headings[k][0]))
+        cells = {row[k].strip() for row in (*rows, *table.tail) if len(row) > k} - {''}
+        with_zone = _layout_of(table, rows, (*columns, k))
+        if with_zone.has_zone and (is_headed or all(map(is_zone, cells))):
+            return _clock_of_layout((*columns, k), with_zone)
+        if is_headed and cells:
+            question = (
+                f"has beside its times column '{table.names[k]}' with '{min(cells)}', which was not used:"
+                ' write it as +02:00'
+            )
+            return replace(_clock_of_layout(columns, layout), question=layout.question or question)
+    return _clock_of_layout(columns, layout)
+
+
+def _layout_of(
+    table: TableColumns, rows: Sequence[Cells], columns: Sequence[int], zone: str = ''
+) -> StampLayout:
+    """Return the layout of the joined texts of columns in rows and the tail; ``zone`` is that of headings."""
+    complete_rows = [row for row in (*rows, *table.tail) if len(row) > max(columns)]
+    return StampLayout([' '.join(row[k].strip() for k in columns) for row in complete_rows], zone)
 
 
 def _clock_of_layout(columns: tuple[int, ...], layout: StampLayout) -> Clock:
@@ -583,6 +604,48 @@ def _first_clock_of_numbers(
     return clock_of_numbers(table, rows, 0, is_named=False)
 
 
+def _clock_since_midnight(table: TableColumns, rows: Sequence[Cells], clock: Clock, day: int) -> Clock:
+    """Return the clock of dates and numbers that count from midnight; the clock itself if they do not.
+
+    They do if they fall where the date changes, or the heading speaks of a day. They do not if they rise
+    there, or begin at zero. Else they are taken to, and that is a question.
+
+    Args:
+        table: The columns.
+        rows: Its first rows.
+        clock: The clock of the numbers.
+        day: The place of the dates.
+    """
+    columns = day, *clock.columns
+    ends = [[row for row in part if len(row) > max(columns)] for part in (rows, table.tail)]
+    layout = StampLayout([f'{row[day].strip()} 00:00:00' for part in ends for row in part])
+
+    def read_days(cells: Sequence[Cells]) -> Times:
+        return layout.read([[f'{cell.strip()} 00:00:00' for cell in cells[0]]])
+
+    changes, largest_ns, first_ns = list[int](), 0, DAY
+    for part in filter(None, ends):
+        time_ns = clock.read([[row[k] for row in part] for k in clock.columns])[0]
+        is_next = np.diff(read_days([[row[day] for row in part]])[0]) > 0
+        changes += np.diff(time_ns)[is_next].tolist()
+        largest_ns, first_ns = max(largest_ns, int(time_ns.max())), min(first_ns, int(time_ns.min()))
+    is_of_day = any(step_ns < 0 for step_ns in changes) or 'day' in table.headings[columns[1]][0].split()
+    if largest_ns > DAY or first_ns < 0 or not (is_of_day or (first_ns >= SECOND_NS and not changes)):
+        return clock
+    name, whole_remarks = table.names[columns[1]], _clock_of_layout(columns, layout).remarks
+    question = (
+        f"has dates beside '{name}', which may count from midnight or from a start: head it 'time of day [s]'"
+    )
+    return replace(
+        clock,
+        columns=columns,
+        read=partial(_read_sum, [read_days, clock.read]),
+        remarks=(f"times are '{table.names[day]}' and, from midnight on, '{name}'", *whole_remarks),
+        is_count=False,
+        question=layout.question or ('' if is_of_day else question),
+    )
+
+
 def clock_of_numbers(
     table: TableColumns, rows: Sequence[Cells], column: int, *, is_named: bool
 ) -> Clock | None:
@@ -639,7 +702,8 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
         is_stated = unit != '' or bool(re.search(r'date|datum', words))
         if meaning := _meaning_as_days(values, step, elapsed, is_stated=is_stated):
             return meaning
-    return unit_ns, 0, elapsed, _question_on_unit(values, step) if unit == '' else ''
+    question = f"has times without a unit, {step:.3g} apart: head them 'time [s]', 'time [min]' or 'time [d]'"
+    return unit_ns, 0, elapsed, question if unit == '' and step > 0.0 else ''
 
 
 def _meaning_as_days(
@@ -676,25 +740,6 @@ def _meaning_as_days(
         question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
         return DAY, zero, f'{name}, without a zone: taken as UTC', '' if is_stated or is_beyond else question
     return None
-
-
-def _question_on_unit(values: FloatArray, step: float) -> str:
-    """Return the question on times whose heading has no unit; '' where only seconds have such steps.
-
-    They have if the steps are decimal fractions of a second at a rate that a log can have. Whole ones are as
-    well ms, minutes or numbers of lines; and a rate of a multiple of three is as well one line in some
-    seconds or minutes, of which a minute, an hour and a day have three times as many.
-
-    Args:
-        values: The numbers, shape (n,).
-        step: The median step from one to the next that differs; 0 where none do.
-    """
-    if step == 0.0:
-        return ''
-    thirds = [rate / 3.0 for rate in _rates_of(values, step)]
-    if 1.0 / _MAX_RATE < step < 1.0 and not _is_whole(thirds):
-        return ''
-    return f"has times without a unit, {step:.3g} apart: head them 'time [s]', 'time [ms]' or 'time [d]'"
 
 
 def _rates_of(values: FloatArray, step: float) -> list[float]:

@@ -219,13 +219,40 @@ def test_long_recordings_take_no_memory_for_their_rows() -> None:
     assert len(source_rows.segments) < count // 50
 
 
-@pytest.mark.parametrize(('at', 'days'), [(-1, 365.0), (0, -365.0), (0, -20_000.0)])
+@pytest.mark.parametrize(('at', 'days'), [(-1, 365.0), (0, -365.0)])
 def test_one_time_read_wrong_at_an_end_is_reported(at: int, days: float) -> None:
     rows = [(k / 2, k / 2, 0) for k in range(COUNT)]
     rows[at] = (rows[at][0] + days * 86_400, *rows[at][1:])
     course = judge_rows(rows)[0]
     text = f'a gap of {abs(days):.4g} days, and last {(COUNT - 2) / 2:.4g} s without it: one may be wrong'
     assert list(course.notes('the lines are', 'of the lines')) == [f'the times of the lines have {text}']
+
+
+@pytest.mark.parametrize('unset', [1, 2, 400])
+@pytest.mark.parametrize('boot', [0.0, 1e-3, 3600.0])
+def test_a_clock_that_is_set_to_a_date_begins_before_it(unset: int, boot: float) -> None:
+    """A recorder without a battery counts from its start until a satellite gives the date."""
+    rows = [(k / 2 if k >= unset else k / 2 + boot - START / SECOND, k / 2, 0) for k in range(COUNT)]
+    course, time_ns, true_ns = judge_rows(rows)
+    np.testing.assert_allclose(time_ns, true_ns, rtol=0, atol=1000)
+    (note,) = course.notes('the lines are', 'of the lines')
+    assert note.startswith('the clock of the lines began at zero and was set to a date')
+    assert course.undated_count == unset
+
+
+def test_clocks_that_begin_at_zero_again_and_again_lead_up_to_dates() -> None:
+    """Each of two power cuts sets the clock to zero; the times between the dates are kept."""
+    rows = [(k / 2 - START / SECOND * (k % 400 < 60), k / 2, k % 2) for k in range(COUNT)]
+    course, time_ns, true_ns = judge_rows(rows)
+    assert np.abs(time_ns - true_ns).max() <= SECOND
+    assert course.undated_count == 180
+
+
+def test_one_date_among_seconds_is_one_wrong_time() -> None:
+    rows = [(k / 2 - START / SECOND * (k != 400), k / 2, 0) for k in range(1, COUNT)]
+    course, time_ns, true_ns = judge_rows(rows)
+    assert (course.ahead_count, course.undated_count) == (1, 0)
+    np.testing.assert_allclose(np.diff(time_ns), np.diff(true_ns), atol=SECOND)
 
 
 def test_a_pause_of_some_days_between_voyages_of_days_is_not_reported() -> None:

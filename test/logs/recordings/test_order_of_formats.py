@@ -283,6 +283,26 @@ def test_copies_in_one_recording_are_sorted(copies: str, name: str, tmp_path: Pa
     check_copies(open_bag(tmp_path / name), topics)
 
 
+LOOPS = {
+    'from the first row': [*EVERY[:200], *EVERY[:200], *EVERY[:200]],
+    'entered in the middle': [*EVERY[50:200], *EVERY[:200], *EVERY[:200]],
+    'of a part': [*EVERY[:300], *EVERY[100:300], *EVERY[100:300], *EVERY[100:160]],
+}
+
+
+@pytest.mark.parametrize('name', FORMATS)
+@pytest.mark.parametrize('loop', LOOPS)
+def test_a_loop_goes_on_behind(loop: str, name: str, tmp_path: Path) -> None:
+    """A player that starts again gives the same rows at the same times; two exports begin at two."""
+    write, topics = FORMATS[name]
+    write(tmp_path / name, in_file_order(LOOPS[loop]))
+    recording = open_bag(tmp_path / name)
+    for series in recording.read([Request(topic, 'data') for topic in topics]).values():
+        assert series.value.tolist() == LOOPS[loop]
+        assert np.abs(np.diff(series.log_time_ns) - SECOND).max() <= 1000
+    assert 'set back' in ' '.join(recording.warnings)
+
+
 SPLITS = {
     'overlap': (EVERY[:400], EVERY[300:]),
     'the later first': (EVERY[300:], EVERY[:400]),

@@ -139,7 +139,7 @@ def test_milliseconds_or_seconds_raise_a_question(
     """0, 1, 2, ... are 1 Hz, 1 kHz, or numbers of lines."""
     times = times_of(tmp_path, log_of(head, lambda t: f'{(t - T0).seconds * gap}'))
     assert times == ([k * gap * 10**9 for k in range(90)], times[1] if is_asked else '')
-    assert ("head them 'time [s]', 'time [ms]'" in times[1]) == is_asked
+    assert ("head them 'time [s]', 'time [min]'" in times[1]) == is_asked
 
 
 @pytest.mark.parametrize('form', ['{:%H%M%S}', '{0.hour}{0:%M%S}'])
@@ -224,40 +224,90 @@ def test_numbers_of_lines_raise_a_question(tmp_path: Path) -> None:
         assert 'without a unit, 1 apart' in times_of(tmp_path, text)[1]
 
 
-@pytest.mark.parametrize(('step', 'is_asked'), [(10 / 86_400, True), (60 / 86_400, True), (0.01, False)])
-def test_more_lines_a_second_than_a_log_has_are_another_unit(
-    step: float, is_asked: bool, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize('step', [10 / 86_400, 60 / 86_400, 0.01])
+def test_more_lines_a_second_than_a_log_has_are_another_unit(step: float, tmp_path: Path) -> None:
     """124.25 and so on are days of the year; they were a voyage of a tenth of a second."""
     text = 'time,rpm\n' + ''.join(f'{124.25 + k * step:.6f},{30 + k % 3}\n' for k in range(90))
-    assert ("or 'time [d]'" in times_of(tmp_path, text)[1]) == is_asked
+    assert "or 'time [d]'" in times_of(tmp_path, text)[1]
 
 
 @pytest.mark.parametrize(
-    ('form', 'step', 'is_asked'),
+    ('form', 'step'),
     [
-        ('{:.2f}', 5.0, True),  # minutes, or seconds
-        ('{:.5f}', 5 / 1440, True),  # days of the year, or 288 Hz
-        ('{:.4f}', 5 / 60, True),  # hours, or 12 Hz
-        ('{:.4f}', 1 / 60, True),  # minutes of seconds, or 60 Hz
-        ('{:.3f}', 1 / 3, True),
-        ('{:.3f}', 1.003, True),
-        ('{:.1f}', 0.1, False),
-        ('{:.2f}', 0.25, False),
-        ('{:.6f}', 1 / 256, False),
-        ('{:.5f}', 0.1003, False),
-        ('{:.2f}', 0.02, False),
+        ('{:.2f}', 5.0),  # minutes, or seconds
+        ('{:.5f}', 5 / 1440),  # days of the year, or 288 Hz
+        ('{:.4f}', 5 / 60),  # hours, or 12 Hz
+        ('{:.4f}', 1 / 60),  # minutes of seconds, or 60 Hz
+        ('{:.3f}', 1.003),
+        ('{:.1f}', 0.1),  # minutes of 6 s, or 10 Hz
+        ('{:.1f}', 0.5),
+        ('{:.6f}', 1 / 256),
     ],
 )
 @pytest.mark.parametrize('first', [0, 124.25])
-def test_decimals_are_seconds_only_as_fractions_of_one(
-    form: str, step: float, is_asked: bool, first: float, tmp_path: Path
+def test_numbers_without_a_unit_are_asked(form: str, step: float, first: float, tmp_path: Path) -> None:
+    rows = [f'{form.format(first + k * step)},{30 + k % 3}\n' for k in range(90)]
+    assert "head them 'time [s]'" in times_of(tmp_path, f'time,rpm\n{"".join(rows)}')[1]
+    for heading, unit in (('time [s]', 1), ('time_min', 60), ('hours', 3600)):
+        times, question = times_of(tmp_path, f'{heading},rpm\n{"".join(rows)}')
+        assert question == ''
+        assert times[-1] - times[0] == pytest.approx(89 * step * unit * 10**9, abs=unit * 2 * 10**8)
+
+
+@pytest.mark.parametrize(
+    ('zone', 'heading', 'minutes'),
+    [
+        ('+02:00', 'x', 120),
+        ('UTC+2', 'x', 120),
+        ('GMT-0330', 'x', -210),
+        ('Z', 'x', 0),
+        ('+0545', 'zone', 345),
+        ('-03', 'tz', -180),
+        ('CEST', 'Time zone', None),
+        ('Europe/Berlin', 'TZ', None),
+        ('2', 'UTC offset', None),
+    ],
+)
+@pytest.mark.parametrize('head', ['time', 'date,time'])
+def test_a_zone_in_a_column_of_its_own_counts(
+    zone: str, heading: str, minutes: int | None, head: str, tmp_path: Path
 ) -> None:
-    # A minute, an hour and a day have factors of three, which no decimal fraction has.
-    text = 'time,rpm\n' + ''.join(f'{form.format(first + k * step)},{30 + k % 3}\n' for k in range(90))
-    times, question = times_of(tmp_path, text)
-    assert bool(question) == is_asked
-    assert is_asked or times[-1] - times[0] == pytest.approx(89 * step * 10**9, abs=2 * 10**8)
+    # What only a zone is needs no heading; a name of one has no distance from UTC in the file.
+    form = f'{{:%Y-%m-%d{" ,"[len(head) > 4]}%H:%M:%S}},{zone}'
+    local = log_of(f'{head},{heading}', lambda t: form.format(t + timedelta(minutes=minutes or 0)))
+    times, question = times_of(tmp_path, local)
+    assert times == [epoch_ns(T0 + k * EVERY) for k in range(90)]
+    assert (f"column '{heading}' with '{zone}', which was not used" in question) == (minutes is None)
+
+
+@pytest.mark.parametrize(
+    ('first', 'heading', 'step', 'is_of_day', 'is_asked'),
+    [
+        (86_370, 'seconds', 1, True, False),  # they fall at midnight
+        (86_370_000, 'elapsed_ms', 1000, True, False),
+        (21_600, 'seconds', 1, True, True),
+        (21_600, 'time of day [s]', 1, True, False),
+        (0, 'seconds', 1, False, False),  # of a start
+        (86_395.5, 'time of day [s]', 1, True, False),
+    ],
+)
+def test_dates_belong_to_seconds_of_the_day(
+    first: float, heading: str, step: int, is_of_day: bool, is_asked: bool, tmp_path: Path
+) -> None:
+    midnight, day = T0.replace(hour=0), 86_400 * step
+    numbers = [first + k * step for k in range(90)]
+    rows = [f'{midnight + timedelta(days=n // day):%d.%m.%Y},{n % day},{30 + n % 3}\n' for n in numbers]
+    times, question = times_of(tmp_path, f'date,{heading},rpm\n{"".join(rows)}')
+    zero = epoch_ns(midnight) if is_of_day else 0
+    assert times == [zero + round(n / step * 10**9) for n in numbers]
+    assert ('from midnight or from a start' in question) == is_asked == bool(question)
+
+
+def test_seconds_since_a_start_pass_midnight_beside_dates(tmp_path: Path) -> None:
+    start = T0.replace(hour=23, minute=59)
+    rows = [f'{start + k * EVERY:%d.%m.%Y},{40 + k},{30 + k % 3}\n' for k in range(90)]
+    times, question = times_of(tmp_path, f'date,seconds,rpm\n{"".join(rows)}')
+    assert (times, question) == ([(40 + k) * 10**9 for k in range(90)], '')
 
 
 def test_twelve_digits_are_no_milliseconds_of_1978(tmp_path: Path) -> None:
