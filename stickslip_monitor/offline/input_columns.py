@@ -40,11 +40,6 @@ _BESIDE = {
     *('prop', 'lager', 'sensor', 'measured', 'actual', 'value'),
     *('mean', 'avg', 'average', 'of', 'the'),
 }
-# Words of one side or end of a ship, and of the other.
-_SIDES = (
-    ({'port', 'ps', 'bb', 'backbord', 'babord'}, {'starboard', 'stbd', 'sb', 'stb', 'steuerbord', 'tribord'}),
-    ({'aft', 'after', 'achtern', 'hinten'}, {'forward', 'fwd', 'fore', 'vorn'}),
-)
 # How local IDs of ISO 19848 name a quantity; they have no units.
 _LOCAL_IDS = {'speed': '/meta/qty-rotational.frequency', 'load': '/meta/qty-force'}
 
@@ -204,12 +199,11 @@ class ColumnBinding:
 
         The heading is the topic; or has the words of the topic; or has a unit of the quantity and, in a log
         that no bus sent, no words but plain ones (:func:`_is_plain`); or has the words of the quantity. No
-        column in another unit, or with words of the other side, meets any. Empty if none does.
+        column in another unit meets any. Empty if none does.
         """
         topic = source.topic.strip('/')
         units = _units_of(quantity, source)
-        own_words, foreign_words = _words_of_side(bearing, topic)
-        candidates = self._possible_columns(quantity, units, foreign_words)
+        candidates = self._possible_columns(quantity, units)
         # PlotJuggler writes the field behind the topic.
         of_topic = [
             column
@@ -222,17 +216,15 @@ class ColumnBinding:
             column
             for column, _ in candidates
             if column.unit in (units if quantity in QUANTITIES else (source.unit,))
-            and (self._log.is_sent or _is_plain(column, quantity, own_words))
+            and (self._log.is_sent or _is_plain(column, quantity, _own_words(bearing, topic)))
         ]
         own_names = {quantity, parse_heading(f'{bearing} {quantity}').name}
         local_id = _LOCAL_IDS.get(quantity, '\0')
         by_name = [column for column, name in candidates if name in own_names or local_id in column.heading]
         return of_topic or similar or by_unit or by_name
 
-    def _possible_columns(
-        self, quantity: str, units: tuple[str, ...], foreign_words: set[str]
-    ) -> list[tuple[LogColumn, str]]:
-        """Return the columns, each with its plain name, whose unit fits a quantity and no word is foreign.
+    def _possible_columns(self, quantity: str, units: tuple[str, ...]) -> list[tuple[LogColumn, str]]:
+        """Return the columns, each with its plain name, whose unit fits a quantity.
 
         A column in another unit is another quantity: 'Speed (kn)' is the ship's own.
         """
@@ -240,8 +232,7 @@ class ColumnBinding:
         return [
             (column, name)
             for column, name in names
-            if (_unit_of_column(column, quantity) in units or not column.has_unit)
-            and not foreign_words & {*name.split()}
+            if _unit_of_column(column, quantity) in units or not column.has_unit
         ]
 
     def _bind_column(
@@ -366,12 +357,12 @@ class _ColumnUse:
         return f'{remark}, times its scale {source.scale:g}{offset}'
 
     def questions(self) -> Iterator[str]:
-        """Yield questions on unit and scale, and on whether a speed is the shaft's own.
+        """Yield questions on unit and scale, and on whether a speed or a load is the bearing's own.
 
         Each is a clause that follows the name of the input.
         """
-        source, column = self.source, self.column
-        parameter = f'{self.bearing.name}.{self.quantity}'
+        source, column, name = self.source, self.column, self.bearing.name
+        parameter = f'{name}.{self.quantity}'
         if self.unit is None and column.has_unit:
             stated = column.unit or parse_heading(column.heading).unit
             if stated is None or stated.strip('\u00b0 ').upper() != source.unit.upper():
@@ -385,14 +376,12 @@ class _ColumnUse:
                 f' and offset {source.offset:g} are not applied: write'
                 f' {parameter}.column: "{column.heading}" if they are to be'
             )
-        elif self.quantity == 'speed' and not (self._has_scale or self._gear or source.column):
-            own_words, _ = _words_of_side(self.bearing.name, source.topic)
+        elif self.quantity in QUANTITIES and not (self._has_scale or self._gear or source.column):
             is_own = _is_named_after(column, self.bearing.name, source.topic)
-            if not (is_own or _is_plain(column, self.quantity, own_words | {'s'})):
-                yield (
-                    f"is column '{column.heading}': is it the shaft's own? Write"
-                    f' {parameter}.column, and gear where one is between'
-                )
+            if not (is_own or _is_plain(column, self.quantity, _own_words(name, source.topic) | {'s'})):
+                gear = ', and gear where one is between' if self.quantity == 'speed' else ''
+                owner = 'shaft' if self.quantity == 'speed' else 'bearing'
+                yield f"is column '{column.heading}': is it the {owner}'s own? Write {parameter}.column{gear}"
 
 
 def _plain_name(heading: str) -> str:
@@ -400,20 +389,9 @@ def _plain_name(heading: str) -> str:
     return re.sub(r'\b0+(?=\d)', '', parse_heading(heading).name)
 
 
-def _words_of_side(bearing: str, topic: str) -> tuple[set[str], set[str]]:
-    """Return the words that a heading of this bearing may and must not have.
-
-    Returns:
-        The words of its name and topic, with all synonyms of their side or end (port, aft); and the
-        words of the opposite side or end, empty without a side or with both.
-    """
-    own_words = {*parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()}
-    foreign_words = set[str]()
-    for one, other_side in (*_SIDES, *(pair[::-1] for pair in _SIDES)):
-        if own_words & one:
-            foreign_words |= set() if own_words & other_side else other_side
-            own_words |= one
-    return own_words, foreign_words
+def _own_words(bearing: str, topic: str) -> set[str]:
+    """Return the words of the name and the topic of a bearing."""
+    return {*parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()}
 
 
 def _is_named_after(column: LogColumn, bearing: str, topic: str = '') -> bool:

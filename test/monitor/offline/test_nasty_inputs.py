@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from nasty_logs import COLUMNS, LOGS, open_log
+from nasty_logs import COLUMNS, LOGS, nmea_sentence, open_log
 
 from fuzz.mutants import mutant
 from stickslip_logs.errors import BagError
@@ -113,11 +113,12 @@ def test_a_column_of_another_quantity_is_no_input(text: str, quantity: str, tmp_
     ('heading', 'bearing', 'is_its'),
     [
         ('Port shaft RPM', 'stbd_aft', False),
-        ('RPM SB', 'stbd_aft', True),
+        ('RPM SB', 'stbd_aft', False),  # which side that is depends on the language
         ('propulsion.port.revolutions [Hz]', 'starboard', False),
         ('Fwd shaft RPM', 'aft_stern', False),
         ('Aft shaft RPM, port', 'port_forward', False),
         ('Shaft RPM aft, port', 'port_aft', True),
+        ('Shaft RPM aft', 'port_aft', True),
     ],
 )
 def test_the_other_side_is_another_shaft(heading: str, bearing: str, is_its: bool, tmp_path: Path) -> None:
@@ -141,7 +142,7 @@ def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> Non
 
 def test_a_column_of_the_topic_is_the_shafts_own(tmp_path: Path) -> None:
     """PlotJuggler writes the field behind the topic, and `data` is no foreign word of it."""
-    text = '__time,/shaft/speed/data,/bearing/aft_stern/load/data\n0.5,30,900\n1.0,31,901\n'
+    text = '__time,/shaft/speed/data,/bearing/aft_stern/load/data\n1.7e9,30,900\n1700000000.5,31,901\n'
     assert bind(open_log(tmp_path, text), load_config(CONFIG)).questions == {}
 
 
@@ -156,6 +157,16 @@ def test_a_column_of_the_topic_is_the_shafts_own(tmp_path: Path) -> None:
 def test_the_speed_of_an_engine_raises_a_question(text: str, tmp_path: Path) -> None:
     question = bind(open_log(tmp_path, text), load_config(CONFIG)).questions['aft_stern', 'speed']
     assert "is it the shaft's own? Write aft_stern.speed.column, and gear" in question
+
+
+@pytest.mark.parametrize(('name', 'is_asked'), [('LOAD', False), ('AFT LOAD', False), ('PORT LOAD', True)])
+def test_the_load_of_another_bearing_raises_a_question(name: str, is_asked: bool, tmp_path: Path) -> None:
+    # On a bus the unit of a transducer tells its quantity, and only its name whose it is.
+    bodies = 'IIRPM,S,1,30,,A', f'IIXDR,N,900.0,N,{name}'
+    text = ''.join(f'@0 {nmea_sentence(body)}\n' for body in bodies)
+    bound = bind(open_log(tmp_path, text), load_config(CONFIG))
+    question = bound.questions.get(('aft_stern', 'load'), '')
+    assert ("is it the bearing's own? Write aft_stern.load.column" in question) == is_asked == bool(question)
 
 
 def test_a_column_that_says_another_unit_raises_a_question(tmp_path: Path) -> None:
