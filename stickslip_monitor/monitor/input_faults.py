@@ -231,7 +231,10 @@ def _find_jumps(values: FloatArray) -> IndexArray:
 
     A first value of ``nan`` is none.
     """
-    low, high = np.fmin.reduce(values), np.fmax.reduce(values)
+    # Beside a nan, which only a first value is, half as fast functions find the ends of the others.
+    low, high = values[1:].min(initial=values[0]), values[1:].max(initial=values[0])
+    if math.isnan(values[0]):
+        low, high = np.fmin.reduce(values), np.fmax.reduce(values)
     with np.errstate(over='ignore'):
         # As a rule the span of all is less than the least jump.
         if high - low < _GAP * min(abs(low), abs(high)):

@@ -383,10 +383,12 @@ def merge_series(series: Sequence[Series], places: Sequence[int]) -> Stream:
     # Without stamps of their own, as a rule, all have the log times in their place.
     names = ['stamp_ns', 'value', 'log_time_ns']
     columns = [
-        np.concatenate([getattr(item, name) for item in series])[order]
+        np.concatenate([getattr(item, name) for item in series]).take(order)
         for name in (names[:2] if all(item.log_time_ns is item.stamp_ns for item in series) else names)
     ]
-    return Stream(columns[0], inputs[order], columns[1], arrival_ns=columns[-1 if len(columns) > 2 else 0])
+    return Stream(
+        columns[0], inputs.take(order), columns[1], arrival_ns=columns[-1 if len(columns) > 2 else 0]
+    )
 
 
 class SampleSpan:

@@ -178,7 +178,8 @@ def _measure_steps(time_ns: IntArray, before_ns: int) -> IntArray:
 
 def _time_passed(interval: IntArray) -> int:
     """Return the sum of the positive intervals [ns]."""
-    return int(np.maximum(interval, 0).sum())
+    steps_back = interval[interval < 0] if interval.min(initial=0) < 0 else 0
+    return int(interval.sum() - np.sum(steps_back))
 
 
 @dataclass(frozen=True, slots=True)
