@@ -48,6 +48,7 @@ from stickslip_monitor.physics.orbits import (
     SlipField,
     follow,
     slip_field,
+    start_on_manifold,
 )
 from stickslip_monitor.physics.scalar_law import law_bounds
 
@@ -573,10 +574,10 @@ def _reach_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolAr
 
     Surface speeds [m/s] may have either sign; all of shape (n,).
     """
-    nothing, route = np.zeros(speed.size), Route(3, _ERROR, contact=True)
     with np.errstate(all='ignore'):
         field = slip_field(bearing, np.abs(speed), load)
-        return np.asarray(follow(field, nothing, nothing, route).end == LANDED)
+        slip = follow(field, *start_on_manifold(field), Route(3, _ERROR, contact=True))
+        return np.asarray(slip.end == LANDED)
 
 
 def _find_overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles:

@@ -198,6 +198,56 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     return Orbits(end.astype(int), time, place, np.stack([first, second]), gain)
 
 
+def start_on_manifold(field: SlipField) -> tuple[FloatArray, FloatArray]:
+    """Return where slip from breakaway may begin so that it meets the belt where the whole of it would.
+
+    Damping draws slip to the slow manifold, on which the spring balances friction and damping, and it creeps
+    along it. An attraction of ``exp(40)`` leaves nothing of where it came from, so it begins that much before
+    steady sliding, or before the damping fades.
+
+    Args:
+        field: What the linings slip in, behind the belt.
+
+    Returns:
+        Displacements and relative speeds, shape (n,) each: on the manifold, at speeds above 1, or both 0, at
+        breakaway.
+    """
+    begin, speed = np.zeros((2, field.speed.size))
+    least_rate, enough, places = 3.0, 40.0, 256  # rates in omega
+    stiff = field.damping + field.force * field.speed * law_bounds(field.law).steepest > least_rate
+    rows = np.flatnonzero(stiff & (field.damping > 0.0))
+    if not rows.size:
+        return begin, speed
+    field = field.take(rows)
+    # Up to where the lining would creep from breakaway without friction.
+    furthest = np.maximum(field.force * law_bounds(field.law).hold / field.damping, 1.0)
+    beyond = furthest[:, None] * np.geomspace(1e-8, 1.0, places)
+    v, force = (1.0 + beyond) * field.speed[:, None], field.force[:, None]
+    rate = field.damping + force * field.speed[:, None] * np.asarray(field.law.slope(v))
+    draws = rate > least_rate
+    first = np.argmax(draws, axis=1)
+    draws &= np.cumsum(~draws & (np.arange(places) > first[:, None]), axis=1) == 0
+    # Along the manifold ``e' = -beyond`` and ``de = rate * d(beyond)``, in which it draws by ``rate * dt``.
+    drawn = np.where(draws, rate * rate, 0.0)
+    parts = 0.5 * (drawn[:, 1:] + drawn[:, :-1]) * np.diff(np.log(beyond), axis=1)
+    attraction = np.cumsum(parts, axis=1)
+    at = 1 + np.argmax(attraction > enough, axis=1)
+    place = field.damping * (1.0 + beyond) - force * (law_bounds(field.law).hold - field.law.coefficient(v))
+    every = np.arange(rows.size)
+    # Slip passes steady sliding above 0, and sinks while it goes out to the manifold: above half the place it
+    # goes out by ``z' > half - place``, and gets there if it has not sunk to that half by then.
+    half = 0.5 * place[every, at]
+    with np.errstate(all='ignore'):
+        sinking = np.where(place < half[:, None], beyond / (half[:, None] - place), np.inf)
+        sunk = np.cumsum(0.5 * (sinking[:, 1:] + sinking[:, :-1]) * np.diff(beyond, axis=1), axis=1)
+    # No such place further out holds it.
+    outer = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1][every, at]
+    held = (attraction[:, -1] > enough) & (place[every, at] <= outer) & (sunk[every, at - 1] < -half)
+    begin[rows] = np.where(held, place[every, at], 0.0)
+    speed[rows] = np.where(held, 1.0 + beyond[every, at], 0.0)
+    return begin, speed
+
+
 def _creep_to_rest(field: SlipField, e: FloatArray, z: FloatArray, direction: FloatArray) -> BoolArray:
     """Decide which orbits come to rest without turning, so stiff that following them takes long.
 
@@ -274,7 +324,7 @@ def follow_one(
         law_numbers: The law, as :class:`.LawFunctions`.
         medium: What it slips in.
         e: Displacement from breakaway in units of ``V/omega``.
-        z: Speed relative to the belt in units of ``V``.
+        z: Speed relative to the belt in units of ``V``; above 1 on the way to the belt a turn is past.
         route: How it is followed.
         work: Written: the series of a step.
 
@@ -290,7 +340,8 @@ def follow_one(
     energy = _motion_energy(e - rest, z - drift)
     unit = route.direction * first_unit(law_numbers, medium, z)
     side = z - drift or route.direction * acceleration(law_numbers, medium, e, z)
-    time, turns, first, second, end, gain, steps = 0.0, 0, math.nan, math.nan, EXHAUSTED, 0.0, 0
+    turns = 1 if route.contact and z > drift > 0.0 else 0
+    time, first, second, end, gain, steps = 0.0, math.nan, math.nan, EXHAUSTED, 0.0, 0
     for _ in range(route.max_steps):
         steps += 1
         order, share, now, unit = expand(law_numbers, medium, e, z, unit, LONGEST, route.error, work)
@@ -371,6 +422,8 @@ def _find_landing(
         ``LANDED`` or ``MISSED``, and the length of the step up to there; ``EXHAUSTED`` and ``share`` for
         neither.
     """
+    if z > medium.drift > 0.0:  # it has turned once more: further rounds lie within this one
+        return MISSED, share
     hold, end = -medium.offset, EXHAUSTED
     if medium.drift > 0.0 and e > hold:
         if work[PLACE] > hold:

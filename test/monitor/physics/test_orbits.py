@@ -8,7 +8,15 @@ import pytest
 
 from stickslip_monitor import Bearing, Stribeck, Tabulated
 from stickslip_monitor.physics import orbits
-from stickslip_monitor.physics.orbits import EXHAUSTED, RESTED, Route, follow, slip_field
+from stickslip_monitor.physics.orbits import (
+    EXHAUSTED,
+    LANDED,
+    RESTED,
+    Route,
+    follow,
+    slip_field,
+    start_on_manifold,
+)
 
 SPEEDS = np.append(0.0, np.geomspace(0.005, 1.5, 18))
 NOISE = 0.004 * np.random.default_rng(7).standard_normal(19)
@@ -35,3 +43,25 @@ def test_an_orbit_that_creeps_to_rest_needs_no_steps(law, direction, monkeypatch
     assert np.isin(ends[creeping], (RESTED, EXHAUSTED)).all()
     assert (ends[~creeping] != RESTED).any()
     assert steps < orbits._Effort.steps - before - steps
+
+
+@pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0), NOISY], ids=['Stribeck', 'noisy'])
+def test_slip_that_begins_on_the_slow_manifold_meets_the_belt_as_slip_from_breakaway(law):
+    bearing = Bearing(50.0, 8e4, 2.0e6, law, 0.1)  # four times critical
+    speed, load = (part.ravel() for part in np.meshgrid(np.geomspace(0.02, 0.5, 8), [8e4, 3e5]))
+    field, nothing, route = slip_field(bearing, speed, load), 0.0 * speed, Route(3, 1e-11, contact=True)
+    whole = follow(field, nothing, nothing, route).end == LANDED
+    place, begin = start_on_manifold(field)
+    np.testing.assert_array_equal(follow(field, place, begin, route).end == LANDED, whole)
+    assert np.count_nonzero(begin) > 3
+    assert whole.any()
+    assert not whole.all()
+
+
+def test_slip_that_turns_back_before_the_belt_has_missed_it():
+    """A vibration that fades by a sixth in a turn: it was followed to its rest, in 643 steps."""
+    bearing = Bearing(1e-3, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
+    field, nothing = slip_field(bearing, np.array([0.06479]), np.array([379.88])), np.zeros(1)
+    before = orbits._Effort.steps
+    assert follow(field, nothing, nothing, Route(3, 1e-11, contact=True)).end != LANDED
+    assert orbits._Effort.steps - before < 100
