@@ -313,6 +313,17 @@ def test_the_walks_lead_through_the_house() -> None:
     assert [n for n in named if not any((base / n).exists() for base in (package, ROOT))] == []
 
 
+@pytest.mark.parametrize('name', ['rule.md', 'design.md'])
+def test_the_constants_that_a_page_names_are_set(name: str) -> None:
+    constant = r'_?[A-Z]{2,}(?:_[A-Z]+)*'
+    named = set(re.findall(f'`({constant})`', (DOCS / name).read_text('utf-8')))
+    sources = [
+        path.read_text('utf-8') for package in ROOT.glob('stickslip_*') for path in package.rglob('*.py')
+    ]
+    heads = [line.partition(' = ')[0] for text in sources for line in text.splitlines() if ' = ' in line]
+    assert sorted(named - set(re.findall(rf'\b{constant}\b', '\n'.join(heads)))) == []
+
+
 def test_the_plan_of_the_house_has_every_room() -> None:
     plan = (DOCS / 'design.md').read_text('utf-8').partition('## How large it is')[0]
     rows = re.findall(r'^\| `(stickslip_\w+/\w+)` \|.*\| `([\w/.]+)` \|$', plan, re.MULTILINE)
