@@ -41,7 +41,7 @@ class Measurement:
     Attributes:
         latency: From a speed's publication until its answer is there, of those answered [s].
         sent: Speeds that were sent, and as many loads.
-        lost: Speeds and loads that the node has not heard.
+        lost: Speeds and loads that the node has not counted.
         cpu: Share of a core that the node took.
     """
 
@@ -176,7 +176,7 @@ def processor_time(pid: int) -> float:
 
 
 def take_messages(subscription: Any) -> Iterator[tuple[float, Any]]:
-    """Yield the messages that have come, with the times at which they were taken."""
+    """Yield the waiting messages, with the times at which they were taken."""
     while True:
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, False)

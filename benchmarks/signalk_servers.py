@@ -124,10 +124,10 @@ class RealServer:
 
 
 class SmallServer:
-    """As much of a Signal K server as a client meets, with every fault it may have.
+    """Signal K server as far as a client meets it, with every fault it may have.
 
     Attributes:
-        kept: The last value of each source and path: value and time stamp.
+        values: The last value of each source and path: value and time stamp.
         status: What people did with each notification, by source and path.
         token: The token that is asked for; empty for none.
         deaf: What is written is dropped in silence, as without the right to write.

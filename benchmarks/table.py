@@ -41,7 +41,7 @@ class Table:
         return '\n\n'.join(block for block in blocks if block) + '\n'
 
     def record(self) -> dict[str, Any]:
-        """As plain values, for :meth:`of`."""
+        """Return plain values, for :meth:`of`."""
         return asdict(self)
 
     @classmethod

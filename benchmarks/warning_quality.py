@@ -177,7 +177,7 @@ class Quality:
     wrong_source: int = 0  # voyages on which the source of an input was reported as wrong
 
     def __add__(self, addend: Quality) -> Quality:
-        """Both together."""
+        """Return the sum of both."""
         return Quality(**{f.name: getattr(self, f.name) + getattr(addend, f.name) for f in fields(Quality)})
 
     @property

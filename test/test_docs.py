@@ -342,7 +342,7 @@ def test_no_room_grows_without_a_decision() -> None:
     ('now', 'undecided'),
     [((3, 1030), False), ((3, 1031), True), ((4, 1000), True), ((2, 950), False), ((2, 949), True)],
 )
-def test_when_the_size_of_a_room_is_to_be_decided(now: tuple[int, int], undecided: bool) -> None:
+def test_sizes_of_a_room_that_need_a_decision(now: tuple[int, int], undecided: bool) -> None:
     row = make_docs.decided_sizes('| `a` | 3 | 1,000 |\n')['a']
     assert make_docs.is_undecided(row, now) is undecided
 

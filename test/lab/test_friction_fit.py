@@ -454,7 +454,7 @@ def test_a_heading_that_has_or_ends_in_a_unit(write: Write, content: str, speed:
     ],
 )
 def test_a_column_of_another_quantity_is_no_part_of_the_curve(write: Write, extra_column: str) -> None:
-    """As the spread or the weight of the points it would bend the fit without a word."""
+    # As the spread or the weight of the points it would bend the fit without a warning.
     curve = read_curve(write(f'speed [m/s],{extra_column},mu\n0.5,7,8,0.25\n0.6,9,3,0.24\n'))
     assert (curve.speed.tolist(), curve.coefficient.tolist()) == ([0.5, 0.6], [0.25, 0.24])
     assert curve.std.tolist() == [1.0, 1.0]

@@ -46,7 +46,7 @@ def order_of_convergence(errors: list[float], ratio: float) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('method', LIGHT, ids=lambda m: m.name)
-def test_where_there_is_no_cycle_no_method_invents_one(method):
+def test_no_method_invents_a_cycle(method):
     """Twice the fold speed: steady sliding only; and friction that only rises."""
     result = method.solve(BENCH, 0.43, 1000.0)
     assert math.isnan(result.amplitude)

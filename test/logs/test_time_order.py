@@ -231,7 +231,7 @@ def test_one_time_read_wrong_at_an_end_is_reported(at: int, days: float) -> None
 @pytest.mark.parametrize('unset', [1, 2, 400])
 @pytest.mark.parametrize('boot', [0.0, 1e-3, 3600.0])
 def test_a_clock_that_is_set_to_a_date_begins_before_it(unset: int, boot: float) -> None:
-    """A recorder without a battery counts from its start until a satellite gives the date."""
+    # A recorder without a battery counts from its start until a satellite gives the date.
     rows = [(k / 2 if k >= unset else k / 2 + boot - START / SECOND, k / 2, 0) for k in range(COUNT)]
     course, time_ns, true_ns = judge_rows(rows)
     np.testing.assert_allclose(time_ns, true_ns, rtol=0, atol=1000)
@@ -241,7 +241,7 @@ def test_a_clock_that_is_set_to_a_date_begins_before_it(unset: int, boot: float)
 
 
 def test_clocks_that_begin_at_zero_again_and_again_lead_up_to_dates() -> None:
-    """Each of two power cuts sets the clock to zero; the times between the dates are kept."""
+    # Each of two power cuts sets the clock to zero; the times between the dates are kept.
     rows = [(k / 2 - START / SECOND * (k % 400 < 60), k / 2, k % 2) for k in range(COUNT)]
     course, time_ns, true_ns = judge_rows(rows)
     assert np.abs(time_ns - true_ns).max() <= SECOND

@@ -135,7 +135,7 @@ def test_an_empty_or_damaged_one_keeps_nobody_from_monitoring(tmp_path: Path, co
 
 
 def test_an_empty_one_has_lost_its_alarms(tmp_path: Path) -> None:
-    """As a power cut leaves it: it is damaged, and not a first start."""
+    # A power cut leaves it so: it is damaged, and not a first start.
     path = tmp_path / 'state.json'
     assert StateFile(str(path)).read() is None
     path.touch()

@@ -108,7 +108,7 @@ def test_a_refusal_is_one_sentence(
 
 
 def test_options_with_bounds_have_them() -> None:
-    """As in the docs and the help of each command."""
+    """Compare with the docs and the help of each command."""
     assert {name: action.rule for name, (_, action) in list_number_options(OF_LAB).items()} == {
         'calibrate --forget': (0, 1, False),
         'fit --journal-diameter': (0, math.inf, True),

@@ -310,7 +310,7 @@ def joint_message(time: int, **speeds: float) -> Written:
 
 
 def test_messages_of_other_elements_are_for_others_and_no_fault(tmp_path: Path) -> None:
-    """As on ``/joint_states``, where each controller publishes its own joints; live they are skipped, too."""
+    # As on ``/joint_states``, where each controller publishes its own joints; live they are skipped, too.
     messages = [
         joint_message(1000, shaft=6.0),
         joint_message(2000, rudder=0.1),

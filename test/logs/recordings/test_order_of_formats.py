@@ -293,7 +293,7 @@ LOOPS = {
 @pytest.mark.parametrize('name', FORMATS)
 @pytest.mark.parametrize('loop', LOOPS)
 def test_a_loop_goes_on_behind(loop: str, name: str, tmp_path: Path) -> None:
-    """A player that starts again gives the same rows at the same times; two exports begin at two."""
+    # A player that starts again gives the same rows at the same times; two exports begin at two.
     write, topics = FORMATS[name]
     write(tmp_path / name, in_file_order(LOOPS[loop]))
     recording = open_bag(tmp_path / name)

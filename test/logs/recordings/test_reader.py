@@ -95,7 +95,7 @@ def test_files_are_read_in_the_order_of_the_metadata(tmp_path: Path) -> None:
 def test_composed_and_decomposed_names_are_one_name(
     tmp_path: Path, requested_form: Any, stored_form: Any
 ) -> None:
-    """As macOS keeps names, and as a recorder or a person writes them."""
+    """Write a name as macOS keeps it, and as a recorder or a person does."""
     name, requested_name = (
         unicodedata.normalize(stored_form, 'Jörmungandr'),
         unicodedata.normalize(requested_form, 'Jörmungandr'),
@@ -204,8 +204,7 @@ def test_unpacked_files_are_removed_with_their_recording(
 
 
 def test_a_file_with_nothing_to_read_yet_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As /proc/kmsg: a file by its kind, and its reader would wait."""
-
+    # Such a file is /proc/kmsg: it is regular by its kind, and its reader would wait.
     class Waiting(io.BytesIO):
         def read(self, _: int | None = None) -> bytes | None:  # type: ignore[override]
             return None

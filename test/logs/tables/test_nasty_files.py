@@ -71,7 +71,7 @@ OTHERS_FIRST = (
 def test_of_signal_k_one_source_of_the_own_vessel_counts(
     first: str, later_names: list[str], tmp_path: Path
 ) -> None:
-    """As live: another vessel's speed, or a simulator's, mixed with the own one hides stick-slip."""
+    # As live: another vessel's speed, or a simulator's, mixed with the own one hides stick-slip.
     lines = []
     for second in range(3):
         for context, source, value in (

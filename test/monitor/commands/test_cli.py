@@ -112,7 +112,7 @@ def test_on_a_screen_of_40_columns_nothing_is_cut_off(
     ],
 )
 def test_the_tab_key_offers_commands_options_and_files(typed: str, offered: str, tmp_path: Path) -> None:
-    """As the shell asks by argcomplete: the answer comes by descriptor 8."""
+    """Ask by argcomplete as the shell does: the answer comes by descriptor 8."""
     environment = {'_ARGCOMPLETE': '1', 'COMP_LINE': typed, 'COMP_POINT': str(len(typed))}
     answer = tmp_path / 'answer'
     subprocess.run(

@@ -113,7 +113,7 @@ def test_a_refusal_is_one_sentence(
 
 
 def test_options_with_bounds_have_them() -> None:
-    """As in the docs and the help of each command."""
+    """Compare with the docs and the help of each command."""
     assert {name: action.rule for name, (_, action) in list_number_options(OF_MONITOR).items()} == {
         'check --jobs': (1, math.inf, False),
         'dashboard --port': (0, 65535, False),

@@ -205,7 +205,7 @@ def test_a_port_scan_leaves_no_traceback(dashboard: Any, caplog: Any, start: byt
     assert caplog.text == ''
 
 
-def test_when_all_are_busy_one_more_is_turned_away(dashboards: Any) -> None:
+def test_one_connection_more_than_the_limit_is_closed(dashboards: Any) -> None:
     crowded = dashboards(MAX_CONNECTIONS=2)
 
     async def work(session: Any) -> None:
@@ -277,7 +277,7 @@ def test_an_action_without_answer_of_the_monitor_is_not_confirmed(
 
 
 def test_nothing_can_be_changed_but_alarms(dashboard: Any) -> None:
-    """There is one way to act, and it is for alarms."""
+    # There is one way to act, and it is for alarms.
     routes = {
         (route.method, route.resource.canonical)
         for route in dashboard.server.application().router.routes()
@@ -308,7 +308,7 @@ def test_another_page_cannot_act(dashboard: Any) -> None:
 
 
 def test_a_name_that_is_not_ours_is_refused(dashboard: Any) -> None:
-    """Refuse a name that somebody points at this machine (DNS rebinding)."""
+    """Refuse a foreign name that points at this machine (DNS rebinding)."""
     ours = ('ship.test', 'SHIP.test:8370', 'localhost', '[::1]:8370', '10.1.2.3')
     foreign = ('evil.test', '127.0.0.1.evil.test', 'localhost.evil.test:8370', '', '[')
     for path in ('', 'metrics'):

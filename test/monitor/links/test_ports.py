@@ -190,7 +190,7 @@ async def test_silence_is_a_fault_where_lines_are_expected() -> None:
     assert sends.states == [None]  # nobody answers a datagram
 
 
-async def test_where_only_acknowledgements_may_come_silence_is_no_fault(
+async def test_silence_is_no_fault_of_a_link_for_acknowledgements_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(nmea_client, 'SILENT', 0.05)

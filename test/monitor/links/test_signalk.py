@@ -360,5 +360,5 @@ def test_a_sound_that_an_older_client_took_away_is_a_silence() -> None:
         ({}, ''),
     ],
 )
-def test_who_sends_an_update_of_signal_k(update: dict[str, Any], source: str) -> None:
+def test_the_source_of_an_update_of_signal_k(update: dict[str, Any], source: str) -> None:
     assert signalk_source(update) == source

@@ -400,7 +400,7 @@ def test_a_removed_or_shelved_alarm_makes_no_sound_however_long_it_lasts(panel: 
     assert aft.predict_stick_slip(100.0).sounded == ['stick_slip']
 
 
-def test_what_is_worse_than_an_acknowledged_manoeuvre_sounds(panel: Build) -> None:
+def test_an_alarm_worse_than_an_acknowledged_manoeuvre_sounds(panel: Build) -> None:
     aft = panel().play('0 stick_slip runs:20 acknowledge normal turns:0.1 60 stick_slip 61 amplitude_limit')
     assert aft.sounded == ['stick_slip', 'amplitude_limit']
 

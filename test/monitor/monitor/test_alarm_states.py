@@ -85,7 +85,7 @@ def test_a_returning_alarm_with_its_cause_is_raised_again(state: AlarmState, tri
     assert next_state(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED
 
 
-def test_what_waits_for_the_end_of_a_mix_takes_nothing_from_what_was_remembered() -> None:
+def test_a_cause_that_waits_for_the_end_of_a_mix_keeps_restored_causes() -> None:
     causes = Causes(configured().bearings[0], {AlarmKind.INPUT_LOST})
     causes.recall({AlarmKind.STICK_SLIP}, 0)
     assert causes.recalled == {AlarmKind.INPUT_LOST, AlarmKind.STICK_SLIP}

@@ -367,7 +367,7 @@ LIMITS = {float(np.iinfo(bits).max) for bits in ('i2', 'u2', 'i4', 'u4')} | {flo
 
 @pytest.mark.parametrize('number', sorted({*NO_VALUES, *LIMITS}))
 def test_a_number_that_means_no_value_hides_no_stick_slip(number: float) -> None:
-    """As it stands in the message, whatever scale and offset make of it; as NaN it is lost."""
+    # As it stands in the message, whatever scale and offset make of it; as NaN it is lost.
     monitor = Monitor(configured(speed__scale=0.1))
     for k in range(60):
         feed(monitor, k / 2, 'speed', 10.0 * UNSTABLE)
@@ -414,7 +414,7 @@ def test_an_equal_stamp_is_a_copy_with_an_equal_value_only() -> None:
     assert statuses == [Status.ACCEPTED, Status.REPEATED, Status.ACCEPTED, Status.ACCEPTED]
 
 
-def test_what_the_latest_value_ends_is_not_begun() -> None:
+def test_no_condition_begins_that_the_latest_value_ends() -> None:
     """Two values at 20 rpm a second apart, then rest: the medians say 20 rpm once more."""
     monitor = Monitor(configured())
     events = []

@@ -262,7 +262,7 @@ def test_the_file_of_a_ship_without_ros_is_for_all_commands(
 
 
 def test_pairs_of_whole_numbers_and_others_are_a_table_of_the_load(write: Write) -> None:
-    """As people write them; a list that mixes them is refused elsewhere, as ROS 2 does."""
+    # As people write them; a list that mixes them is refused elsewhere, as ROS 2 does.
     text = WHOLE.replace('{topic: /bearing/aft/load', '{over_speed: [[0, 32.5], [60, 28]]')
     assert load_config(write(text)).bearing('aft').load.over_speed == (0.0, 32.5, 60.0, 28.0)
     assert 'a list mixes float and int' in refusal_of(

@@ -104,7 +104,7 @@ def times_in_regimes(scan: Any, codes: NDArray[np.int8]) -> list[int]:
         ([10, 11, 12, 7, 9], [11.0, 12.0, 7.0 - 1e-9, 9.0, 14.0]),
     ],
 )
-def test_how_long_a_verdict_of_an_outline_counts(seconds: list[int], until: list[float]) -> None:
+def test_the_duration_of_a_verdict_of_an_outline(seconds: list[int], until: list[float]) -> None:
     (config,) = configured().bearings
     time_ns, outliner = np.array(seconds) * NS, Outliner(config)
     speed, load = np.full(time_ns.size, 0.3), np.full(time_ns.size, 1000.0)

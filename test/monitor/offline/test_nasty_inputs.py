@@ -264,7 +264,7 @@ def test_a_log_is_not_played_and_a_way_is_named(tmp_path: Path, capsys: pytest.C
         ('time,Shaft speed [rpm],load [N]\n0,30,900\n1,30,901\n', 30.0, 'taken as scaled already'),
     ],
 )
-def test_which_numbers_are_still_to_be_scaled(text: str, speed: float, says: str, tmp_path: Path) -> None:
+def test_numbers_that_are_still_to_be_scaled(text: str, speed: float, says: str, tmp_path: Path) -> None:
     config = tmp_path / 'ship.yaml'
     settings = (
         "unit: rpm, scale: 0.25, column: 'Engine speed'" if 'speed,' in text else 'unit: rpm, scale: 0.25'
@@ -350,7 +350,7 @@ def test_an_engine_with_a_gear_and_a_load_from_the_alignment_table(
 
 @pytest.mark.parametrize(('every', 'code'), [(3, 1), (4, 0)])
 def test_a_third_of_implausible_speeds_is_no_quiet_voyage(every: int, code: int, tmp_path: Path) -> None:
-    """As live, where a third of the samples refused is a fault: 4000 rpm is beyond any shaft of a ship."""
+    # As live, where a third of the samples refused is a fault: 4000 rpm is beyond any shaft of a ship.
     rows = ''.join(f'{t},{4000 if t % every == 0 else 136},1000\n' for t in range(1, 121))
     (tmp_path / 'voyage.csv').write_text(f'time [s],speed [rpm],load [N]\n{rows}')
     assert main(['check', str(tmp_path / 'voyage.csv'), '--config', str(CONFIG)]) == code

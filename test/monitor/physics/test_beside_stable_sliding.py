@@ -87,7 +87,7 @@ def test_sticking_ends_under_averaging_where_the_cycle_at_the_limit_is_balanced(
 
 
 def test_beyond_its_last_speed_a_tabulated_averaged_fold_is_that_of_the_load():
-    """There the fold of a scattered table leaps from one load to the next; it was 7 % off."""
+    # There the fold of a scattered table leaps from one load to the next; it was 7 % off.
     bearing, load = _scattered_bearing(), np.array([2873.0, 6116.0])
     tabulated = boundary_table(bearing).fold_kbm(load)
     np.testing.assert_allclose(tabulated, fold_speed(bearing, load), rtol=5e-3)

@@ -57,11 +57,9 @@ def test_the_exact_fold_is_where_the_slip_phase_grazes(eta, kappa, side):
 
 @pytest.mark.parametrize('kappa', [0.9, 0.2, 1e-3, 1e-6])
 def test_averaged_cycles_just_inside_and_just_outside_the_fold(kappa):
-    """Both meet the sliding limit there: the unstable one linearly, the stable one as a square.
-
-    With ``growth = ln(2 I1(alpha)/alpha)`` and ``growth(alpha) = v + ln kappa``, ``alpha`` falls
-    short of ``v`` by ``(1/growth' - 1)`` times the distance from the fold.
-    """
+    # Both meet the sliding limit there: the unstable one linearly, the stable one as a square. With ``growth
+    # = ln(2 I1(alpha)/alpha)`` and ``growth(alpha) = v + ln kappa``, ``alpha`` falls short of ``v`` by
+    # ``(1/growth' - 1)`` times the distance from the fold.
     bearing, load = stribeck_bearing(0.2, kappa)
     fold, distance = fold_speed(bearing, load), 1e-12
     with mp.workdps(30):

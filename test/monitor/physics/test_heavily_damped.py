@@ -16,7 +16,7 @@ from stickslip_monitor.physics.friction import FrictionLaw, Stretched
 
 
 class Unnamed(OwnLaw):
-    """Stribeck's law as somebody writes it who names no breakpoints."""
+    """Stribeck's law of a user who names no breakpoints."""
 
     breakpoints = ()
 

@@ -59,7 +59,7 @@ def test_slip_that_begins_on_the_slow_manifold_meets_the_belt_as_slip_from_break
 
 
 def test_slip_that_turns_back_before_the_belt_has_missed_it():
-    """A vibration that fades by a sixth in a turn: it was followed to its rest, in 643 steps."""
+    # A vibration that fades by a sixth in a turn: it was followed to its rest, in 643 steps.
     bearing = Bearing(1e-3, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
     field, nothing = slip_field(bearing, np.array([0.06479]), np.array([379.88])), np.zeros(1)
     before = orbits._Effort.steps
