@@ -23,7 +23,7 @@ from stickslip_monitor.drawing.diagram import bifurcation_diagram
 from stickslip_monitor.physics.averages_by_quadrature import average_curve, equilibrium_table
 from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.cycles import exact_amplitude
-from stickslip_monitor.physics.folds import fold_curve
+from stickslip_monitor.physics.fold_curve import fold_curve
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched
 
 BEARING = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.30, 0.10, 10.0), 0.100)

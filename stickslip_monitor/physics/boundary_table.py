@@ -5,8 +5,9 @@ Each boundary is a piecewise polynomial in ``ln N`` from the least load at which
 exists. Above the last load the end of sticking is in proportion to the load, as under Coulomb's law, the
 limit of every law for large loads; an averaged boundary goes on with the power of the load that it has there.
 
-- The boundaries of a smooth law are cubic splines, right to 1e-7; near the onset of a law with an exponent
-  to 2e-4. Where the exact fold is not in proportion to the last loads they are straight lines, to 2e-6.
+- The boundaries of a smooth law are cubic splines, right to 1e-6; near the onset of a law with an exponent
+  to 2e-4, and near the highest fold of friction that rises to 3e-5. Where the exact fold is not in
+  proportion to the last loads they are straight lines, to 2e-6.
 - Those of a law in pieces (a measured table) are straight lines between many more points, right to 1e-4 where
   it is smooth and to 2e-3 where it is noisy; not where its fold jumps or begins, between two loads a percent
   apart.
@@ -25,7 +26,8 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics import averages_closed_form, averaging
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.folds import fold_curve, last_cycles
+from stickslip_monitor.physics.fold_curve import fold_curve
+from stickslip_monitor.physics.folds import last_cycles
 from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.numerics import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.scalar_law import law_bounds
@@ -151,12 +153,12 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     curve = fold_curve(bearing)
     if curve is None:
         return _NONE
-    onset = math.log(curve.span.onset)
-    octaves = math.log2(curve.span.top / curve.span.onset)
+    onset = math.log(curve.onset)
+    octaves = math.log2(curve.top / curve.onset)
     points = round(octaves * (_SMOOTH_POINTS if curve.smooth else _PIECEWISE_POINTS)) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
     # The exact fold is not in proportion to the load beyond the last one then.
-    ends = curve.larger.size > 0 or bearing.damping_ratio >= 1.0 or curve.grazing.rises
+    ends = curve.larger.size > 0 or bearing.damping_ratio >= 1.0 or curve.contact.rises
     if ends:  # in a step of its own: the line to what is unknown is no fold
         grid = np.append(grid, grid[-1] + grid[1])
     load = np.exp(onset + grid)

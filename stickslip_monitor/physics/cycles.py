@@ -35,6 +35,7 @@ from stickslip_monitor.physics import averages_closed_form
 from stickslip_monitor.physics.averages_by_quadrature import average_curve
 from stickslip_monitor.physics.averaging import averaged, fold_speed
 from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.contact import meets_belt
 from stickslip_monitor.physics.folds import deciding_fold, exact_fold
 from stickslip_monitor.physics.integrator import Drive, MotionState, Phase, integrate
 from stickslip_monitor.physics.lubrication import at_points, gives_speed
@@ -48,7 +49,6 @@ from stickslip_monitor.physics.orbits import (
     SlipField,
     follow,
     slip_field,
-    start_on_manifold,
 )
 from stickslip_monitor.physics.scalar_law import law_bounds
 
@@ -383,7 +383,8 @@ def _decide_kinds(
     rows = np.flatnonzero(_why_none(bearing, speed, load) == CycleKind.STICK_SLIP)
     rows = rows[kind[rows] != CycleKind.UNRESOLVED]
     below, above = (
-        _reach_belt(bearing, speed[rows] * share, load[rows]) for share in (1.0 - _AT_FOLD, 1.0 + _AT_FOLD)
+        meets_belt(bearing, np.abs(speed[rows]) * share, load[rows], _ERROR)
+        for share in (1.0 - _AT_FOLD, 1.0 + _AT_FOLD)
     )
     if not stable:  # An unstable cycle parts stable sliding from a vibration (Poincare and Bendixson).
         parts = rows[below & above & (kind[rows] == CycleKind.NONE)]
@@ -567,17 +568,6 @@ def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
     if rows.size:
         cycles.put(rows, _find_overtaking(field.take(rows), one.place[rows], weigh))
     return cycles
-
-
-def _reach_belt(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolArray:
-    """Return where the slip phase from breakaway meets the belt, whether it then sticks or overtakes.
-
-    Surface speeds [m/s] may have either sign; all of shape (n,).
-    """
-    with np.errstate(all='ignore'):
-        field = slip_field(bearing, np.abs(speed), load)
-        slip = follow(field, *start_on_manifold(field), Route(3, _ERROR, contact=True))
-        return np.asarray(slip.end == LANDED)
 
 
 def _find_overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundCycles:

@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folds of a bearing over many loads, from the least load with a cycle over the speed.
+
+Over the load a fold begins with an infinite slope, and that of a measured table jumps from one range of
+speeds with cycles to the next, but over the speed the least load has one value, and its ratio to that of a
+cycle under averaging is smooth. It is solved at some speeds, and the last speed at a load is read from the
+curve through them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from stickslip_monitor.arrays import FloatArray
+from stickslip_monitor.physics import averages_closed_form, averaging
+from stickslip_monitor.physics.averages_by_quadrature import average_curve, cusp_slope
+from stickslip_monitor.physics.bearing import Bearing
+from stickslip_monitor.physics.contact import Contact
+from stickslip_monitor.physics.folds import SLOWEST, last_sticking_speeds, least_sticking_loads
+from stickslip_monitor.physics.friction import ALMOST_REST, speed_scales
+from stickslip_monitor.physics.numerics import hermite, monotone_slopes, root_on_bracket, spline_slopes
+
+# Octaves of load of a curve from the onset at least: a steep law has its onset at some newtons, far
+# from Coulomb's 8 octaves above it.
+_MIN_OCTAVES = 8
+# Intervals of a curve's speeds, from 8 or 16 of which one is solved.
+_INTERVALS = 1024
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoldCurve:
+    """The least loads with a cycle over the speed.
+
+    Attributes:
+        contact: The bearing, with the contact of its belt.
+        onset: The least load with a cycle [N].
+        top: The largest load that the curve is made for [N].
+        averaged: Ascending speeds [m/s], and under averaging the least loads with a cycle, and with one that
+            sticks [N], ``inf`` for none, shape (3, m).
+        exact: Ascending speeds [m/s], and the least loads at which slip grazes the belt [N], ``inf`` for
+            none, shape (2, n).
+        larger: ``ln N`` and the exact fold [m/s] of loads beyond the last, shape (2, k), where friction that
+            rises with the speed, or strong damping, makes the fold fall again with the load.
+    """
+
+    contact: Contact
+    onset: float
+    top: float
+    averaged: FloatArray
+    exact: FloatArray
+    larger: FloatArray
+
+    @property
+    def smooth(self) -> bool:
+        """Whether a spline joins the points of the curve; else monotone cubics."""
+        return self.contact.is_smooth
+
+    def averaged_fold(self, load: FloatArray) -> FloatArray:
+        """Return the last speeds with a cycle under averaging at loads [N], shape (n,) [m/s]; or ``nan``."""
+        return last_speeds(self.averaged[:2], load, self.smooth)
+
+    def averaged_sticking_end(self, load: FloatArray) -> FloatArray:
+        """Return the last speeds with one that sticks under averaging, as :meth:`averaged_fold`."""
+        return last_speeds(self.averaged[::2], load, self.smooth)
+
+    def exact_fold(self, load: FloatArray) -> FloatArray:
+        """Return the last speeds at which the lining sticks at loads [N], shape (n,) [m/s]; ``nan``: none."""
+        speed = last_speeds(self.exact, load, self.smooth)
+        x, y = self.larger
+        rows = np.flatnonzero(np.log(load) > x[0]) if x.size else np.zeros(0, int)
+        if rows.size:
+            slopes = (spline_slopes if np.isfinite(y).all() else monotone_slopes)(x, y)
+            speed[rows] = hermite(x, y, slopes, np.log(load[rows]))
+        return speed
+
+    def lower_end(self, load: FloatArray) -> FloatArray:
+        """Return the lower end of stick-slip by averaging: below this speed no cycle exists.
+
+        It lies where friction first rises with the speed: there slow sliding is stable, and what
+        leaves a stick settles to it.
+
+        Args:
+            load: ``N`` > 0, shape (n,) [N].
+
+        Returns:
+            Shape (n,) [m/s]; 0 where there are cycles down to rest, or none at any speed.
+        """
+        out = np.zeros(load.size)
+        if self.contact.falls_most_at_rest:
+            return out
+        speed, least_load, _ = self.averaged
+        with np.errstate(all='ignore'):
+            x, y, level = np.log(speed), np.log(np.minimum.accumulate(least_load)), np.log(load)
+            i = np.searchsorted(-y, -level, side='left')
+            rows = np.flatnonzero((i > 0) & (i < speed.size))
+            i = i[rows]
+            share = np.where(np.isfinite(y[i - 1]), (y[i - 1] - level[rows]) / (y[i - 1] - y[i]), 1.0)
+        out[rows] = np.exp(x[i - 1] + share * (x[i] - x[i - 1]))
+        return out
+
+
+@lru_cache(maxsize=64)
+def fold_curve(bearing: Bearing) -> FoldCurve | None:
+    """Solve the least loads with a cycle of a bearing with damping > 0 and without lubrication; cached.
+
+    ``None`` where no load has a cycle.
+    """
+    contact, law = Contact(bearing), bearing.friction
+    averaged = _averaged_curve(contact)
+    lowest, fall = SLOWEST * contact.scales[0], contact.use.fall
+    # 200 kN, or until friction would move the lining by 0.1 m: a soft lining (50 kg, 3 Hz) has slip so stiff
+    # at 200 kN that it takes minutes.
+    of_use = min(2e5, 0.1 * bearing.stiffness / max(law.static, 1e-9))
+    least_load = max(bearing.damping / fall, float(contact.least_loads(np.array([lowest]))[0]))
+    max_load = 2.0 * max(of_use, 2.0**_MIN_OCTAVES * least_load)
+    rough = np.geomspace(lowest, max(contact.highest_speed(max_load), 4.0 * lowest), 32)
+    loads = np.nan_to_num(least_sticking_loads(contact, rough, max_load), nan=np.inf)
+    onset, octaves = float(min(np.min(averaged[1]), np.min(loads))), _MIN_OCTAVES
+    if not onset < np.inf:
+        return None
+    if fall < math.inf:
+        if contact.is_smooth and contact.falls_most_at_rest:
+            onset = bearing.damping / float(-law.slope(ALMOST_REST))
+        octaves = max(octaves, math.ceil(math.log2(max(of_use / onset, 1.0))))
+    top = onset * 2.0**octaves
+    exact, larger = _exact_curve(contact, np.stack([rough, loads]), top)
+    return FoldCurve(contact, onset, top, averaged, exact, larger)
+
+
+def _averaged_curve(contact: Contact) -> FloatArray:
+    """Return the averaged fold and end of sticking as curves: :attr:`FoldCurve.averaged`."""
+    law = contact.law
+    speed = np.geomspace(SLOWEST * contact.scales[0], 300.0 * contact.scales[-1], 161)
+    if (solver := averaging.averaged(law)) is averages_closed_form:
+        peak = cusp = solver.peak_slope(law, speed)
+    elif speed_scales(law):
+        speed, peak, cusp = average_curve(law)
+    else:
+        peak = cusp = np.zeros(speed.size)
+    with np.errstate(all='ignore'):
+        return np.stack([speed, *(contact.bearing.damping / np.maximum([peak, cusp], 0.0))])
+
+
+def _exact_curve(contact: Contact, rough: FloatArray, top: float) -> tuple[FloatArray, FloatArray]:
+    """Solve the exact curve at some speeds, and interpolate its ratio to :func:`_base_loads`.
+
+    Args:
+        contact: The bearing's contact.
+        rough: Rising speeds [m/s] and the least loads that graze there, ``inf`` for none [N], shape (2, m).
+        top: The largest load [N].
+
+    Returns:
+        The fields ``exact`` and ``larger`` of :class:`FoldCurve`.
+    """
+    # Of a scattered table of 100 points every 16th speed would leave 1 % in place of 0.7 %.
+    every, error, join = (16, 1e-10, spline_slopes) if contact.is_smooth else (8, 1e-5, monotone_slopes)
+    place, speed = _curve_speeds(contact, rough, top)
+    rows, base = np.arange(0, speed.size, every), _base_loads(contact, speed)
+    guess, points = np.full(rows.size, np.inf), rough[:, np.isfinite(rough[1])]
+    if points.size:  # the ratio there leads to 3e-5 of half the loads of a table of 100 points
+        ratio = np.log(points[1] / _base_loads(contact, points[0]))
+        guess = base[rows] * np.exp(np.interp(np.log(speed[rows]), np.log(points[0]), ratio))
+    loads = least_sticking_loads(contact, speed[rows], 8.0 * top, guess, error)
+    is_solved, exact = np.isfinite(loads), np.full(speed.size, np.inf)
+    solved = rows[is_solved]
+    if solved.size > 3:
+        ratio = np.log(loads[is_solved] / base[solved])
+        joined = hermite(place[solved], ratio, join(place[solved], ratio), place)
+        has_gap = np.interp(place, place[rows], ~is_solved) > 0.0
+        exact = np.where(has_gap, np.inf, base * np.exp(joined))
+    if is_solved[-1] and not contact.rises:
+        return np.stack([speed, exact]), np.zeros((2, 0))
+    # The curve ends where it is vertical: there the least and the largest load that stick meet.
+    highest = float(np.max(speed[solved], initial=speed[0]))
+    end = int(rows[max(int(np.searchsorted(speed[rows], 0.8 * highest)) - 1, 0)])
+    x = np.linspace(math.log(min(float(exact[end]), top)), math.log(top), 33 if exact[end] < top else 0)
+    larger = np.stack([x, last_sticking_speeds(contact.bearing, np.exp(x))])
+    return np.stack([speed[: end + 1], exact[: end + 1]]), larger
+
+
+def _curve_speeds(contact: Contact, rough: FloatArray, top: float) -> tuple[FloatArray, FloatArray]:
+    """Choose the speeds of a curve, closest at its begin, where a fold rises faster than its load.
+
+    Args:
+        contact: The bearing's contact.
+        rough: Rising speeds [m/s] and the least loads that graze there, ``inf`` for none [N], shape (2, m).
+        top: The largest load [N].
+
+    Returns:
+        Places ``ln(1 + V/V0)``, in which a curve is smooth, and the speeds ``V`` [m/s], shape (n,) each.
+    """
+    speed, load = rough
+    scale = contact.scales[0] if contact.is_smooth else max(contact.scales[0], contact.scales[-1] / 50.0)
+    # No last speed lies below that of the least load of all, which a table may have between two of these.
+    first = max(int(np.argmin(load)) - 1, 0) if contact.is_smooth else 0
+    last = int(np.append(0, np.flatnonzero(load <= top))[-1])
+    # Beyond the last of these no fold rises faster than its load.
+    high = speed[last + 1] if last + 1 < speed.size else speed[last] * max(top / load[last], 1.0)
+    begin, end = (math.log1p(float(v) / scale) for v in (speed[first], high))
+    place = begin + (end - begin) * np.linspace(0.0, 1.0, _INTERVALS + 1) ** 1.5
+    return place, scale * np.expm1(place)
+
+
+def _base_loads(contact: Contact, speed: FloatArray) -> FloatArray:
+    """Return positive loads [N], shape (n,), to which those that graze have a smooth ratio.
+
+    Of a law in pieces they are averaging's least loads with a cycle at the sliding limit, bounded; of one
+    that falls at once they are in proportion to the speed, as the loads are.
+    """
+    if contact.is_smooth:
+        return speed if contact.use.fall == math.inf else np.ones(speed.size)
+    slope = cusp_slope(contact.law, speed)
+    return contact.bearing.damping / np.maximum(slope, 1e-3 * contact.use.fall)
+
+
+def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray:
+    """Return the last speeds at which a load is enough for a cycle [m/s].
+
+    Args:
+        curve: Ascending speeds [m/s], and the least load with a cycle at each, ``inf`` for none [N],
+            shape (2, m).
+        load: Shape (n,) [N].
+        smooth: Whether a cubic spline joins the points of the curve; else monotone cubics.
+
+    Returns:
+        Shape (n,); ``nan`` where no speed has a cycle. Beyond the last point in proportion to the load.
+    """
+    speed = curve[0]
+    with np.errstate(all='ignore'):
+        (x, y), level = np.log(curve), np.log(load)
+        lowest = np.minimum.accumulate(y[::-1])[::-1]
+        i = np.searchsorted(lowest, level, side='right') - 1
+        beyond = np.where(level > y[-1], np.exp(level - y[-1]), 1.0)
+        result = np.where(i < 0, np.nan, speed[i] * beyond)
+        rows = np.flatnonzero((i >= 0) & (i < x.size - 1))
+        rows = rows[np.isfinite(y[i[rows] + 1])]
+        i = i[rows]
+        slope = _curve_slopes(x, y, smooth)
+        h, rise, part = x[i + 1] - x[i], y[i + 1] - y[i], level[rows] - y[i]
+        cubic = (part, rise, h * slope[i], h * slope[i + 1])
+        share = root_on_bracket(_missing_part, np.zeros(i.size), np.ones(i.size), (part, part - rise), cubic)
+    result[rows] = np.exp(x[i] + share * h)
+    return result
+
+
+def _curve_slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
+    """Return the slopes of the interpolant at a curve's points, shape (n,).
+
+    Each stretch of finite points is joined by itself: by a spline where ``smooth``, else by monotone cubics.
+    0 at points that are not finite and in stretches of up to three.
+    """
+    slope = np.zeros(x.size)
+    join = spline_slopes if smooth else monotone_slopes
+    edges = [0, *(np.flatnonzero(np.diff(np.isfinite(y).astype(int))) + 1), x.size]
+    for first, last in itertools.pairwise(edges):
+        if last - first > 3 and np.isfinite(y[first]):
+            part = slice(int(first), int(last))
+            slope[part] = join(x[part], y[part])
+    return slope
+
+
+def _missing_part(
+    t: FloatArray, part: FloatArray, rise: FloatArray, begin: FloatArray, end: FloatArray
+) -> FloatArray:
+    """Return the distance by which a Hermite cubic on [0, 1] lies below a level at ``t``.
+
+    Args:
+        t: Places, shape (n,).
+        part: The level less the value at 0.
+        rise: The value at 1 less that at 0.
+        begin: Slope at 0.
+        end: Slope at 1.
+    """
+    square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
+    return part - t * (begin + t * (square + t * cube))
