@@ -188,16 +188,36 @@ class ColumnRecording(Recording):
         return None
 
     def unknown_marks(self, column: LogColumn) -> tuple[str, list[str]] | None:
-        """Return the heading of the quality of a column and its marks, each once, if all are unknown.
+        """Return the heading of the quality or flag of a column and its marks, each once, if all are unknown.
 
-        None where a quality is known, is chosen by ``where``, has one mark only or more than 100, or is not
-        there. The file is read for marks that its head and tail lack.
+        Those of most lines of head and tail come first. None where a quality is known, is chosen by
+        ``where``, has one mark only or more than 100, or is not there. The file is read for all marks.
         """
         status = self._find_quality_column(column.place)
-        if status is None or self.quality(status) is not None or status in dict(column.where):
+        if status is not None and self.quality(status) is not None:
+            return None
+        status = self._find_flag_column(column.place) if status is None else status
+        if status is None or status in dict(column.where):
             return None
         marks = [mark for mark in self._read_texts(status) if mark.strip()]
+        shown = Counter(row[status] for row in self._ends if len(row) > status)
+        marks.sort(key=lambda mark: -shown[mark])
         return (self.table.names[status], marks) if 1 < len(marks) <= MAX_WORDS else None
+
+    def _find_flag_column(self, column: int) -> int | None:
+        """Return the place of words, or zeros and ones, headed by a signal's words and more; None for none.
+
+        So ``rpm fault`` beside ``rpm``: what it says of the signal is for its owner to tell.
+        """
+        words, names = parse_heading(self.table.names[column]).name.split(), self.table.names
+        for k, heading in enumerate(names if self.names is None else ()):
+            more = parse_heading(heading).name.split()
+            if not words or k in self.table.time_columns or more[: len(words)] != words or more == words:
+                continue
+            cells = {str(row[k]).strip() for row in self._ends if len(row) > k} - {''}
+            if cells and all(parse_number(cell) in (None, 0.0, 1.0) for cell in cells):
+                return k
+        return None
 
     def quality(self, status: int) -> Callable[[str], bool] | None:
         """Return a function that is True for a mark by which a number does not count.

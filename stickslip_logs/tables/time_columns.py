@@ -229,8 +229,10 @@ def _find_whole_times(path: Path, table: TableColumns) -> Clock:
         return clock
     if of_day:
         return _clock_of_day_times(table, of_day[0])
-    if clock := _clock_of_digits(table, rows, named) or _first_clock_of_numbers(path, table, rows, named):
-        return _clock_since_midnight(table, rows, clock, days[0]) if days and clock.is_count else clock
+    if clock := _clock_of_digits(table, rows, named):
+        return clock
+    if clock := _first_clock_of_numbers(path, table, rows, named):
+        return _clock_since_midnight(table, rows, clock, days[0]) if days else clock
     if stamps:
         return _clock_of_stamps(table, rows, (stamps[0],))
     if times:
@@ -510,7 +512,8 @@ def _join_parts(columns: Sequence[Cells], day_count: int) -> list[str]:
 def _clock_of_digits(table: TableColumns, rows: Sequence[Cells], named: Sequence[int]) -> Clock | None:
     """Return the clock of a column of times of the day as digits, 060000, perhaps behind one of dates.
 
-    None where no column in ``named`` holds such digits.
+    None where no column in ``named`` holds such digits. Of up to four digits there is a question: 0600 may
+    be the hour 6.
 
     Args:
         table: The columns.
@@ -530,7 +533,14 @@ def _clock_of_digits(table: TableColumns, rows: Sequence[Cells], named: Sequence
             clock = _clock_of_day_times(table, k)
             if sum(map(is_stamp, stamps)) > _MOSTLY * len(cells):
                 clock = _clock_of_layout((k - 1, k), StampLayout(stamps))
-            return replace(clock, read=partial(_read_digits, clock.read))
+            clock = replace(clock, read=partial(_read_digits, clock.read))
+            longest = max(cells, key=len)
+            if len(longest) > 4:
+                return clock
+            question = (
+                f"has times such as '{longest}', which may be hours and minutes: write them as 06:00:00"
+            )
+            return replace(clock, is_count=True, question=question)
     return None
 
 

@@ -430,3 +430,13 @@ def test_an_hour_that_comes_again_without_a_date_is_a_clock_set_back(tmp_path: P
     text = log_of('time', lambda t: f'{t - timedelta(hours=t.second >= 30):%H:%M:%S}', count=60)
     times, _ = times_of(tmp_path, text)
     assert times[-1] - times[0] == 59 * 10**9
+
+
+@pytest.mark.parametrize('head', ['time', 'date,time'])
+@pytest.mark.parametrize('form', ['{:%H%M}', '{0.hour}{0:%M}'])
+def test_digits_of_hours_and_minutes_raise_a_question(form: str, head: str, tmp_path: Path) -> None:
+    def row(time: datetime) -> str:
+        return form.format(time) if head == 'time' else f'{time:%Y-%m-%d},{form.format(time)}'
+
+    question = times_of(tmp_path, log_of(head, row, timedelta(minutes=1)))[1]
+    assert 'which may be hours and minutes: write them as 06:00:00' in question

@@ -111,6 +111,31 @@ def test_unknown_words_of_a_quality_raise_a_question(tmp_path: Path, stickslip: 
 
 
 @pytest.mark.parametrize(
+    ('heading', 'flags', 'answer'),
+    [
+        ('rpm fault', '01', "{rpm fault: '*'}"),
+        ('rpm gueltig', ('ja', 'nein'), "{rpm gueltig: '*'}"),
+        ('rpm set', ('80', '90'), ''),  # a number
+        ('rpm fault', '00', ''),
+        ('load fault', '01', ''),  # of a load that has another name
+    ],
+)
+def test_flags_named_after_a_signal_raise_a_question(
+    heading: str, flags: tuple[str, str], answer: str, tmp_path: Path, stickslip: Stickslip
+) -> None:
+    path, config = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml'
+    rows = ''.join(f'{k},80,{flags[4000 < k < 4100]},900\n' for k in range(6000))
+    path.write_text(f'time [s],rpm,{heading},Bearing load [N]\n{rows}')
+    result = stickslip('check', path, '--config', CONFIG)
+    assert (result.code, f"column '{heading}' with '{flags[0]}'" in result.out) == (
+        int(answer != ''),
+        answer != '',
+    )
+    config.write_text(CONFIG.read_text().replace('unit: rpm', f'unit: rpm, where: {answer or {}}'))
+    assert stickslip('check', path, '--config', config).code == 0
+
+
+@pytest.mark.parametrize(
     ('zone', 'first', 'exit_code'), [('', '01:58', 1), ('Z', '01:58', 0), ('', '01:28', 0)]
 )
 def test_an_hour_that_summer_time_may_leave_out_raises_a_question(
