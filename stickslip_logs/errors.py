@@ -37,6 +37,8 @@ def plural(number: int, noun: str) -> str:
 
 MAX_NAMED = 10
 """Topics, files or texts that a sentence lists: more fill a terminal, and show nothing new."""
+MAX_SHOWN = 60
+"""Characters of a value, cell, line or heading that a sentence quotes: they fit a line of a terminal."""
 
 
 def join_names(texts: Sequence[str], separator: str = ', ') -> str:

@@ -40,7 +40,7 @@ source that wait longer for their turn are reported as unordered [ns]."""
 _MAX_WAIT_NS = 10 * SECOND_NS
 # What is kept of a source, so that memory is bounded: the first intervals, whose median is the usual one, and
 # segments (64 bytes each), whose resolution is halved where there are twice as many.
-_MAX_KEPT = 1 << 12
+_MAX_KEPT = 4096
 
 Columns = tuple[NDArray[Any], ...]
 """Rows: times [ns], and what else there is of each: shape (n,) or (k, n)."""

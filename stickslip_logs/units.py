@@ -12,7 +12,9 @@ from typing import NamedTuple
 
 SECOND_NS = 1_000_000_000
 """A second [ns]."""
-MIB = 1 << 20
+KIB = 1024
+"""A kibibyte [bytes]."""
+MIB = KIB * KIB
 """A mebibyte [bytes]."""
 
 
@@ -24,7 +26,7 @@ class Unit(NamedTuple):
 
     quantity: str
     name: str  # as configuration, options and reports write it
-    factor: float
+    factor: float = 1.0  # that of the SI unit
     # As logs write it, parted by blanks; one in small letters stands for any case. None: not read in logs.
     spellings: str = ''
     # As logs write it too, but something else where no word of the quantity stands beside it.
@@ -41,33 +43,33 @@ UNITS = (
         'rpm r.p.m. r/min 1/min rev/min min-1 min^-1 min⁻¹ u/min tr/min',
         divisor=60.0,
     ),
-    Unit('turning', 'rad/s', 1.0, 'rad/s rad/sec rads-1', divisor=2.0),
+    Unit('turning', 'rad/s', spellings='rad/s rad/sec rads-1', divisor=2.0),
     Unit('turning', 'Hz', math.pi, 'hz 1/s s-1 s⁻¹ rev/s r/s rps'),
-    Unit('speed', 'm/s', 1.0, 'm/s ms-1'),
+    Unit('speed', 'm/s', spellings='m/s ms-1'),
     Unit('speed', 'mm/s', 1e-3, 'mm/s mms-1'),
     Unit('speed', 'cm/s', 1e-2, 'cm/s cms-1'),
     Unit('speed', 'um/s', 1e-6, 'um/s µm/s μm/s'),
-    Unit('force', 'N', 1.0, 'n'),
+    Unit('force', 'N', spellings='n'),
     Unit('force', 'kN', 1e3, 'kn'),
     Unit('force', 'MN', 1e6, 'MN'),
     Unit('force', 'tf', 9806.65, 'tf t-f tonne-force'),
     Unit('force', 't', 9806.65, beside_quantity='t tonne tonnes'),
     Unit('force', 'lbf', 4.4482216152605, 'lbf lb-f'),
-    Unit('acceleration', 'm/s^2', 1.0, 'm/s^2 m/s2 m/s²'),
+    Unit('acceleration', 'm/s^2', spellings='m/s^2 m/s2 m/s²'),
     Unit('acceleration', 'g', 9.80665, 'g'),
     Unit('length', 'mm', 1e-3),
-    Unit('length', 'm', 1.0),
+    Unit('length', 'm'),
     Unit('length', 'um', 1e-6, 'um µm μm'),
-    Unit('area', 'm2', 1.0),
+    Unit('area', 'm2'),
     Unit('area', 'cm2', 1e-4),
-    Unit('pressure', 'Pa', 1.0, 'pa'),
+    Unit('pressure', 'Pa', spellings='pa'),
     Unit('pressure', 'MPa', 1e6),
-    Unit('voltage', 'V', 1.0, 'v'),
-    Unit('ratio', 'dB', 1.0, 'db'),
-    Unit('coefficient', '1', 1.0, beside_quantity='1 - n/n'),
+    Unit('voltage', 'V', spellings='v'),
+    Unit('ratio', 'dB', spellings='db'),
+    Unit('coefficient', '1', beside_quantity='1 - n/n'),
     Unit('coefficient', '%', 1e-2, beside_quantity='% percent'),
-    Unit('temperature', 'C', 1.0, beside_quantity='c °c ℃ degc celsius', zero=273.15),
-    Unit('temperature', 'K', 1.0, beside_quantity='k degk kelvin'),
+    Unit('temperature', 'C', beside_quantity='c °c ℃ degc celsius', zero=273.15),
+    Unit('temperature', 'K', beside_quantity='k degk kelvin'),
     Unit('temperature', 'F', 5.0, beside_quantity='f °f ℉ degf fahrenheit', divisor=9.0, zero=459.67 / 1.8),
 )
 # Between the parts of a unit, as in 'm s^-1' and 'm⋅s-1'.

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import open_file
-from stickslip_logs.units import MIB
+from stickslip_logs.units import KIB, MIB
 
 MAGIC = b'\x89MCAP0\r\n'
 HEAD = struct.Struct('<BQ')
@@ -42,7 +42,7 @@ _WINDOW = 4 * MIB
 # A longer schema or channel is skipped [bytes].
 _MAX_DEFINITION = 4 * MIB
 # Shorter runs of messages of one length are not read as an array [bytes].
-_MIN_RUN = 1 << 16
+_MIN_RUN = 64 * KIB
 _ZEROS = re.compile(rb'\0*')
 # Plain numbers: members of an enumeration are looked up slowly.
 _MESSAGE = int(Opcode.MESSAGE)

@@ -25,7 +25,7 @@ from stickslip_logs.recordings.mcap_chunks import (
 )
 from stickslip_logs.recordings.mcap_file import McapFile
 from stickslip_logs.time_order import MAX_TIME_NS, Row, TimeCourse, TimeOrder
-from stickslip_logs.units import MIB
+from stickslip_logs.units import KIB, MIB
 
 # A place is the number of a block above the byte in it, of which there are at most 2^27.
 _BYTE_BITS = 32
@@ -35,9 +35,9 @@ _INDEX_BEGIN, _ENTRY_BYTES = HEAD.size + 6, 16
 _MAX_WALKED_BYTES = 16 * MIB
 # Pieces with fewer messages than one in so many bytes are sparse; up to so many bytes of them are searched in
 # one pass: a file that was made to grow has 160 MB of records of 9 bytes, which take 5 s.
-_SPARSE_BYTES, _MAX_SPARSE_BYTES = 1 << 16, 32 * MIB
+_SPARSE_BYTES, _MAX_SPARSE_BYTES = 64 * KIB, 32 * MIB
 
-_NONE = np.empty(0, np.int64)
+_NONE = np.array([], np.int64)
 _Rows = tuple[IntArray, IntArray, IntArray]
 """Times [ns], numbers of topics, and places, shape (n,) each."""
 _TopicRows = tuple[int, IntArray, IntArray]

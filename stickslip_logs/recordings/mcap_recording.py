@@ -38,7 +38,7 @@ from stickslip_logs.time_order import DATES_FROM_NS, Columns, select_rows
 
 # Messages of each topic, and of all, that are yielded at a time: a check takes 3 % less than with 2^13, as
 # calls take as long as their work; with 2^15 check --mcap takes more memory than it may.
-_MAX_OF_TOPIC, _MAX_OF_ALL = 1 << 14, 1 << 19
+_MAX_OF_TOPIC, _MAX_OF_ALL = 16_384, 524_288
 
 # Memory of a number that waits for its turn [bytes].
 _ROW_BYTES = 24

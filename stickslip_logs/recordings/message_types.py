@@ -13,6 +13,7 @@ from pathlib import Path
 from stickslip_logs.fields import NAMES, ByName, FieldPath
 from stickslip_logs.files import read_file
 from stickslip_logs.recordings.recording import short_name
+from stickslip_logs.units import KIB
 
 # numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
 # takes char as signed.
@@ -33,7 +34,7 @@ NUMBERS: Mapping[str, str] = {
 }
 TEXTS = ('string', 'wstring')
 
-MAX_DEFINITION_BYTES = 1 << 18
+MAX_DEFINITION_BYTES = 256 * KIB
 """Longer definitions are none of telemetry; the longest of ROS 2 have some 60 kB [bytes]."""
 # CDR counts items with 32 bits.
 _MAX_LENGTH = (1 << 32) - 1

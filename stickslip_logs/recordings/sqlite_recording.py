@@ -42,7 +42,7 @@ from stickslip_logs.time_order import MAX_TIME_NS, Columns, Row, Sorter, TimeCou
 
 MAGIC = b'SQLite format 3\0'
 # Messages that are read at a time.
-_BATCH = 1 << 15
+_BATCH = 32_768
 # Of a page whose damage makes it ask for more memory than there is, the latter.
 _ERRORS = sqlite3.Error, MemoryError
 # A place in the recording is the number of a file above the rowid in it, clipped where damage made it larger:

@@ -36,7 +36,7 @@ _MAX_ALIKE, _COARSE_NS = 2, 10 * SECOND_NS
 # Blocks of lines without a number that are kept: the last one is whole, and one wrong time is no end.
 _MAX_BLANK_BLOCKS = 2
 # Rows of a sorted table that are yielded at a time at most.
-_STRETCH = 1 << 16
+_STRETCH = 65_536
 # The source of all lines, whichever of the columns they fill; else it is a bit for each column, of which
 # a number has so many.
 _ALL_LINES, _BITS = -1, 62

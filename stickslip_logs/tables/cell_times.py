@@ -16,7 +16,7 @@ from decimal import Decimal
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, IntArray
-from stickslip_logs.time_order import MAX_TIME_NS
+from stickslip_logs.time_order import EPOCH, MAX_TIME_NS
 from stickslip_logs.units import SECOND_NS
 
 Cells = Sequence[str]
@@ -68,9 +68,7 @@ _SURE_ZONE = re.compile(r'Z|(?:UTC|GMT) ?(?:[+-]\d\d?(?::?\d\d)?)?|[+-]\d\d:\d\d
 _DAYS = [re.compile(day) for day in _DATES[:-1]]
 _TIME = re.compile(_CLOCK + _ZONE)
 _SINCE_START = re.compile(r'(\d{2,4}):([0-5]\d):([0-5]\d)(?:[.,](\d{1,9}))?')
-MAX_SHOWN = 60
-"""Characters of a cell, a line or headings that a sentence quotes."""
-_EPOCH = date(1970, 1, 1).toordinal()
+_EPOCH = EPOCH.toordinal()
 
 
 def is_stamp(cell: str) -> bool:

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from stickslip_logs.errors import BagError, plural
+from stickslip_logs.errors import MAX_SHOWN, BagError, plural
 from stickslip_logs.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
-from stickslip_logs.tables.cell_times import MAX_SHOWN, Cells, is_day, is_stamp, is_time
+from stickslip_logs.tables.cell_times import Cells, is_day, is_stamp, is_time
 from stickslip_logs.tables.text_file import Extent, lines_of
 from stickslip_logs.tables.time_columns import TIME_WORDS, TableColumns
 from stickslip_logs.units import find_unit, names_of

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.errors import BagError, join_names, plural
+from stickslip_logs.errors import MAX_SHOWN, BagError, join_names, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.tables.bus_log import BUS_LOGS, NO_SENTENCE
-from stickslip_logs.tables.cell_times import MAX_SHOWN, Cells, number_reader
+from stickslip_logs.tables.cell_times import Cells, number_reader
 from stickslip_logs.tables.dialect import (
     COMMENTS,
     Dialect,
@@ -34,7 +34,7 @@ from stickslip_logs.tables.text_file import extent_of, text_lines
 from stickslip_logs.tables.time_columns import WITHOUT_ZONE, Clock, TableColumns, find_clock, rank_stamps
 
 # Rows that are yielded at a time: few enough for the caches.
-BLOCK = 1 << 14
+BLOCK = 16_384
 _PARQUET = b'PAR1'
 # Letters of a word that is counted.
 _MAX_WORD = 20

@@ -20,13 +20,13 @@ import zstandard
 
 from stickslip_logs.errors import BagError
 from stickslip_logs.files import open_file
-from stickslip_logs.units import MIB
+from stickslip_logs.units import KIB, MIB
 
 # The head and the tail by which a file is judged [bytes].
-_HEAD, _TAIL = 1 << 18, 1 << 14
+_HEAD, _TAIL = 256 * KIB, 16 * KIB
 # What is read at a time [bytes], and the longest piece of a line, so that one without an end takes no memory.
 _PIECE = MIB
-BEGIN_BYTES = 4096
+BEGIN_BYTES = 4 * KIB
 """First bytes by which a format is known: a page of a database."""
 GZIP, ZSTD = b'\x1f\x8b', b'\x28\xb5\x2f\xfd'
 _UNPACK: dict[bytes, Callable[[Any], Any]] = {

@@ -17,10 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.errors import BagError
+from stickslip_logs.errors import MAX_SHOWN, BagError
 from stickslip_logs.tables.cell_times import (
     DAY,
-    MAX_SHOWN,
     Cells,
     ReadTimes,
     StampLayout,

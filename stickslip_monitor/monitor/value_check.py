@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
+from stickslip_logs.errors import MAX_SHOWN
 from stickslip_monitor.errors import ConfigurationError, StickslipError, did_you_mean
 
 REQUIRED = object()
 """The default of a parameter that must be given."""
-MAX_SHOWN = 60
-"""A value is shown by so many characters at most: a line of a terminal holds it beside its rule."""
 _WORDS = {
     'float': 'a finite number',
     'int': 'a whole number',
