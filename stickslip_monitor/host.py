@@ -79,9 +79,7 @@ def end_signals() -> list[signal.Signals]:
 MAX_LINES = 1000
 """The latest lines that wait for the reader; older ones are lost, and counted."""
 MAX_LAST_PAUSE = 0.5
-"""Pause of the reader [s] beyond which the end of the program no longer waits for it."""
-# What a pipe takes at once, and never in part (POSIX).
-_CHUNK = 512
+"""Pause of a reader of log or topic [s], beyond which the end of the program no longer waits for it."""
 
 
 class _LineForwarder:
@@ -120,19 +118,19 @@ class _LineForwarder:
         return bool(data)
 
     def _write_available(self) -> None:
-        """Write up to :data:`_CHUNK` bytes of the first line that waits, after a line on those dropped.
+        """Write up to ``PIPE_BUF`` bytes of the first line that waits, after a line on those dropped.
 
-        A failure is ignored, and the bytes are lost.
+        A pipe takes them at once, and never in part. A failure is ignored, and the bytes are lost.
         """
         line = self._lines.popleft()
         if self._lost:
             line = b'[%d lines of the log are lost: nobody read them]\n' % self._lost + line
             self._lost = 0
-        if tail := line[_CHUNK:]:
+        if tail := line[select.PIPE_BUF :]:
             self._lines.appendleft(tail)
         # A reader that has gone, or a full disk: there is nobody to tell.
         with suppress(OSError):
-            os.write(self._target, line[:_CHUNK])
+            os.write(self._target, line[: select.PIPE_BUF])
 
 
 @contextmanager

@@ -31,6 +31,8 @@ from stickslip_monitor.physics.bearing_estimate import (
     DENSITY,
     ELSEWHERE,
     LOAD_EXPONENT,
+    MAX_HARDNESS,
+    MIN_HARDNESS,
     Estimate,
     FoldShift,
     Given,
@@ -102,7 +104,7 @@ NEEDS = (
     ),
     (Quantity('thickness', _LENGTH, 1e-3, 0.2, 'thickness of the rubber'),),
     (
-        Quantity('hardness', _PLAIN, 30.0, 90.0, 'hardness of the rubber [Shore A]'),
+        Quantity('hardness', _PLAIN, MIN_HARDNESS, MAX_HARDNESS, 'hardness of the rubber [Shore A]'),
         Quantity('shear_modulus', factors_of('MPa'), 1e5, 1e8, 'shear modulus of the rubber'),
     ),
     (

@@ -24,6 +24,7 @@ from urllib.parse import urlsplit
 
 from stickslip_monitor import jit
 from stickslip_monitor.commands import dashboard, options
+from stickslip_monitor.dashboard.seen_monitors import SILENT
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.host import ServiceManager, end_signals, unblocked_log
 from stickslip_monitor.links.buses import (
@@ -55,8 +56,6 @@ if TYPE_CHECKING:
 Take = Callable[..., None]
 Works = bool | None
 """Whether a link works; None where nobody can know."""
-SILENT = 3.0
-"""A node without a message for so long is taken for gone [s]."""
 LOGGED_AGAIN = 300.0
 """The same state of a link is logged again after so long [s]."""
 # Time between two ticks of the clients, and of the watchdog [s].
@@ -190,7 +189,7 @@ class Feed(Sink):
 
     @property
     def is_receiving(self) -> bool:
-        """Whether an active monitor sent a record less than :data:`SILENT` ago."""
+        """Whether an active monitor sent a record less than :data:`.SILENT` ago."""
         return self._is_monitoring and time.monotonic() - self._received_at < SILENT
 
     def take_record(self, record: dict[str, Any]) -> None:

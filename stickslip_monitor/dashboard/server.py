@@ -8,6 +8,7 @@ import contextlib
 import json
 import logging
 from collections.abc import Callable
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -25,7 +26,7 @@ from stickslip_monitor.dashboard.access import (
 )
 from stickslip_monitor.dashboard.metrics import Metrics
 from stickslip_monitor.dashboard.page_records import OFFERED
-from stickslip_monitor.dashboard.seen_monitors import DashboardState
+from stickslip_monitor.dashboard.seen_monitors import SILENT, DashboardState
 from stickslip_monitor.errors import ConfigurationError, DashboardError, StickslipError, cause
 from stickslip_monitor.host import end_signals
 from stickslip_monitor.monitor.alarm_records import ActionRequest, parse_request
@@ -38,15 +39,15 @@ T = TypeVar('T')
 
 HEARTBEAT = 5.0
 """A stream is never silent for longer [s], so that both ends notice when the other has gone."""
-MAX_STALL = 30.0
+MAX_STALL = MAX_IDLE
 """A reader that takes nothing for so long is let go [s]."""
 SWEEP = 0.1
 """Time between two checks for connections on which nothing is asked [s]."""
-ACTION_TIMEOUT = 3.0
+ACTION_TIMEOUT = SILENT
 """How long an action may take [s]."""
 MAX_REQUEST_BYTES = 4096
 """Content of a request [bytes]: an action with its reason has some hundred."""
-SESSION = 30 * 24 * 3600
+SESSION = timedelta(days=30)
 """A browser keeps a session for so long [s]."""
 _JSON = 'application/json'
 REQUEST_TIMEOUT = 10.0
@@ -254,7 +255,9 @@ class Server:
             return web.Response(status=303, headers={'Location': 'login?wrong'})
         response = web.Response(status=303, headers={'Location': './'})
         rules: dict[str, Any] = {'httponly': True, 'samesite': 'Strict', 'secure': request.secure}
-        response.set_cookie(cookie_name(request), self._access.make_cookie(), max_age=SESSION, **rules)
+        response.set_cookie(
+            cookie_name(request), self._access.make_cookie(), max_age=round(SESSION.total_seconds()), **rules
+        )
         return response
 
     async def _log_out(self, request: web.Request) -> web.Response:

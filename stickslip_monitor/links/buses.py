@@ -329,7 +329,7 @@ def _check_unit(source: InputConfig, name: str, unit: str, who: str) -> None:
 
 
 UNHEARD = 5.0
-"""Silence of an input, or of the echo of an alarm, after which it is reported [s]."""
+"""Silence of an input, an echo or a peer that was called, after which it is reported [s]."""
 
 
 class BusInputs:

@@ -20,8 +20,9 @@ from contextlib import suppress
 from functools import partial
 from typing import Any
 
+from stickslip_logs.units import KIB
 from stickslip_monitor.errors import LinkError, cause
-from stickslip_monitor.links.buses import BusInput, MonitorSide, NmeaLink, check_port
+from stickslip_monitor.links.buses import UNHEARD, BusInput, MonitorSide, NmeaLink, check_port
 from stickslip_monitor.links.nmea import Alerts, NmeaInputs, SentenceStream
 from stickslip_monitor.monitor.session import Sink
 
@@ -29,8 +30,7 @@ SILENT = 30.0
 """Silence after which a port with inputs is reopened [s]: a vanished serial line reports nothing."""
 AGAIN = 1.0
 """Time between two attempts to open a port [s]."""
-_CONNECT_TIMEOUT = 5.0  # of a TCP connection [s]; on a ship's network one takes milliseconds
-_MAX_READ_BYTES = 1 << 16  # of one read: no datagram is larger
+_MAX_READ_BYTES = 64 * KIB  # of one read: no datagram is larger
 OnLine = Callable[[str], None]
 OnLink = Callable[[bool | None, str], None]
 """Given whether a port works (None: nobody can know), and why not or why unknown ('' if it works)."""
@@ -179,7 +179,8 @@ class Port:
         """Bind a socket to an address if datagrams are received, else connect it; return its descriptor.
 
         Raises:
-            OSError: That fails, or takes longer than :data:`_CONNECT_TIMEOUT`.
+            OSError: That fails, or takes longer than :data:`.UNHEARD`; on a ship's network it takes
+                milliseconds.
         """
         # Closed at the end of the block, unless it is detached.
         with socket.socket(family, kind) as sock:
@@ -191,9 +192,9 @@ class Port:
                 return sock.detach()
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             try:
-                await asyncio.wait_for(self._loop.sock_connect(sock, address), _CONNECT_TIMEOUT)
+                await asyncio.wait_for(self._loop.sock_connect(sock, address), UNHEARD)
             except asyncio.TimeoutError as error:
-                raise OSError(f'no answer for {_CONNECT_TIMEOUT:g} s') from error
+                raise OSError(f'no answer for {UNHEARD:g} s') from error
             return sock.detach()
 
     async def _wait_for_end(self) -> str:
@@ -254,10 +255,6 @@ def _join_group(sock: socket.socket, group: str) -> None:
             fault = error
     if not joined:
         raise fault or OSError('no interface takes a multicast group')
-
-
-FIRST_BEAT = 5.0
-"""The first heartbeat waits so long for a record [s]: a node beside is discovered within one or two."""
 
 
 class NmeaClient(Sink):
@@ -346,10 +343,11 @@ class NmeaClient(Sink):
     def _is_beat_due(self, now: float, is_present: bool) -> bool:
         """Return whether a heartbeat is due: periodically, and as soon as what it says has changed.
 
-        The first one waits for the first record, which a monitor may need some time for.
+        The first one waits up to :data:`.UNHEARD` for the first record: a node beside is discovered within
+        one or two seconds.
         """
         if self._was_present is None and not is_present:
-            return now - self._begun >= FIRST_BEAT
+            return now - self._begun >= UNHEARD
         return is_present is not self._was_present or now - self._beat_at >= self._link.heartbeat
 
     async def finish(self) -> None:

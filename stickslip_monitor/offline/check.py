@@ -39,9 +39,9 @@ from stickslip_monitor.offline.input_columns import Bound, guess_of
 from stickslip_monitor.offline.input_report import COARSE, HOLDS, Gap, InputCheck, InputReport, Plausibility
 
 SCHEMA = 'stickslip_monitor/check/3'
-_NONE = np.empty(0, np.int64)
-_NOTHING = Series(_NONE, _NONE, _NONE, np.empty(0), ())
-_SILENCE = Stream(_NONE, np.empty(0, np.int8), np.empty(0))
+_NONE, _NO_NUMBERS = np.array([], np.int64), np.array([])
+_NOTHING = Series(_NONE, _NONE, _NONE, _NO_NUMBERS, ())
+_SILENCE = Stream(_NONE, np.array([], np.int8), _NO_NUMBERS)
 
 
 @dataclass(frozen=True, slots=True)

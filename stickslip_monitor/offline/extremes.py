@@ -27,7 +27,7 @@ from stickslip_monitor.physics.lubrication import as_measured
 _MAX_GROUPS = 600
 _MARGINS = 'hopf_margin', 'fold_margin'
 _STABLE, _BISTABLE, _UNSTABLE = map(REGIMES.index, (Regime.STABLE, Regime.BISTABLE, Regime.UNSTABLE))
-_NO_CODES = np.empty(0, np.int8)
+_NO_CODES = np.array([], np.int8)
 _SEVERITY = (Condition.NORMAL, Condition.INPUT_STALE, *LADDER[1:])
 
 

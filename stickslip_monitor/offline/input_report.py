@@ -51,7 +51,8 @@ FAR_BELOW = 0.2
 """Speeds never above this share of the fold speed look like another unit: ships serve above it."""
 APART = 100.0
 """Two levels of a load so far apart, and nothing between, are no bearing's: its unit was changed."""
-_MIN_STANDING, _MIN_STANDING_NS, _MIN_STANDING_RUNS = 60, 60 * SECOND_NS, 10
+_MIN_STANDING, _MIN_STANDING_RUNS = 60, 10
+_MIN_STANDING_NS = _MIN_STANDING * SECOND_NS
 """So many equal values at the end, for so long [ns], and so many times as many as ever before, are no
 sensor's with noise."""
 _NOISE_VALUES = 512

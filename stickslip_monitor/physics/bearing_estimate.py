@@ -35,6 +35,8 @@ UNSTATED = {
 scatter of rubber from batch to batch, of ring-downs, of handbook friction, of a load from the alignment."""
 
 
+MIN_HARDNESS, MAX_HARDNESS = 30.0, 90.0
+"""Range of Gent's formula [Shore A]."""
 ELSEWHERE = 1.5
 """Ratio assumed between the load of the friction test and that of the ship: as a rule they differ by more."""
 LOAD_EXPONENT = 'load_exponent'
@@ -76,7 +78,7 @@ class FoldShift:
 
 
 def shear_modulus(hardness: float) -> float:
-    """Return the shear modulus [Pa] of rubber of a hardness [Shore A, 30 to 90].
+    """Return the shear modulus [Pa] of rubber of a hardness [Shore A].
 
     ``E = 0.0981 (56 + 7.623 S) / (0.1375 (254 - 2.54 S)) MPa`` and ``G = E/3``: Gent, Rubber
     Chemistry and Technology 31 (1958) 896.
@@ -84,9 +86,10 @@ def shear_modulus(hardness: float) -> float:
     Raises:
         ConfigurationError: The formula does not hold for this hardness.
     """
-    if not 30.0 <= hardness <= 90.0:
+    if not MIN_HARDNESS <= hardness <= MAX_HARDNESS:
         raise ConfigurationError(
-            f'hardness {hardness:g} must be from 30 to 90 Shore A: beyond them give the shear modulus'
+            f'hardness {hardness:g} must be from {MIN_HARDNESS:g} to {MAX_HARDNESS:g} Shore A: beyond them'
+            ' give the shear modulus'
         )
     return 0.0981e6 * (56.0 + 7.623 * hardness) / (0.1375 * (254.0 - 2.54 * hardness)) / 3.0
 

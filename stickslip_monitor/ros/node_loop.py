@@ -24,15 +24,15 @@ from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.bearing_records import CLOCKS, LATELY_NS
 from stickslip_monitor.monitor.session import Moment, Session
 from stickslip_monitor.monitor.signals import LEVEL
-from stickslip_monitor.ros.inputs import ROS_FAULTS, Inputs, Number
+from stickslip_monitor.ros.inputs import ROS_FAULTS, TURN_NS, Inputs, Number
 from stickslip_monitor.ros.other_nodes import node_name
 from stickslip_monitor.ros.outputs import Configured
 
-TURN_PERIOD = 0.05
+TURN_PERIOD = TURN_NS / SECOND_NS
 """Time between two turns of the node [s]: half the period of telemetry of 10 Hz."""
-WATCHDOG_NS = SECOND_NS // 10
+WATCHDOG_NS = 2 * TURN_NS
 """Time between two checks for lost inputs [ns]."""
-LATE_NS = SECOND_NS // 5
+LATE_NS = 4 * TURN_NS
 """Time between two turns beyond which the node was stalled, and its inputs are not to blame [ns]."""
 LONG_STALL_NS = SECOND_NS
 """Length of a stall from which it is reported [ns]."""

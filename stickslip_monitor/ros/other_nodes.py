@@ -141,12 +141,16 @@ def _publisher_of(info: Any, profile: QoSProfile, override: str, sends: bool) ->
     return Publisher(node_name(info), info.topic_type, fault, latched and not is_received, sends)
 
 
+def reliable_qos(depth: int = 10, latched: bool = False) -> QoSProfile:
+    """Return a reliable quality of service; a latched one keeps ``depth`` messages for later readers."""
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+
+
 HandOver = Callable[..., object]
 """Calls a function with arguments in the thread in which the listeners live."""
-_ALARMS = QoSProfile(
-    depth=20, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
-_RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+ALARMS_KEPT = 20
+"""Lists of alarms that a later subscriber is given."""
 _NAME = 'stickslip_dashboard'
 """What the security policy allows a reader to be called."""
 _UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
@@ -173,11 +177,16 @@ class Watcher:
         self._actions: dict[str, Any] = {}
         listen, name = node.create_subscription, diagnostics
         try:
-            listen(DiagnosticArray, diagnostics, self._on_diagnostics, _RELIABLE)
+            listen(DiagnosticArray, diagnostics, self._on_diagnostics, reliable_qos())
             for name, listener in listeners.items():
-                listen(String, f'{name}/alarms', partial(self._on_alarms, listener, name), _ALARMS)
-                listen(String, f'{name}/bearings', partial(self._on_bearings, listener, name), _RELIABLE)
-                self._actions[name] = node.create_publisher(String, f'{name}/actions', _RELIABLE)
+                listen(
+                    String,
+                    f'{name}/alarms',
+                    partial(self._on_alarms, listener, name),
+                    reliable_qos(ALARMS_KEPT, True),
+                )
+                listen(String, f'{name}/bearings', partial(self._on_bearings, listener, name), reliable_qos())
+                self._actions[name] = node.create_publisher(String, f'{name}/actions', reliable_qos())
         except ROS_FAULTS as error:
             text = str(error).splitlines()[0].rstrip(':')
             raise RosError(f"node '{name}': {text}") from error
@@ -311,7 +320,7 @@ def receive_health(diagnostics: str, take: Callable[[str, int, str], None]) -> I
 
     with _open_node() as (node, spin):
         try:
-            node.create_subscription(DiagnosticArray, diagnostics, on_diagnostics, _RELIABLE)
+            node.create_subscription(DiagnosticArray, diagnostics, on_diagnostics, reliable_qos())
         except ROS_FAULTS as error:
             raise RosError(f"--diagnostics '{diagnostics}' is not a valid topic name") from error
         spin()

@@ -13,11 +13,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
+from stickslip_monitor.host import MAX_LAST_PAUSE
 from stickslip_monitor.monitor.bearing_records import (
     BearingState,
     DiagnosticRecord,
@@ -36,23 +36,13 @@ from stickslip_monitor.monitor.parameters import BearingConfig, ClipConfig, Moni
 from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.statements import Event, Verdict
 from stickslip_monitor.ros.inputs import import_message_type, write_definition
-from stickslip_monitor.ros.other_nodes import RosGraph
+from stickslip_monitor.ros.other_nodes import ALARMS_KEPT, RosGraph, reliable_qos
 from stickslip_monitor.state_file import Background, StateWriter
 
 WARNINGS_KEPT = 100
 """Warnings that a later subscriber is given."""
-ALARMS_KEPT = 20
-"""Lists of alarms that a later subscriber is given."""
-# How long the end of the node waits for readers of each topic [s].
-_MAX_FLUSH = 0.5
 # Clips that wait for the disk; of more the oldest is lost.
 _CLIPS_WAITING = 2
-
-
-def _reliable_qos(depth: int = 10, latched: bool = False) -> QoSProfile:
-    """Return a reliable quality of service; a latched one keeps ``depth`` messages for later readers."""
-    durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
 
 
 def output_names(node: LifecycleNode, config: MonitorConfig) -> set[str]:
@@ -213,16 +203,16 @@ class Outputs(Sink):
         self._name = node.get_fully_qualified_name().lstrip('/')
         make: Callable[..., Any] = node.create_lifecycle_publisher
         own_qos = {'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
-        self._warnings = make(String, '~/warnings', _reliable_qos(WARNINGS_KEPT, True), **own_qos)
-        self._alarms = make(String, '~/alarms', _reliable_qos(ALARMS_KEPT, True), **own_qos)
-        self._records = make(String, '~/bearings', _reliable_qos(), **own_qos)
-        self._diagnostics = make(DiagnosticArray, '/diagnostics', _reliable_qos(), **own_qos)
+        self._warnings = make(String, '~/warnings', reliable_qos(WARNINGS_KEPT, True), **own_qos)
+        self._alarms = make(String, '~/alarms', reliable_qos(ALARMS_KEPT, True), **own_qos)
+        self._records = make(String, '~/bearings', reliable_qos(), **own_qos)
+        self._diagnostics = make(DiagnosticArray, '/diagnostics', reliable_qos(), **own_qos)
         kinds = {
             topic: import_message_type(kind) for topic, kind in output_topics(config.bearings, '~').items()
         }
         self._bearings = {
             bearing.name: [
-                (make(kinds[topic], topic, _reliable_qos()), kinds[topic](), partial(verdict_value, name))
+                (make(kinds[topic], topic, reliable_qos()), kinds[topic](), partial(verdict_value, name))
                 # What is dearest to work out comes last.
                 for name in (*topic_words(bearing), *reversed(topic_numbers(bearing)))
                 for topic in [f'~/{bearing.name}/{name}']
@@ -274,9 +264,9 @@ class Outputs(Sink):
         self._publish_message(self._diagnostics, message)
 
     def flush(self) -> None:
-        """Block until subscribers have alarms, states and diagnostics, for each up to :data:`_MAX_FLUSH`."""
+        """Block until alarms, states and diagnostics are received, each for up to :data:`.MAX_LAST_PAUSE`."""
         for publisher in (self._alarms, self._records, self._diagnostics):
-            publisher.wait_for_all_acked(Duration(seconds=_MAX_FLUSH))
+            publisher.wait_for_all_acked(Duration(seconds=MAX_LAST_PAUSE))
 
     def _is_wanted(self, publisher: Any) -> bool:
         """Return whether a message is to be made: it has a subscriber, or clips are recorded."""
