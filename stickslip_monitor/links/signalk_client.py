@@ -12,13 +12,15 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
+from http import HTTPStatus
 from typing import Any
 from urllib.parse import urlsplit
 
 import aiohttp
 
-from stickslip_logs.units import MIB
+from stickslip_logs.units import MIB, SECOND_NS
 from stickslip_monitor.errors import LinkError, cause
+from stickslip_monitor.host import SHOW_NS
 from stickslip_monitor.links.buses import UNHEARD, BusInput, MonitorSide, SignalKLink, is_loopback
 from stickslip_monitor.links.signalk import (
     SAFE_ACTIONS,
@@ -38,11 +40,8 @@ REPEAT = 60.0
 """All alarms are sent again after so long [s]: a server forgets, and others overwrite."""
 BACK_OFF = (0.5, 5.0)
 """First and longest wait before another connection [s], shortened by chance: ships must not call at once."""
-MIN_CONNECTION = 10.0
-"""A connection that ends sooner was none: the waits go on growing [s]."""
-_WAIT_FOR = (408, 425, 429)
+_WAIT_FOR = (HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.TOO_EARLY, HTTPStatus.TOO_MANY_REQUESTS)
 """Answers of a server that is busy: these are waited for, as those from 500 on."""
-_VALUES_EVERY = 1.0  # period of the values [s]
 _OUTBOX = 1000  # updates that wait for the server; the oldest are dropped
 _MAX_FRAME_BYTES = 4 * MIB  # of a frame [bytes]: a server's whole state has some 100 kB
 _NEEDS_TOKEN = (
@@ -132,7 +131,8 @@ class SignalKClient(Sink):
                 self._side.report_link(IN, False, reason)
                 if self._link.prefix:
                     self._side.report_link(OUT, False, reason)
-                wait = BACK_OFF[0] if time.monotonic() - begun > MIN_CONNECTION else wait
+                # A connection that ended before its first ping was none: the waits go on growing.
+                wait = BACK_OFF[0] if time.monotonic() - begun > HEARTBEAT else wait
                 await asyncio.sleep(wait * random.uniform(0.5, 1.0))
                 wait = min(2.0 * wait, BACK_OFF[1])
 
@@ -309,7 +309,7 @@ class SignalKClient(Sink):
         if not self._link.prefix or self._socket is None:
             return
         self._queue_updates(self._alarms.set_monitor_fault('' if is_present else 'No data from the monitor.'))
-        if is_present and now - self._sent_values >= _VALUES_EVERY:
+        if is_present and now - self._sent_values >= SHOW_NS / SECOND_NS:
             self._sent_values = now
             self._outbox += [self._values.make_update(n, self._records.get(n)) for n in self._side.bearings]
             self._wake.set()
