@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,13 +37,15 @@ _FILL_WORDS = {'standard', 'of', 'the', 'measurement'}
 
 MAX_SIZE = 1e30
 """Numbers of a curve are smaller: their squares and cubes are still finite."""
+_number = partial(Parameter, kind='float', default=REQUIRED, text='', maximum=MAX_SIZE)
+_positive = partial(_number, minimum=0.0, above_minimum=True)
 _RULES = {
-    'speed': Parameter('speed', 'float', REQUIRED, '', 'm/s', 0.0, MAX_SIZE),
-    'coefficient': Parameter('coefficient', 'float', REQUIRED, '', '', -MAX_SIZE, MAX_SIZE),
-    'std': Parameter('std', 'float', REQUIRED, '', '', 0.0, MAX_SIZE, above_minimum=True),
-    'weight': Parameter('weight', 'float', REQUIRED, '', '', 0.0, MAX_SIZE, above_minimum=True),
-    'load': Parameter('load', 'float', REQUIRED, '', 'N', 0.0, MAX_SIZE, above_minimum=True),
-    'temperature': Parameter('temperature', 'float', REQUIRED, '', 'C', MIN_TEMPERATURE, MAX_TEMPERATURE),
+    'speed': _number('speed', unit='m/s', minimum=0.0),
+    'coefficient': _number('coefficient', minimum=-MAX_SIZE),
+    'std': _positive('std'),
+    'weight': _positive('weight'),
+    'load': _positive('load', unit='N'),
+    'temperature': _number('temperature', unit='C', minimum=MIN_TEMPERATURE, maximum=MAX_TEMPERATURE),
 }
 """The rule of each quantity, in SI units and C."""
 # By quantity: what its units measure, the unit that its numbers are turned into, and advice on any other

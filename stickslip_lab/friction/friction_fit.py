@@ -37,8 +37,10 @@ CONFIDENCE = 0.95
 """Probability with which intervals and bands hold."""
 CAUCHY = 2.385
 """A residual of so many scales counts half; on clean data 95 % efficient (Rey 1983)."""
-FALL_LEVEL, VISCOUS_LEVEL, SHAPE_LEVEL = 0.001, 0.01, 0.01
-"""Levels of significance: of the fall, of a viscous slope, and of residuals that are not independent."""
+FALL_LEVEL = 0.001
+"""Level of significance of the fall."""
+VISCOUS_LEVEL = SHAPE_LEVEL = 0.01
+"""Level of significance of a viscous slope, and of residuals that are not independent."""
 MAX_CORRELATION = 0.999
 """Two coefficients that are correlated more than this are known only together."""
 SPARE_POINTS = 2
