@@ -83,6 +83,7 @@ class Effort:
 
 
 QUICK = Effort(budget=0.02, min_samples=3)
+"""Effort of a quick look, which shows the order of the methods."""
 
 
 def time_call(

@@ -26,6 +26,7 @@ MAX_RECORD = MIB
 _BARE = (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA)
 _DATA = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
 _BEGIN = HEAD.size + CHUNK_HEAD.size
+# Length of the footer, the last record: places of summary and offsets, and a checksum [bytes].
 _FOOTER = HEAD.size + 20
 # Of an entry of the index of chunks, to the end of where its chunk begins [bytes].
 _INDEXED = HEAD.size + 24

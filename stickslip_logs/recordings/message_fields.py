@@ -48,6 +48,7 @@ _MAX_DEPTH = 50
 # Names of elements that messages for others have are reported; a robot has some dozen joints.
 _MAX_NAMES = 20
 
+# Bytes before the fields of a message, which say how it is encoded.
 _ENCAPSULATION = 4
 # As the two bytes lie in the message, read little-endian.
 _CDR_LE, _CDR_BE = 0x0100, 0x0000

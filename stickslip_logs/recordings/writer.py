@@ -362,7 +362,9 @@ STAMPED_FIELDS: Mapping[str, tuple[str, ...]] = {
 # All types of which numbers can be written by the column.
 NUMBER_FIELDS: Mapping[str, tuple[str, ...]] = {'std_msgs/msg/Float64': ('data',), **STAMPED_FIELDS}
 STAMP_END = (1 << 31) * SECOND_NS
+"""End of the range of a stamp, whose seconds are a signed number of 32 bits [ns]."""
 _CDR = b'\x00\x01\x00\x00'
+# What fills a length of 4 k + 0 to 3 bytes to a multiple of four.
 _PADS = b'', bytes(3), bytes(2), bytes(1)
 
 

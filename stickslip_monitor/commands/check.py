@@ -435,6 +435,7 @@ def _print_result(result: CheckResult, args: argparse.Namespace, *, listed: bool
             sys.stderr.write(f'ERROR: {place}: a clip was not written: {printable(text)}\n')
 
 
+# Codes of ANSI escapes (ECMA-48, SGR).
 _COLOURS = {'OK': 32, 'WARN': 33, 'ERROR': 31, 'data': 33, 'bold': 1}
 _WORST = {'hopf_margin': 'Hopf margin', 'fold_margin': 'fold margin', 'amplitude': 'amplitude'}
 # On a narrower screen an event is a block of lines, not one.

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from stickslip_monitor.ros.other_nodes import Watcher
 
 DEFAULT_PORT = 8370
+"""Port of the page, if no other is asked for."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

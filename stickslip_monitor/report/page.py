@@ -47,6 +47,7 @@ _ORDER = tuple(_GRADES)
 _FILTERS = ('clock', 'count', 'date', 'duration', 'grouped', 'iso', 'share', 'time_of_day')
 # A phone shows an inch of the narrow ones on a hundred pixels, so that letters can be read.
 _WIDE, _NARROW = canvas.WIDTH, 3.6
+# Sizes of the map on a screen and on a phone, where its legend takes more rows [inch].
 _MAP_WIDE, _MAP_NARROW = (_WIDE, canvas.HEIGHT), (_NARROW, 5.4)
 # A page with more bearings takes minutes to make, and nobody reads it to the end.
 MAX_DRAWN = 12

@@ -26,6 +26,7 @@ CLOCK_PERIOD = 0.02
 _SETTLE = 0.5
 # How long a subscriber on a busy machine may take for what is left in the queue [s].
 _PATIENCE = 10.0
+# Messages that wait for the middleware: a second of 1 kHz; a lost one of /clock is followed by the next.
 _QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 _CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
