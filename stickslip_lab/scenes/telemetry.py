@@ -447,23 +447,13 @@ class Sensor:
         finer = math.ceil(max(MIN_GRID_RATE, 20.0 / shortest) / self._channel.rate)
         rate = self._channel.rate * finer
         if not self._chain:
-            self._settle_filter(numbers.start * finer, rate)
+            # The memories start so early that their initial state is negligible at the first sample.
+            begin = numbers.start * finer - math.ceil(sum(memory.length for memory in self.memories) * rate)
+            value = self._shaft.value(self._channel.topic, np.array([begin / rate]))
+            self._chain = [memory.start(1.0 / rate, float(value[0])) for memory in self.memories]
+            self._next = begin + 1
         start, self._next = self._next, numbers[-1] * finer + 1
         value = self._shaft.value(self._channel.topic, np.arange(start, self._next) / rate)
         for follow in self._chain:
             value = follow(value)
         return value[numbers.start * finer - start :: finer]
-
-    def _settle_filter(self, first: int, rate: float) -> None:
-        """Start every memory, so early that the initial state is negligible at the first sample.
-
-        Sets ``_chain``, and ``_next``, the number of the first step to follow.
-
-        Args:
-            first: Number of that sample on the finer grid.
-            rate: Rate of that grid [Hz].
-        """
-        begin = first - math.ceil(sum(memory.length for memory in self.memories) * rate)
-        value = float(self._shaft.value(self._channel.topic, np.array([begin / rate]))[0])
-        self._chain = [memory.start(1.0 / rate, value) for memory in self.memories]
-        self._next = begin + 1
