@@ -17,17 +17,19 @@ from typing import Any
 
 import numpy as np
 
+from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.dashboard.page_records import EventLog, checked_alarms, checked_record
 from stickslip_monitor.errors import DashboardError
+from stickslip_monitor.host import SHOW_NS
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.bearing_records import POINT_NUMBERS
-from stickslip_monitor.monitor.session import Sink
+from stickslip_monitor.monitor.session import HEARTBEAT_NS, Sink
 from stickslip_monitor.monitor.statements import duration_text
 
-SILENT = 3.0
-"""A monitor without a message for so long is taken for gone [s]."""
-ALARMS_SILENT = 150.0
-"""The list of alarms comes at least once a minute; after so long it is too old [s]."""
+SILENT = 3.0 * SHOW_NS / SECOND_NS
+"""A monitor without a message for so long is taken for gone [s]: three records should have come."""
+ALARMS_SILENT = 2.5 * HEARTBEAT_NS / SECOND_NS
+"""A list of alarms older than this is too old [s]: two should have come since."""
 MAX_NAMES = 20
 """Other monitors and bearings that are remembered, to report them."""
 NOT_MONITORING = 'not_monitoring'
