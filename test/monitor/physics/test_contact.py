@@ -36,7 +36,7 @@ def test_a_margin_is_positive_where_slip_meets_the_belt(name, damping_ratio):
 
 @pytest.mark.parametrize('decay', [10.0, 1000.0])
 def test_a_margin_rises_by_a_turns_loss_of_amplitude_with_the_logarithm_of_the_load(decay):
-    """By ``2 pi zeta``: there friction gives what damping takes in a turn, in proportion to the load."""
+    # By 2 pi zeta: there friction gives what damping takes in a turn, in proportion to the load.
     contact = Contact(Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, decay), 0.1))
     speed = np.array([1.0, 2.0]) / decay
     load = least_sticking_loads(contact, speed, 1e6, error=1e-10)
