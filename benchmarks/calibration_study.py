@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from benchmarks.calibrated_warnings import COLUMNS, SEEDS, VARIANTS, judge_all_variants
 from benchmarks.calibration_ships import Kind, Passage, Ship, make_ships, sail_passages
+from benchmarks.table import format_row
 from benchmarks.warning_quality import format_figure
 from stickslip_lab.calibration.calibration import Calibration, Evidence, calibrate, read_levels
 from stickslip_lab.calibration.evidence import VibrationReport, bin_level, bin_telemetry
@@ -346,8 +347,7 @@ def _format_cell(error: float, half: float, cover: float) -> str:
 
 
 def _format_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [f'| {" | ".join(head)} |', f'|{"---|" * len(head)}']
-    return '\n'.join([*lines, *(f'| {" | ".join(row)} |' for row in rows), ''])
+    return '\n'.join([format_row(head), f'|{"---|" * len(head)}', *map(format_row, rows), ''])
 
 
 def _draw_reliability(result: Mapping[str, Any]) -> None:

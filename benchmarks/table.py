@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -36,7 +36,7 @@ class Table:
     def markdown(self) -> str:
         """Return the section."""
         aligned = ['---', *['---:'] * (len(self.columns) - 1)]
-        lines = [_format_row(self.columns), f'|{"|".join(aligned)}|', *map(_format_row, self.rows)]
+        lines = [format_row(self.columns), f'|{"|".join(aligned)}|', *map(format_row, self.rows)]
         blocks = [f'## {self.title}', self.text, '\n'.join(lines), self.notes]
         return '\n\n'.join(block for block in blocks if block) + '\n'
 
@@ -50,7 +50,8 @@ class Table:
         return cls(**record)
 
 
-def _format_row(cells: Sequence[str]) -> str:
+def format_row(cells: Iterable[str]) -> str:
+    """Return a row of a table in Markdown."""
     return f'| {" | ".join(cells)} |'
 
 

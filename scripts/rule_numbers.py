@@ -21,6 +21,7 @@ from unittest import mock
 import numpy as np
 from hard_sensors import send_unevenly
 
+from benchmarks.table import format_row
 from benchmarks.voyages import Sailed, SensorRecord, cases_of, output_of, sounds_of
 from benchmarks.warning_quality import FIGURES, Quality, format_figure, pool_qualities, quality_of
 from stickslip_lab.scenes.scene import load_scene
@@ -95,10 +96,10 @@ def _judge_with_number(case: Sailed, sent: SensorRecord, number: str) -> Quality
 
 def _format_rows(by_case: Mapping[tuple[str, str], Sequence[Quality]]) -> Iterator[str]:
     for cells in (['sender', 'number', *(FIGURES[name][0] for name in SHOWN)], ['---'] * (len(SHOWN) + 2)):
-        yield f'| {" | ".join(cells)} |'
+        yield format_row(cells)
     for (sender, number), parts in sorted(by_case.items(), key=lambda item: list(SENDERS).index(item[0][0])):
         figures = pool_qualities(parts).figures()
-        yield f'| {" | ".join([sender, number, *(format_figure(name, figures[name]) for name in SHOWN)])} |'
+        yield format_row([sender, number, *(format_figure(name, figures[name]) for name in SHOWN)])
 
 
 def main() -> int:

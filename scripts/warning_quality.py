@@ -21,6 +21,7 @@ from hard_sensors import LEVELS, STAMPS
 from trade_off import Curve, TradeOff, draw_trade_offs
 
 from benchmarks.score import RULES, judge_all
+from benchmarks.table import format_row
 from benchmarks.voyages import (
     BELOW_FOLD,
     BELOW_HOPF,
@@ -144,22 +145,18 @@ def _page_lines(voyages: Sequence[Voyage], seeds: range) -> Iterable[str]:
     yield from _wrong_source(voyages)
 
 
-def _format_row(*cells: str) -> str:
-    return f'| {" | ".join(cells)} |'
-
-
 def _total_lines(voyages: Sequence[Voyage]) -> Iterable[str]:
     columns = {path.stem.replace('_', ', '): (OURS, path) for path in (*SENSORS, WITH_LEVEL)}
     columns |= {f'`{RULES[rule]}`': (rule, ORDINARY) for rule in (BELOW_FOLD, BELOW_HOPF)}
-    yield _format_row('', *columns)
-    yield _format_row('---', *('---:' for _ in columns))
+    yield format_row(['', *columns])
+    yield format_row(['---', *('---:' for _ in columns)])
     figures_of_columns = [
         pool_qualities(v.rules[rule] for v in voyages if v.sensors == str(path)).figures()
         for rule, path in columns.values()
     ]
     for name in _SHOWN:
-        yield _format_row(
-            FIGURES[name][0], *(format_figure(name, figures[name]) for figures in figures_of_columns)
+        yield format_row(
+            [FIGURES[name][0], *(format_figure(name, figures[name]) for figures in figures_of_columns)]
         )
 
 
@@ -223,12 +220,12 @@ def _judged_changed(seeds: range, jobs: int) -> dict[str, Quality]:
 
 def _spoilt_table(by_name: Mapping[str, Quality]) -> Iterable[str]:
     """Return a row for each way in which a level, or the stamps of speed and load, can be spoilt."""
-    yield _format_row('ordinary sensors', *(FIGURES[name][0] for name in _OF_SPOILT))
-    yield _format_row('---', *('---:' for _ in _OF_SPOILT))
+    yield format_row(['ordinary sensors', *(FIGURES[name][0] for name in _OF_SPOILT)])
+    yield format_row(['---', *('---:' for _ in _OF_SPOILT)])
     for kinds, input_label in ((LEVELS, 'level'), (STAMPS, 'no level')):
         for name in kinds:
             figures = by_name[name].figures()
-            yield _format_row(f'{input_label}: {name}', *(format_figure(f, figures[f]) for f in _OF_SPOILT))
+            yield format_row([f'{input_label}: {name}', *(format_figure(f, figures[f]) for f in _OF_SPOILT)])
 
 
 def _manoeuvre_calls(seeds: Iterable[int]) -> list[Call]:
@@ -238,12 +235,12 @@ def _manoeuvre_calls(seeds: Iterable[int]) -> list[Call]:
 
 def _manoeuvre_table(voyages: Sequence[Voyage]) -> Iterable[str]:
     """Return a row for each scene of manoeuvres, with ordinary sensors."""
-    yield _format_row('ordinary sensors', *(FIGURES[name][0] for name in _OF_MANOEUVRES))
-    yield _format_row('---', *('---:' for _ in _OF_MANOEUVRES))
+    yield format_row(['ordinary sensors', *(FIGURES[name][0] for name in _OF_MANOEUVRES)])
+    yield format_row(['---', *('---:' for _ in _OF_MANOEUVRES)])
     for scene in dict.fromkeys(voyage.scene for voyage in voyages):
         figures = pool_qualities(v.rules[OURS] for v in voyages if v.scene == scene).figures()
         name = Path(scene).stem.replace('_', ' ')
-        yield _format_row(name, *(format_figure(f, figures[f]) for f in _OF_MANOEUVRES))
+        yield format_row([name, *(format_figure(f, figures[f]) for f in _OF_MANOEUVRES)])
 
 
 def _make_panels(voyages: Sequence[Voyage], changed: Mapping[str, Quality]) -> list[TradeOff]:

@@ -48,6 +48,7 @@ LAWS = {
     'table': Tabulated([0.0, 0.1, 0.2, 0.5], [0.3, 0.2, 0.15, 0.1]),
     'two falls': Tabulated([0.0, 0.02, 0.06, 0.2, 0.22, 0.3, 0.9], [0.4, 0.2, 0.2, 0.26, 0.16, 0.15, 0.15]),
 }
+UNIT_LAW = Stribeck(0.3, 0.1, 1.0)
 RPM = math.pi * 0.1 / 60.0  # surface speed of the reference journal at one turn a minute [m/s]
 SCHEMAS = resources.files('stickslip_monitor') / 'schemas'
 KINDS: dict[str, tuple[type, ...]] = {
@@ -66,6 +67,11 @@ DEADLINE = 60.0
 def bearing_of(law: FrictionLaw, damping: float = 400.0) -> Bearing:
     """Return the reference bearing with a law and a damping [N s/m]."""
     return Bearing(50.0, damping, 2.0e6, law, 0.1)
+
+
+def unit_bearing(zeta: float, law: FrictionLaw = UNIT_LAW) -> Bearing:
+    """Return a bearing with omega = m = k = 1; by :data:`UNIT_LAW` the speed is ``beta V``, ``eta`` 0.2 N."""
+    return Bearing(1.0, 2.0 * zeta, 1.0, law, 0.1)
 
 
 REFERENCE_BEARING = bearing_of(LAWS['stribeck'])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import taylor
 from numpy.testing import assert_allclose, assert_array_equal
-from shared import LAWS, REFERENCE_BEARING
+from shared import LAWS, REFERENCE_BEARING, unit_bearing
 
 from stickslip_monitor.physics import orbits
 from stickslip_monitor.physics.averaging import growth_rate
@@ -22,17 +22,10 @@ from stickslip_monitor.physics.cycles import (
     exact_fold_speed,
     exact_unstable_cycle,
 )
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 from stickslip_monitor.physics.integrator import Drive, MotionState, integrate
 
 pytestmark = pytest.mark.filterwarnings('error')
-
-LAW = Stribeck(0.3, 0.1, 1.0)
-
-
-def unit_bearing(zeta: float, law: FrictionLaw = LAW) -> Bearing:
-    """omega = m = k = 1: with ``LAW`` the speed is ``beta V`` and ``eta = 0.2 N``."""
-    return Bearing(1.0, 2.0 * zeta, 1.0, law, 0.1)
 
 
 def surface_speed(value: float) -> float:

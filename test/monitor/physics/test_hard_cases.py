@@ -15,7 +15,7 @@ import pytest
 import taylor
 from numpy.testing import assert_array_equal
 from scipy.special import i1e
-from shared import REFERENCE_BEARING
+from shared import REFERENCE_BEARING, unit_bearing
 
 from stickslip_monitor.physics.averaging import (
     fold_load,
@@ -27,14 +27,9 @@ from stickslip_monitor.physics.averaging import (
 )
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import CycleKind, exact_cycle, exact_fold_speed, exact_unstable_cycle
-from stickslip_monitor.physics.friction import Coulomb, FrictionLaw, Stribeck, Tabulated
+from stickslip_monitor.physics.friction import Coulomb, Stribeck, Tabulated
 
 pytestmark = [pytest.mark.filterwarnings('error'), pytest.mark.usefixtures('float_errors')]
-
-
-def unit_bearing(zeta: float, law: FrictionLaw) -> Bearing:
-    """omega = m = k = 1."""
-    return Bearing(1.0, 2.0 * zeta, 1.0, law, 0.1)
 
 
 def stribeck_bearing(eta: float, kappa: float) -> tuple[Bearing, float]:
