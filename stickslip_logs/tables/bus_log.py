@@ -254,7 +254,9 @@ def _decode_object(line: str) -> Any:
 
 
 def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> list[Row]:
-    """Return the numbers of a delta as rows, null as 'null'; texts, booleans and objects are skipped.
+    """Return the numbers of a delta as rows, null as 'null'.
+
+    Texts, booleans and objects are skipped, but where the path had numbers before.
 
     Args:
         delta: The delta.
@@ -271,12 +273,13 @@ def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> lis
             units.update(_meta_units(update['meta']))
         source = signalk_source(update)
         for item in update.get('values', ()):
-            value = item['value']
-            if (value is None or type(value) in _NUMBERS) and item['path']:
-                path, when = item['path'], update['timestamp']
+            value, path = item['value'], item['path']
+            is_number = value is None or type(value) in _NUMBERS
+            if path and (is_number or path in first):
+                when = update['timestamp']
                 if not isinstance(when, str):
                     raise TypeError('a time is a text')
-                text = 'null' if value is None else repr(value)
+                text = 'null' if value is None else repr(value) if is_number else f"'{value}'"
                 unit = units.get(path) or _UNITS.get(path.rpartition('.')[2], '')
                 name = path if first.setdefault(path, source) == source else f'{path}{_FROM}{source}'
                 rows.append((when, name, text, unit, source))

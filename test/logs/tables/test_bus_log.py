@@ -111,3 +111,15 @@ def test_a_field_of_canboat_that_knows_no_number_any_more_is_no_end_of_the_log()
         ('2026-05-04T06:00:02Z', '127488.engine.0.Speed', "'Unknown'", 'rpm', '16'),
         ('2026-05-04T06:00:03Z', '', '', '', ''),
     ]
+
+
+def test_a_path_of_signal_k_that_had_numbers_has_none_where_its_value_is_no_number() -> None:
+    speed, lines = 'propulsion.0.revolutions', [make_delta(0, 'navigation.state', 'moored')]
+    lines += [
+        make_delta(second, speed, value) for second, value in enumerate((1.0, {'value': 0.1}, '0.1'), 1)
+    ]
+    assert [row[1:3] for row in signalk_rows(iter(lines)) if row] == [
+        (speed, '1.0'),
+        (speed, "'{'value': 0.1}'"),
+        (speed, "'0.1'"),
+    ]
