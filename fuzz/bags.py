@@ -128,6 +128,8 @@ def session_events(config: MonitorConfig, messages: Sequence[Sent]) -> Events:
             session.advance('aft', tick_ns - BEHIND_NS, Moment(tick_ns, tick_ns))
         now = Moment(sent.log_ns, sent.log_ns)
         session.take('aft', sent.place, sent.stamp_ns, sent.value, now)
+    end_ns = messages[-1].log_ns
+    session.advance('aft', end_ns, Moment(end_ns, end_ns))
     return sink
 
 

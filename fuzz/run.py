@@ -11,6 +11,7 @@ import contextlib
 import functools
 import io
 import multiprocessing
+import re
 import resource
 import signal
 import sys
@@ -27,19 +28,23 @@ from fuzz.logs import SOURCES as LOGS
 from fuzz.mutants import mutant
 from fuzz.oracle import difference, digest, left_out
 from fuzz.ships import random_differences
-from fuzz.voyages import STICKING_RPM, VOYAGES, sticking_share
+from fuzz.voyages import QUIET_RPM, STICKING_RPM, VOYAGES, sticking_share
 from stickslip_monitor.cli import main as stickslip
-from stickslip_monitor.commands.check import Task, check_one
+from stickslip_monitor.commands.check import CheckResult, Task, check_one
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.severity import Condition
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'launch_configs' / 'reference_bearing.yaml'
 _SPEED, _LOAD = 'speed: {topic: /shaft/speed', 'load: {topic: /bearing/aft_stern/load'
-# A bus of engines says no load, and does not say whether their speed is the shaft's: without a name it is a
-# question, never an all-clear.
+# A bus does not say whether its speed is the shaft's and its load the bearing's, and canboat's has none:
+# without a name it is a question, never an all-clear.
 _WRITTEN: dict[str, dict[str, str]] = {
-    'signalk': {_SPEED: f'{_SPEED}, column: propulsion.0.revolutions'},
+    'signalk': {
+        _SPEED: f'{_SPEED}, column: propulsion.0.revolutions',
+        _LOAD: f'{_LOAD}, column: propulsion.0.bearing.load',
+    },
     'canboat': {_SPEED: f'{_SPEED}, column: 127488.engine.0.Speed', _LOAD: 'load: {constant: 1000.0'},
 }
 FAILED = ROOT / 'build' / 'fuzz'
@@ -81,17 +86,58 @@ def judge(path: Path) -> str:
         return traceback.format_exc()
 
 
-def judge_voyage(path: Path) -> str:
-    """Describe what is wrong with how a voyage with stick-slip is read; return an empty text if nothing."""
+def judge_voyage(path: Path, is_quiet: bool = False) -> str:
+    """Describe what is wrong with how a voyage is read; return an empty text if nothing.
+
+    Args:
+        path: A mutant of the voyage.
+        is_quiet: Whether the voyage has no stick-slip: then it may have some only with a word on the input.
+    """
     try:
         with _limit_time(SECONDS):
-            code = check_voyage(path)
-            is_clear = code == 0 and sticking_share(path, path.suffix[1:]) >= ENOUGH
+            kind = path.suffix[1:]
+            result = check_one(Task(_config_of(kind)), path)
+            if is_quiet:
+                is_alarm = _has_stick_slip(result) and not words_of(result) - _usual_words(kind)
+                return 'it has stick-slip without a word on its input' if is_alarm else ''
+            is_clear = result.code == 0 and sticking_share(path, kind) >= ENOUGH
             return 'its stick-slip is an all-clear' if is_clear else ''
     except _TooSlow:
         return f'not done in {SECONDS} s'
     except Exception:  # Any is a finding: no traceback may reach a user.
         return traceback.format_exc()
+
+
+def _has_stick_slip(result: CheckResult) -> bool:
+    """Return whether stick-slip is predicted anywhere in a recording."""
+    bearings = result.document.get('bearings', {}).values()
+    sticking = Condition.STICK_SLIP, Condition.AMPLITUDE
+    return any(event['to'] in sticking for bearing in bearings for event in bearing['events'])
+
+
+def words_of(result: CheckResult) -> set[str]:
+    """Return what is said of a recording and its inputs, the error and lost inputs too, without numbers."""
+    document = result.document
+    bearings = document.get('bearings', {}).values()
+    words = [document.get('error', ''), *document.get('warnings', ())]
+    words += [cut['text'] for cut in document.get('cuts', ())]
+    for bearing in bearings:
+        words += bearing['data']
+        words += [event['text'] for event in bearing['events'] if event['to'] == Condition.INPUT_STALE]
+        for facts in bearing['inputs'].values():
+            words += [*facts['questions'], facts['fault'] or '']
+    return {re.sub(r'[\d.+-]+', '#', text) for text in words if text}
+
+
+@functools.cache
+def _usual_words(kind: str) -> set[str]:
+    """Return what is said of a voyage without stick-slip in any of its writings."""
+    with tempfile.TemporaryDirectory() as folder:
+        path, words = Path(folder) / f'quiet.{kind}', set[str]()
+        for data in VOYAGES[kind](QUIET_RPM):
+            path.write_bytes(data)
+            words |= words_of(check_one(Task(_config_of(kind)), path))
+    return words
 
 
 def check_voyage(path: Path) -> int:
@@ -158,13 +204,18 @@ def batch(
 ) -> list[tuple[int, str]]:
     """Judge some mutants; return number and reason of each that fails."""
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
-    originals, failed = VOYAGES[kind](STICKING_RPM) if is_voyage else SOURCES[kind](), []
+    failed = list[tuple[int, str]]()
+    originals = (
+        [VOYAGES[kind](speeds) for speeds in (QUIET_RPM, STICKING_RPM)] if is_voyage else [SOURCES[kind]()]
+    )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f'mutant.{kind}'
         for number in range(first, first + count):
-            data = mutant((seed << 32) + number, originals, kind)
+            # Every fourth voyage is quiet.
+            is_quiet = is_voyage and number % 4 == 0
+            data = mutant((seed << 32) + number, originals[0 if is_quiet else -1], kind)
             path.write_bytes(data)
-            text = judge_voyage(path) if is_voyage else judge(path)
+            text = judge_voyage(path, is_quiet) if is_voyage else judge(path)
             used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
             if not text and used > MEGABYTES:
                 text = f'{used} MB'
@@ -187,7 +238,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--count', type=int, default=5000, help='mutants of each kind (default 5000)')
     parser.add_argument('--kind', choices=VOYAGES, help='default: all')
     modes = parser.add_mutually_exclusive_group()
-    modes.add_argument('--voyages', action='store_true', help='of a voyage with stick-slip, to be noticed')
+    modes.add_argument(
+        '--voyages', action='store_true', help='of a voyage with stick-slip, and of a quiet one'
+    )
     modes.add_argument(
         '--live', action='store_true', help='random voyages, to be judged live as from their logs'
     )

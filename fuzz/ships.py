@@ -267,7 +267,11 @@ def live_events(ship: Path, bus: str, lines: Lines, log: Callable[[str], object]
             continue
         for bus_sample in signalk.take(frame, time):
             live.take(*bus_sample)
-    return sink.found
+    end_ns = now_ns[0]
+    while now_ns[0] < end_ns + LATE_NS:
+        now_ns[0] += round(TICK * 1e9)
+        live.tick()
+    return [event for event in sink.found if event.time_ns <= end_ns]
 
 
 def differences(folder: Path, ship: Path, bus: str, lines: Lines) -> tuple[list[str], CheckReport, list[str]]:

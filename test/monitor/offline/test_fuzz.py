@@ -96,16 +96,18 @@ def test_mutants_lose_nothing_without_a_word(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('kind', VOYAGES)
-def test_mutants_of_a_voyage_with_stick_slip_are_no_all_clear(kind: str, tmp_path: Path) -> None:
+def test_mutants_of_a_voyage_have_its_verdict_or_words(kind: str, tmp_path: Path) -> None:
     path = tmp_path / f'mutant.{kind}'
     for speeds, code in ((QUIET_RPM, 0), (STICKING_RPM, 1)):
         for data in VOYAGES[kind](speeds):
             path.write_bytes(data)
             assert check_voyage(path) == code
-    source = VOYAGES[kind](STICKING_RPM)
-    for seed in range(20):
-        path.write_bytes(mutant(seed, source, kind))
-        assert judge_voyage(path) == '', f'seed {seed}'
+            assert bool(judge_voyage(path, is_quiet=True)) == bool(code)
+    for speeds, seeds in ((QUIET_RPM, range(5)), (STICKING_RPM, range(20))):
+        source = VOYAGES[kind](speeds)
+        for seed in seeds:
+            path.write_bytes(mutant(seed, source, kind))
+            assert judge_voyage(path, speeds is QUIET_RPM) == '', f'seed {seed}'
 
 
 @pytest.mark.parametrize(
