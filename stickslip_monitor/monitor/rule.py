@@ -21,7 +21,7 @@ from typing import TypeAlias, TypeVar
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS
-from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, LOAD, NEVER, SPEED, WATER, RuleNumbers, State
+from stickslip_monitor.monitor.rule_state import LEVEL, LOAD, NEVER, SPEED, WATER, RuleNumbers, State
 from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Status
 from stickslip_monitor.monitor.vibration_rule import (
     QUIET,
@@ -29,6 +29,7 @@ from stickslip_monitor.monitor.vibration_rule import (
     UNKNOWN,
     VIBRATING,
     doubt_foreign,
+    has_begun,
     is_above_threshold,
     lagged,
     take_level,
@@ -368,8 +369,8 @@ def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
         s.rate = min(s.rate, 0.0)
     sliding = speed != 0.0 and load > 0.0
     lower, limit, near, wide, inside = judge_point(s, c, model, speed, load, scale)
-    if c.has_level and may_be_foreign(s, c):
-        doubt_foreign(s)
+    if c.has_level:
+        doubt_foreign(s, may_be_foreign(s, c))
     # A level starts stick-slip inside the fold only, and keeps it within the range of caution.
     may_tell = wide if s.sticking else inside
     update_stick_slip(s, c, measured_now(s, c) if may_tell else UNKNOWN, fresh)
@@ -599,11 +600,11 @@ def update_stick_slip(s: State, c: RuleNumbers, verdict: int, fresh: bool) -> No
     if s.sticking:
         net, delay = (s.dying, c.decay) if s.course == BEYOND else (s.idle, c.off_delay)
         if s.course != WITHIN and (fresh or net >= delay):
-            end_stick_slip(s, verdict)
+            s.sticking, s.growth = 0, 0.0
     else:
         if s.course == BEYOND:
             s.known = 1
-        if is_turning(s) and (verdict == VIBRATING or has_grown(s, c)):
+        if is_turning(s) and (has_grown(s, c) or (verdict == VIBRATING and has_begun(s))):
             begin_stick_slip(s, c)
     note_level(s, verdict)
 
@@ -634,21 +635,6 @@ def note_level(s: State, verdict: int) -> None:
         s.heard, s.unseen = 1, NEVER
     elif verdict == QUIET and s.unseen == NEVER:
         s.unseen = s.now
-
-
-def end_stick_slip(s: State, verdict: int) -> None:
-    """End stick-slip and set its growth back to 0.
-
-    A level that had vibrated meanwhile and is quiet by then is doubted from now on: what it heard was no
-    stick-slip, since that goes on to the fold.
-
-    Args:
-        s: The memory, changed.
-        verdict: State of the level at this point.
-    """
-    s.sticking, s.growth = 0, 0.0
-    if verdict == QUIET and s.heard:
-        s.doubt = 2 * DOUBT
 
 
 def update_rungs(s: State, c: RuleNumbers, fresh: bool) -> None:

@@ -128,6 +128,8 @@ class State:
     still: int = _span('for how long the level has not moved')
     background: float = _number('dB', 'mean where no stick-slip is predicted')
     high_for: int = _span('how long it has been high')
+    beyond_for: int = _span('for how long of that the point was beyond the fold, to the latest')
+    grown_before: float = _growth('how far a disturbance had grown when it rose')
     doubt: int = _span('for how long yet what is short is not used', start_at=DOUBT // 2)
     heard: int = _flag('1 once the level has vibrated in this episode')
     unseen: int = _time('since when stick-slip is predicted and not measured')
@@ -165,7 +167,7 @@ class State:
         """
         afresh = _AFRESH if 'odd' in record else ()
         parts = [part for part in fields(cls) if part.name not in afresh]
-        parts = [part for part in parts if part.name in record or part.name not in _OF_WATER]
+        parts = [part for part in parts if part.name in record or part.name not in (*_OF_WATER, *_OF_LEVEL)]
         return cls(**{part.name: _check_saved(part, record.get(part.name)) for part in parts})
 
 
@@ -176,6 +178,8 @@ _AFRESH = (
 )
 """What begins afresh after 0.2.0, which did not have it or meant something else by it."""
 _OF_WATER = 'water', 'viscosity_ratio'
+_OF_LEVEL = 'beyond_for', 'grown_before'
+"""What a level's memory up to 0.3.0 did not have: its defaults stand."""
 _EVERY_INPUT = 'stamp', 'came', 'gap', 'pace'
 """What has one number for each input, and up to 0.3.0 none for the temperature of the water."""
 

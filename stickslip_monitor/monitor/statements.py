@@ -362,7 +362,9 @@ def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) ->
 
 
 def _bistable_text(b: Standing) -> str:
-    """Return the sentence on a bistable bearing: measured quiet, quiet so far, or not known."""
+    """Return the sentence on a bistable bearing: vibrating, measured quiet, quiet so far, or not known."""
+    if b.measured is Measured.VIBRATING:
+        return 'Bistable: vibration is measured, and if it goes on it is stick-slip.'
     if b.measured is Measured.QUIET and b.state.heard:
         return 'Bistable: no vibration is measured, but a shock can start stick-slip.'
     if b.state.known:

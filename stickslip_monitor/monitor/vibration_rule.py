@@ -22,12 +22,16 @@ RISE, BACKGROUND = 10.0, 60.0
 """A vibration is so far above its background [dB], a mean behind such a lag [s]."""
 SHORT = 15 * SECOND_NS
 """A vibration that ends sooner than this was something else [ns]."""
+LASTING = 75 * 10**9
+"""A vibration that lasts for so long is stick-slip anywhere inside the fold [ns]."""
+BEGUN = 0.5
+"""A vibration that rises after so much growth of a disturbance is stick-slip at once [e-folds]."""
 
 
 def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
     """Store a valid level, and update its background, whether it vibrates, and what is doubted of it.
 
-    The times for which it has stood still, or been high, are counted too.
+    The times for which it has stood still, or been high, are counted too; a gap adds nothing to them.
 
     Args:
         s: The memory.
@@ -40,10 +44,12 @@ def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
     s.level = si
     # At rest a sensor shows its own floor, and 0 is no level: under way neither is what is usual.
     is_background = s.value[SPEED] != 0.0 and (c.in_db or si > 0.0) and not s.sticking
+    # What may be stick-slip yet raises no threshold before it is known.
+    is_background = is_background and not 0 < s.high_for < LASTING
     if s.background != s.background and is_background:
         s.background = level
     if gap < 0:
-        s.vibrating, s.level_count, s.high_for = UNKNOWN, 0, 0
+        s.vibrating, s.level_count = UNKNOWN, 0
         return
     if is_background:
         s.background = lagged(s.background, level, gap * 1e-9, BACKGROUND)
@@ -54,7 +60,10 @@ def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
         threshold = c.threshold
     high, low = level >= threshold, level < threshold - c.hysteresis
     if high or s.high_for > 0:
+        if s.high_for == 0:
+            s.grown_before = s.growth
         s.high_for += gap
+        s.beyond_for += gap
     count_level(s, high, low, min(gap, DUE // 2))
 
 
@@ -95,12 +104,23 @@ def usable_state(s: State) -> int:
     return int(s.vibrating)
 
 
-def doubt_foreign(s: State) -> None:
+def has_begun(s: State) -> bool:
+    """Return whether a vibration inside the fold is stick-slip: it rose after growth, or has lasted.
+
+    Without growth only a shock can have begun it, and it then goes on to the fold; a pump stops.
+    """
+    return s.high_for >= LASTING or (s.rate > 0.0 and s.grown_before > BEGUN)
+
+
+def doubt_foreign(s: State, can_be_foreign: bool) -> None:
     """Doubt a level that has vibrated for 15 s where no stick-slip can be: it hears something else.
 
-    Until ten minutes of quiet it then counts for nothing, as :func:`usable_state` says.
+    Until ten minutes of quiet it then counts for nothing, as :func:`usable_state` says. ``can_be_foreign`` is
+    whether the point is one at which stick-slip cannot be; another starts ``s.beyond_for`` again.
     """
-    if s.vibrating == VIBRATING and s.high_for >= SHORT:
+    if not can_be_foreign or s.vibrating != VIBRATING:
+        s.beyond_for = 0
+    elif s.beyond_for >= SHORT:
         s.doubt = 2 * DOUBT
 
 

@@ -12,13 +12,21 @@ from shared import REFERENCE
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
-from stickslip_monitor.monitor.rule import BEYOND, IDLE, end_stick_slip
-from stickslip_monitor.monitor.rule_state import DOUBT, State
+from stickslip_monitor.monitor.rule_state import DOUBT, State, settings_of
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.signals import NO_VALUES, Input, Status
 from stickslip_monitor.monitor.statements import OrderKind, SpeedOrder, order
-from stickslip_monitor.monitor.vibration_rule import QUIET as QUIET_LEVEL
-from stickslip_monitor.monitor.vibration_rule import SHORT, UNKNOWN, VIBRATING, usable_state
+from stickslip_monitor.monitor.vibration_rule import (
+    BEGUN,
+    LASTING,
+    SHORT,
+    UNKNOWN,
+    VIBRATING,
+    doubt_foreign,
+    has_begun,
+    take_level,
+    usable_state,
+)
 
 # The first point below the Hopf speed decides, and no delay waits for a second one.
 AT_ONCE = {'alarm__onset_growth': 0.0, 'alarm__on_delay': 0.0}
@@ -500,17 +508,44 @@ def test_an_input_is_lost_until_its_first_value_and_after_its_timeout() -> None:
 
 
 @pytest.mark.parametrize(
-    ('verdict', 'had_vibrated', 'doubt'), [(QUIET_LEVEL, 1, 2 * DOUBT), (QUIET_LEVEL, 0, 0), (UNKNOWN, 1, 0)]
+    ('rate', 'grown_before', 'high_for', 'expected'),
+    [
+        (1.0, BEGUN * 1.01, 0, True),  # sliding was unstable before it rose
+        (1.0, BEGUN, LASTING - 1, False),  # it rose first: a pump does
+        (0.0, BEGUN * 1.01, LASTING - 1, False),  # sliding is stable again
+        (-1.0, 0.0, LASTING, True),  # after a shock it goes on
+    ],
 )
-@pytest.mark.parametrize('course', [IDLE, BEYOND])
-def test_a_level_that_vibrated_and_is_quiet_before_stick_slip_ends_is_doubted(
-    verdict: int, had_vibrated: int, doubt: int, course: int
+def test_a_vibration_is_stick_slip_when_it_rose_after_growth_or_has_lasted(
+    rate: float, grown_before: float, high_for: int, expected: bool
 ) -> None:
-    # A level that was quiet all along was right where the prediction was not, and still counts.
     state = State()
-    state.sticking, state.course, state.heard, state.doubt = 1, course, had_vibrated, 0
-    end_stick_slip(state, verdict)
-    assert (state.sticking, state.doubt) == (0, doubt)
+    state.rate, state.grown_before, state.high_for = rate, grown_before, high_for
+    assert has_begun(state) == expected
+
+
+def test_a_vibration_is_foreign_once_it_has_gone_on_for_15_s_beyond_the_fold() -> None:
+    # Time inside the fold, where it may be stick-slip, does not count.
+    state = State()
+    state.vibrating, state.high_for, state.beyond_for, state.doubt = VIBRATING, LASTING, SHORT - 1, 0
+    doubt_foreign(state, can_be_foreign=True)
+    assert (state.doubt, state.beyond_for) == (0, SHORT - 1)
+    doubt_foreign(state, can_be_foreign=False)
+    assert (state.doubt, state.beyond_for) == (0, 0)
+    state.beyond_for = SHORT
+    doubt_foreign(state, can_be_foreign=True)
+    assert usable_state(state) == UNKNOWN
+
+
+def test_a_vibration_keeps_over_a_gap_how_long_it_lasted_and_what_had_grown_before() -> None:
+    numbers = settings_of(
+        configured(level__topic='/v', level__unit='mm/s', level__threshold=1.0).bearings[0]
+    ).live
+    state = State()
+    for growth, level, gap in ((0.0, 0.1, -1), (0.7, 5.0, SECOND), (1.5, 5.0, -1), (2.0, 5.0, SECOND)):
+        state.growth = growth
+        take_level(state, numbers, level, gap)
+    assert (state.high_for, state.grown_before) == (2 * SECOND, 0.7)
 
 
 @pytest.mark.parametrize(

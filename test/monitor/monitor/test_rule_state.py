@@ -84,11 +84,13 @@ def test_a_memory_of_0_2_0_is_restored() -> None:
         State.of_record(old | {'raised': 99})
 
 
-def test_a_memory_without_water_temperature_is_restored() -> None:
-    old = {key: value for key, value in _STICKING.items() if key not in ('water', 'viscosity_ratio')}
+def test_a_memory_without_later_parts_is_restored() -> None:
+    later = ('water', 'viscosity_ratio', 'beyond_for', 'grown_before')
+    old = {key: value for key, value in _STICKING.items() if key not in later}
     old |= {key: old[key][:3] for key in ('stamp', 'came', 'gap', 'pace')}
     state, current = State.of_record(old), State.of_record(_STICKING)
     assert (state.came, state.gap, state.viscosity_ratio) == (current.came, current.gap, 1.0)
+    assert (state.beyond_for, state.grown_before) == (0, 0.0)
     with pytest.raises(ValueError, match=r'^came = '):
         State.of_record(old | {'came': [0, 0]})
 
