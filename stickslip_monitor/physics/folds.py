@@ -212,7 +212,9 @@ def last_cycles(exact: FloatArray, averaged: FloatArray, sticking_end: FloatArra
     Where the averaged slope is highest below the sliding limit, a cycle lives on without sticking, up to the
     averaged fold. Close to the end of sticking it does by the same share as under averaging, whose errors
     in both ends are about the same. Ends 2 % apart are those of different cycles: there averaging has the end
-    of the vibration (of 424 loads of random tables within 3 % at 407, above at 15).
+    of the vibration. Of 900 loads of random tables it decides at 456: at 50 of these it is over 3 % above the
+    last of 40 exact cycles, at none 3 % below. Those take 16 ms of a load, compiled; a table over the load
+    has some 1,000.
 
     Args:
         exact: The last speeds at which the lining sticks, ``nan`` for none.
