@@ -36,8 +36,9 @@ class RecordHeads:
     """The heads of the records of a file, as far as it was walked.
 
     To ``offset``, behind the last whole record, but for ``holes``, from byte to byte.
-    ``statistics`` and ``definitions`` are those of the summary, ``indexed`` counts the messages of
-    each channel after the message indexes. All are empty until :meth:`read_heads` fills them.
+    ``statistics`` and ``definitions`` (records with their heads, as bytes) are those of the summary,
+    ``indexed`` counts the messages of each channel after the message indexes. All are empty until
+    :meth:`read_heads` fills them.
 
     Args:
         file: A descriptor of the open file.
@@ -165,14 +166,14 @@ class RecordHeads:
             self.blocks.append(Block(self._path, offset, length, length, False))
 
     def _keep_summary_record(self, kind: int, offset: int, length: int) -> None:
-        """Append a record of the summary to ``definitions``, or read it into ``statistics``.
+        """Append a channel or schema of the summary to ``definitions``, or read it into ``statistics``.
 
         Other records, those of more than 1 MiB and damaged statistics are ignored.
 
         Args:
             kind: The opcode.
             offset: Where the record begins [bytes].
-            length: How long it is [bytes].
+            length: How long it is with its head [bytes].
         """
         if length > MAX_RECORD or kind not in (*_BARE, Opcode.STATISTICS):
             return

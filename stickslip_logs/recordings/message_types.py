@@ -162,6 +162,11 @@ def _parse_field(line: str, package: str) -> Field:
 def find_primitive(definitions: Definitions, root: str, path: FieldPath) -> str:
     """Return the primitive type, such as ``float64``, of the number at a path in a type.
 
+    Args:
+        definitions: The fields of each type by its short name: of the root and of all types within it.
+        root: Name of the type.
+        path: The path.
+
     Raises:
         SchemaError: The path does not lead to a number.
     """

@@ -374,7 +374,7 @@ class SqliteRecording(Recording):
             self._findings.lose(f'{plural(unread, "message")} without time or data were not read')
 
     def _choose_unpacker(self) -> Callable[[bytes], bytes | None]:
-        """Return a function that unpacks the data of a message; it returns None for a damaged one."""
+        """Return a function that unpacks the data of a message: None where damaged or too large."""
         if not self._is_packed:
             return lambda data: data
         decompress = zstandard.ZstdDecompressor().decompress
@@ -471,7 +471,8 @@ class SqliteReading(MessageReading):
             messages: The n messages.
 
         Returns:
-            Log times and topics as given, stamps [ns], shape (n,), and values, shape (k, n).
+            Log times and topics as given; stamps [ns], shape (n,), the log time where a message has none; and
+            values, shape (k, n), as of :meth:`.FieldReader.read`, with k of the widest topic: NaN below.
         """
         size = np.fromiter(map(len, messages), np.int64, len(messages))
         offset, data = np.cumsum(size) - size, b''.join(messages)

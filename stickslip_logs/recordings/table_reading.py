@@ -237,9 +237,9 @@ class TableReading:
         return course, has_whole_lines
 
     def _read_lines(self, begin: int, end: int, span_ns: tuple[int, int]) -> Iterator[Row]:
-        """Yield the buffered lines from one row up to another whose times are in a span [ns].
+        """Yield the buffered lines from one row up to another whose times are in a span [ns], ends included.
 
-        All are of one source, as the order of whole lines is judged.
+        All are of one source, -1, as the order of whole lines is judged.
         """
         row = 0
         for time_ns, _, values in self._buffer:

@@ -50,7 +50,7 @@ class TableRecording(ColumnRecording):
         That adds warnings and losses, and may correct start and end. The fields of requests are ignored.
 
         Raises:
-            BagError: A topic is not there, or a column tells rows apart that have to be chosen by it.
+            BagError: A topic is not there, or as of :class:`.TableReading`.
         """
         wanted = list(requests)
         columns = {request.topic: self._find_column(request.topic) for request in wanted}

@@ -157,9 +157,10 @@ def _own_time(kind: str, fields: Sequence[str]) -> str:
 def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, str, str]]:
     """Yield name, value and unit of each number of a sentence RPM or XDR, as texts; nothing for other kinds.
 
-    The value may be a word: 'not valid' for an RPM without the status A and for an empty field, or a damaged
-    field in quotation marks. Nothing is yielded for an RPM of less than three fields, nor for what is left of
-    an XDR behind its last four.
+    An XDR with a unit and of another kind than N, which is force, has both in its name, as 'OIL [P B]', and
+    an empty text for a unit. The value may be a word: 'not valid' for an RPM without the status A and for an
+    empty field, or a damaged field in quotation marks. Nothing is yielded for an RPM of less than three
+    fields, nor for what is left of an XDR behind its last four.
 
     Args:
         kind: The three letters of the kind, as 'RPM'.

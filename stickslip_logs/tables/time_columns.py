@@ -775,7 +775,10 @@ def _unit_of_times(words: str, written: str | None) -> str:
 
 
 def _leading_number(cell: str, decimal: str) -> float:
-    """Return the number before the first blank of a cell; NaN for none, or where a digit follows it."""
+    """Return the number before the first blank of a cell; NaN for none, or where a digit follows it.
+
+    'inf' and 'nan' count as numbers.
+    """
     number, _, rest = cell.strip().partition(' ')
     try:
         # What Python takes for digits, as in '1_000', is a word in a table.

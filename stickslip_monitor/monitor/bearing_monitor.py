@@ -53,7 +53,8 @@ class BearingMonitor(Standing):
 
     Args:
         config: The bearing.
-        state: Its memory from before, which goes on changing; ``None`` for a new one.
+        state: Its memory from before, which goes on changing: at once its times are set back, as by
+            :meth:`await_inputs`. ``None`` for a new one.
     """
 
     def __init__(self, config: BearingConfig, state: State | None = None) -> None:
@@ -88,7 +89,10 @@ class BearingMonitor(Standing):
                 self._rescale_memory(place, old)
 
     def _rescale_memory(self, place: int, old: RuleNumbers) -> None:
-        """Convert the values of an input in the memory from the old settings; a level is learned anew."""
+        """Convert speeds or loads in the memory from the old settings; a level is learned anew.
+
+        Nothing is done for the water: its next value has the new scale.
+        """
         state, new = self.state, self.settings.live
         if place == Input.WATER_TEMPERATURE:
             return  # the next value has the new scale

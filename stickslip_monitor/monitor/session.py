@@ -377,9 +377,9 @@ class Session:
         self._notes.append({'time': self._clock(), 'what': matter, 'text': text})
 
     def act(self, request: alarm_records.ActionRequest) -> list[AlarmChange]:
-        """Carry out a person's request and note its reason; publish and save where it changed an alarm.
+        """Carry out a person's request; where it changed an alarm note its reason, publish and save.
 
-        To acknowledge all alarms clears ``damage``, too.
+        To acknowledge the alarms of all bearings clears ``damage`` in any case.
 
         Returns:
             The changes of alarms; an empty list where there was nothing to do.

@@ -446,12 +446,12 @@ def rounded_text(number: float, digits: int = 3) -> str:
 
 
 def age_text(seconds: float) -> str:
-    """Return the age of a value [s] as text: in three digits below 100 s, above as :func:`duration_text`."""
+    """Return a finite age [s] as text: in three digits below 100 s, above as :func:`duration_text`."""
     return f'{seconds:.3g} s' if seconds < 99.5 else duration_text(seconds)
 
 
 def duration_text(seconds: float) -> str:
-    """Return a time [s] as text in s, min, h, days or years, as precisely as matters."""
+    """Return a finite time >= 0 [s] as text in s, min, h, days or years, as precisely as matters."""
     if seconds < 20.0:
         return f'{seconds:.0f} s'
     if seconds < 100.0:

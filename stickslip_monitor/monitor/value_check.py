@@ -100,7 +100,7 @@ class Parameter:
         return tuple(items) if is_list else items[0]
 
     def _is_allowed(self, value: Any) -> bool:
-        """Return whether a value of the right type keeps the rule."""
+        """Return whether one value, or one item of a list, of the right type keeps the rule."""
         if isinstance(value, str):
             return not self.choices or value in self.choices
         if isinstance(value, bool):
@@ -129,7 +129,10 @@ def _remedy_for_text(value: Any) -> str:
 
 
 def _convert_value(kind: str, value: Any) -> Any:
-    """Convert a value to the plain Python type of its kind; ``None`` if it is of another, or too large."""
+    """Convert a value to the plain Python type of its kind; ``None`` if it is of another, or too large.
+
+    ``kind`` is float, int, bool or str: of a list, that of its items.
+    """
     if kind in ('bool', 'str'):
         return value if isinstance(value, bool if kind == 'bool' else str) else None
     if isinstance(value, bool) or not isinstance(value, Integral if kind == 'int' else Real):

@@ -127,7 +127,7 @@ def check_recording(
         path: The recording.
         config: The configuration; its topics must be in the recording.
         sinks: Take the samples and the verdicts; each is begun and finished, unless an error ends the check.
-        progress: Called with bytes read and bytes in all.
+        progress: Called with how much is read and how much there is, as of :data:`.Progress`.
         outlined: Whether the outlines of the verdicts are kept, to be drawn.
         long: Whether the rule runs compiled; ``None``: where a recording is long.
 
@@ -476,7 +476,10 @@ def to_json(report: CheckReport) -> dict[str, Any]:
 
 
 def bag_record(bag: Recording) -> dict[str, Any]:
-    """Return the facts of a recording that need no check as a JSON object: times [ns], duration [s]."""
+    """Return the facts of a recording that need no check as a JSON object: times [ns], duration [s].
+
+    The times and the duration are None without messages.
+    """
     start, end = bag.start_ns, bag.end_ns
     return {
         'path': str(bag.path),

@@ -48,6 +48,7 @@ class ClipFolder:
 
     Raises:
         BagError: The folder is not there and cannot be made.
+        OSError: It cannot be read, or an old draft cannot be removed.
     """
 
     def __init__(self, config: ClipConfig) -> None:
@@ -137,6 +138,9 @@ class ClipFolder:
         """Remove own or empty drafts to which nothing was written for an hour.
 
         Newer ones may be another monitor's.
+
+        Raises:
+            OSError: The folder cannot be read, or a draft cannot be removed.
         """
         for path in self.path.iterdir():
             if not _DRAFT.fullmatch(path.name) or not path.is_file():

@@ -377,9 +377,10 @@ class _Follower:
         ]
 
     def _assess_points(self, points: Sequence[FloatArray]) -> Iterator[Assessment]:
-        """Yield the assessment of each point: speed [m/s], load [N], water [C], and chances if any.
+        """Yield the assessment of each point. All numbers are computed at the first.
 
-        All numbers are computed at the first.
+        Args:
+            points: For each an array of speed [m/s], load [N], water [C], and chances if any.
         """
         if points:
             speed, load, water, *chances = np.array(points).T

@@ -102,7 +102,7 @@ def _varying_harmonic(
     Args:
         law: The law.
         speed: ``V`` >= 0, shape (n,) [m/s].
-        amplitude: ``a`` > 0, shape (n,) [m/s].
+        amplitude: Velocity amplitude ``a`` > 0, shape (n,) [m/s].
         level: ``mu(V)``, shape (n,) [-].
     """
     begin, extent, element = _smooth_stretches(law, speed, amplitude)
@@ -125,6 +125,11 @@ def _smooth_stretches(
     law: FrictionLaw, speed: FloatArray, amplitude: FloatArray
 ) -> tuple[FloatArray, FloatArray, IndexArray]:
     """Return the stretches of the half cycles within which the law is smooth.
+
+    Args:
+        law: The law.
+        speed: ``V`` >= 0, shape (n,) [m/s].
+        amplitude: Velocity amplitude ``a`` > 0, shape (n,) [m/s].
 
     Returns:
         Start and width of each [rad] and the element it belongs to, in the order of elements and of ``t``;
@@ -150,13 +155,22 @@ def _smooth_stretches(
 
 
 def _velocity_amplitude(x: FloatArray, speed: FloatArray) -> FloatArray:
-    """Return the velocity amplitudes of amplitude coordinates ``x`` at speeds [m/s]."""
+    """Return the velocity amplitudes [m/s] of amplitude coordinates at speeds [m/s], of the broadcast shape.
+
+    ``x`` is ``a/V`` up to the sliding limit at 1; from there to 2 it is ``1 + (2/pi) arccos(V/a)``.
+    """
     beyond = np.maximum(x - 1.0, 0.0) * (0.5 * np.pi)
     return np.where(x <= 1.0, speed * x, speed / np.cos(beyond))
 
 
 def slope_surface(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> FloatArray:
-    """Return ``rho`` at amplitude coordinates ``x`` and speeds [s/m], of the broadcast shape."""
+    """Return ``rho`` [s/m] at amplitude coordinates and speeds, of the broadcast shape.
+
+    Args:
+        law: The law.
+        x: Amplitude coordinates, 0 to 2, as of :func:`_velocity_amplitude`.
+        speed: ``V`` >= 0 [m/s], clipped to 1e-200 to 1e200.
+    """
     x, v = np.broadcast_arrays(x, np.clip(speed, _SLOWEST, _FASTEST))
     # S/a has lost more digits there than the slope of steady sliding is off.
     still = x < 1e-7
@@ -340,6 +354,8 @@ def average_curve(law: FrictionLaw) -> AverageCurve:
 
 def _outstanding_speeds(law: FrictionLaw) -> FloatArray:
     """Return speeds of a table whose highest ``rho`` may exceed that of all higher speeds, shape (n,) [m/s].
+
+    They are in no order. The law has one breakpoint at least.
 
     ``rho`` is the mean of ``-mu'`` about ``V`` with the weight ``sqrt(a^2 - (v - V)^2)``, and so a mean of
     its means over windows ``V - h`` to ``V + h``: the steepest of these bounds it. A table of 300 points that

@@ -97,7 +97,7 @@ def _known_declines() -> tuple[FloatArray, FloatArray]:
 
 
 def amplitude_for_growth(d: FloatArray) -> FloatArray:
-    """Return the ``alpha`` > 0 at which ``growth(alpha) = d``, for finite ``d`` > 0."""
+    """Return the ``alpha = beta a`` > 0 at which ``growth(alpha) = d``, for finite ``d`` > 0."""
     alpha = np.sqrt(d) * np.sqrt(d + 8.0)  # between sqrt(8 d) and d + 1.5 ln d
     for _ in range(5):  # the first guess is off by a twentieth at most
         alpha = alpha + (d - growth(alpha)) / _growth_slope(alpha)
@@ -105,7 +105,7 @@ def amplitude_for_growth(d: FloatArray) -> FloatArray:
 
 
 def speed_for_decline(decrement: FloatArray) -> FloatArray:
-    """Return the ``v`` > 0 at which ``decline(v) = decrement``, for finite ``decrement`` > 0."""
+    """Return the ``v = beta V`` > 0 at which ``decline(v) = decrement``, for finite ``decrement`` > 0."""
     # Other guesses would change last bits, and with the nominal fold speed every bit of a level in
     # the recordings of bags/.
     declines, speeds = _known_declines()
@@ -128,6 +128,12 @@ def _beyond_limit(theta: FloatArray, v: FloatArray, kappa: FloatArray, r: float)
     ``S/Delta = exp(-v) I1(alpha)
     - (2/pi) integral_0^theta (cosh(alpha cos t - v) + r) cos t dt``; the angle removes the
     square root with which the average starts at the sliding limit.
+
+    Args:
+        theta: The angle, 0 to below pi/2, shape (n,) [rad].
+        v: ``beta V`` > 0, shape (n,).
+        kappa: Damping number >= 0, shape (n,).
+        r: ``mu_k/Delta`` >= 0.
     """
     cosine, half = np.cos(theta), np.sin(0.5 * theta)
     alpha = v / cosine
@@ -144,7 +150,7 @@ def _beyond_limit(theta: FloatArray, v: FloatArray, kappa: FloatArray, r: float)
 
 
 def amplitude_of_cycle(v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
-    """Return the ``alpha`` >= v of the stable stick-slip cycle, for points below the fold.
+    """Return ``alpha = beta a`` of the stable stick-slip cycle, for points below the fold.
 
     There is exactly one: the balance is positive at the sliding limit, falls with infinite slope
     in ``alpha`` there and is negative at ``alpha = v + 2`` for every ``kappa, r >= 0``.

@@ -56,7 +56,10 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """A value as somebody stated it, in SI, with its relative standard deviation or nan."""
+    """A value as somebody stated it, in SI, with its relative standard deviation.
+
+    A deviation of nan stands for that of :data:`UNSTATED`.
+    """
 
     value: float
     spread: float = math.nan

@@ -104,13 +104,14 @@ class FoundCycles(NamedTuple):
 
     Attributes:
         kind: Numbers of :class:`CycleKind`.
-        crest: Highest displacement beyond breakaway.
+        crest: Highest displacement beyond breakaway; of a ``PURE_SLIP`` cycle it counts from another zero,
+            which is that of the trough.
         trough: Lowest one.
         slipping: Time slipping.
         sticking: Time sticking.
         start: Displacement beyond breakaway at which the lining falls behind the belt; of a cycle that never
             reaches the belt's speed its amplitude.
-        exponent: Logarithm of the Floquet multiplier.
+        exponent: Logarithm of the Floquet multiplier; without meaning where it was not wanted.
     """
 
     kind: FloatArray
@@ -425,8 +426,8 @@ def _find_cycles(
         speed: Surface speeds, any numbers, shape (n,) [m/s].
         load: Loads, any numbers, shape (n,) [N].
         stable: Whether the stable ones are wanted.
-        weigh: Whether the multipliers are wanted; without them an ``exponent`` is 0, ``nan`` or ``-inf``, and
-            the steps of cycles through the belt's speed are longer.
+        weigh: Whether the multipliers are wanted; without them the ``exponent`` has no meaning, and the steps
+            of cycles through the belt's speed are longer.
 
     Returns:
         Cycles of shape (n,); where there is none its kind says why, and all else is ``nan``.
@@ -578,7 +579,7 @@ def _find_overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundC
     Args:
         field: What the linings slip in, n of them.
         first: Displacements > 0 at which the round that started at breakaway ended, shape (n,).
-        weigh: Whether the Floquet multiplier is wanted.
+        weigh: Whether the Floquet multiplier is wanted; else the ``exponent`` has no meaning.
 
     Returns:
         Cycles of shape (n,); the kind is ``UNRESOLVED`` where no round closed.
@@ -616,10 +617,11 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
     Args:
         field: What the linings slip in, behind the belt.
         stable: Whether the largest stable one is wanted, else the smallest unstable one.
-        weigh: Whether its Floquet multiplier is wanted.
+        weigh: Whether its Floquet multiplier is wanted; else the ``exponent`` is 0.
 
     Returns:
-        Kind ``NONE`` where there is none, ``UNRESOLVED`` where the steps ran out.
+        Cycles of shape (n,), with crest and trough from steady sliding. The kind is ``NONE`` where there is
+        none, ``UNRESOLVED`` where the steps ran out.
     """
     slip_cycles = FoundCycles.none(np.full(field.speed.size, CycleKind.NONE))
     # The amplitude of the orbit that grazes the belt, by going back in time from there.

@@ -224,7 +224,7 @@ def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray
     Args:
         curve: Ascending speeds [m/s], and the least load with a cycle at each, ``inf`` for none [N],
             shape (2, m).
-        load: Shape (n,) [N].
+        load: Loads > 0, shape (n,) [N].
         smooth: Whether a cubic spline joins the points of the curve; else monotone cubics.
 
     Returns:

@@ -108,7 +108,10 @@ class Tabulated:
         return np.copysign(value, v + 0.0)
 
     def slope(self, speed: ArrayLike) -> FloatArray:
-        """Return ``d mu / d|v|`` at relative speeds [m/s], of their shape [s/m]; 0 beyond the table."""
+        """Return ``d mu / d|v|`` at relative speeds [m/s], of their shape [s/m]; 0 beyond the table.
+
+        It is 0 for ``nan``, too.
+        """
         v = np.abs(np.asarray(speed, dtype=float))
         inside = np.minimum(np.maximum(v, self.speed[0]), self.speed[-1])
         i, s = self._find_interval(inside)

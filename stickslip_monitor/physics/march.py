@@ -150,7 +150,7 @@ class Whole(NamedTuple):
         base: Begin of the piece of the drive [s].
         time: Time since then as the step begins [s].
         rest: What rounding took from that [s].
-        e: Displacement as the step begins [m/s].
+        e: Displacement as the step begins, times ``omega`` [m/s].
         phase: Phase during the step.
         medium: The medium as it begins.
         step: The step.
@@ -201,7 +201,7 @@ def slip_advance(
         law_numbers: The law, as :class:`.LawFunctions`.
         body: The oscillator and the accuracy.
         medium: What the lining slips in.
-        z: Relative speed as the step begins, not below 0.
+        z: Relative speed as the step begins, not below 0 [m/s].
         trial: The unit to try; 0 for none yet [1/omega].
         left: The longest that the step may be [1/omega].
         work: Written: the series of the step.
@@ -238,7 +238,7 @@ def find_contact(work: MutableSequence[float], order: int, share: float) -> floa
         share: Length of the step.
 
     Returns:
-        ``share`` where it does not.
+        0 to ``share``: 0 where it begins at 0 and falls at once, ``share`` where it does not fall through 0.
     """
     end, rate = value_and_slope(work, RELATIVE_SPEED, order, share)
     if end >= 0.0 and work[RELATIVE_SPEED + 1] < 0.0 < rate:
@@ -274,7 +274,7 @@ def stick_advance(
     Args:
         body: The oscillator.
         medium: What the lining is in as the step begins.
-        e: Displacement as the step begins.
+        e: Displacement as the step begins, times ``omega`` [m/s].
         stalled: Number of steps in a row without length. After more than ``_MAX_STALLED`` of them a step of
             1e-6 is taken without a check for release, so that time goes on.
         left: The longest that the step may be, in units of ``1/omega``.
@@ -322,7 +322,7 @@ def phase_after_contact(body: Body, medium: Medium, e: float, sign: int) -> int:
     Args:
         body: The oscillator.
         medium: What the lining is in.
-        e: Displacement at the contact.
+        e: Displacement at the contact, times ``omega`` [m/s].
         sign: The side of the slip that ended, 1 or -1; 0 for none.
     """
     need = friction_needed(medium, e)

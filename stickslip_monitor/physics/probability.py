@@ -395,10 +395,10 @@ def _boundary_rows(total: FloatArray, nodes: _Nodes, ln_v: FloatArray, load: Flo
         total: Covariance of ``(ln r, ln q)``, shape (2, 2).
         nodes: The nodes of the sum.
         ln_v: Rising ``ln V``, shape (m,).
-        load: ``ln N`` of the boundary at each, shape (m,).
+        load: ``ln N`` of the boundary at each, finite, shape (m,).
 
     Returns:
-        Shape (m, ``_PER_ROW``).
+        These columns in order, shape (m, ``_PER_ROW``).
     """
     from scipy.special import ndtr, ndtri
 
