@@ -21,6 +21,7 @@ def clip_store(config: ClipConfig) -> ClipStore:
 
     Raises:
         BagError: The folder is not there and cannot be made.
+        OSError: It cannot be read, or an old draft cannot be removed.
     """
     # Not needed, and not loaded, where no clips are wanted.
     from stickslip_monitor.offline.clip_folder import ClipFolder
