@@ -20,8 +20,7 @@ def clip_store(config: ClipConfig) -> ClipStore:
     """Return the folder of a configuration as the store of a node's clips; it is made if needed.
 
     Raises:
-        BagError: The folder is not there and cannot be made.
-        OSError: It cannot be read, or an old draft cannot be removed.
+        BagError: The folder cannot be made or read, or an old draft cannot be removed.
     """
     # Not needed, and not loaded, where no clips are wanted.
     from stickslip_monitor.offline.clip_folder import ClipFolder

@@ -47,8 +47,7 @@ class ClipFolder:
         config: The folder, and how many clips it holds.
 
     Raises:
-        BagError: The folder is not there and cannot be made.
-        OSError: It cannot be read, or an old draft cannot be removed.
+        BagError: The folder cannot be made or read, or an old draft cannot be removed.
     """
 
     def __init__(self, config: ClipConfig) -> None:
@@ -59,12 +58,12 @@ class ClipFolder:
         """How many clips have made room for newer ones."""
         try:
             self.path.mkdir(parents=True, exist_ok=True)
+            self._remove_drafts()
         except OSError as error:
             raise BagError(
-                f"clips.directory = '{config.directory}' cannot be made: {cause(error)};"
+                f"clips.directory = '{config.directory}' cannot be used: {cause(error)};"
                 ' name a folder in which this user may write'
             ) from error
-        self._remove_drafts()
 
     def __enter__(self) -> ClipFolder:
         """Return the folder itself."""

@@ -14,6 +14,7 @@ from shared import CONFIG, ROOT
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.writer import encode_float64s
 from stickslip_monitor.cli import main
+from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.clip_recorder import Clip, ClipMessage
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import ClipConfig
@@ -94,6 +95,19 @@ def test_leftovers_of_a_crash_are_removed_when_old(tmp_path: Path) -> None:
 
 
 # --- the clips of a recorded bag ---------------------------------------------------------------
+
+
+def test_a_folder_that_cannot_be_listed_is_refused_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a share that went away behind its mount point; root may list anything, so the call fails here."""
+
+    def fail(folder: Path) -> list[Path]:
+        raise PermissionError(13, 'Permission denied', str(folder))
+
+    monkeypatch.setattr(Path, 'iterdir', fail)
+    with pytest.raises(BagError, match=rf"clips\.directory = '{tmp_path}' cannot be used: Permission"):
+        ClipFolder(ClipConfig(str(tmp_path)))
 
 
 def test_a_checked_bag_has_a_clip_around_each_alarm(

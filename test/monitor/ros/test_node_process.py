@@ -82,7 +82,7 @@ def test_parameters_that_ros_cannot_use_are_refused(run: Any, start: Any, tmp_pa
         ({'aft.speed.field': 'value'}, "std_msgs/msg/Float64 has no field 'value'; it has: data"),
         ({'use_sim_time': 'banana'}, "use_sim_time = 'banana' must be true or false"),
         ({'state_file': '/no/such/folder/x.json'}, 'there is no folder'),
-        ({'clips.directory': '/dev/null/clips'}, 'cannot be made: '),
+        ({'clips.directory': '/dev/null/clips'}, 'cannot be used: '),
         # The node publishes this topic itself, with another type.
         (
             {'aft.speed.topic': '/parameter_events'},
