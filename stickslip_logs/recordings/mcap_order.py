@@ -231,8 +231,8 @@ class BlockTimes:
     def _walk_block(self, file: McapFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
         """Return the messages of a block by decompressing it, up to damage in it.
 
-        The list is empty for a block of more than 16 MB. Adds to the sparse bytes of the pass, and stops
-        where their limit is reached.
+        The list is empty for a block of more than 16 MB, and where the limit of sparse bytes was reached
+        before. Adds to the sparse bytes of the pass, and stops where their limit is reached.
 
         Raises:
             BagError: The file cannot be read.

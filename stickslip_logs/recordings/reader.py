@@ -41,7 +41,7 @@ def open_bag(path: str | Path) -> Recording:
 
     Args:
         path: A file of MCAP or SQLite, a rosbag2 folder with or without its ``metadata.yaml``, or
-            a log: CSV and its kin, Parquet, NMEA 0183 or Signal K.
+            a log: CSV and its kin, Parquet, NMEA 0183, Signal K, or NMEA 2000 as canboat writes it.
 
     Returns:
         The recording. Truncated files and topics that cannot be decoded are part of it, not errors.

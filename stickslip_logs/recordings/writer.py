@@ -163,7 +163,7 @@ class BagWriter:
             columns: Log times [ns] and values of each topic, two arrays of shape (n,).
 
         Raises:
-            BagError: As for :meth:`write`, or the two arrays differ in length.
+            BagError: As for :meth:`write`, or the two arrays differ in length or are not of one dimension.
         """
         for name, (time, value) in columns.items():
             if np.ndim(time) != 1 or np.shape(time) != np.shape(value):
@@ -431,6 +431,7 @@ def encode_string(text: str) -> bytes:
 
 @functools.lru_cache(1024)  # of diagnostics most are the same every second
 def _encode_text(text: str) -> bytes:
+    """Return a text as CDR has it: its length in bytes with the zero behind it, the bytes, and the zero."""
     raw = text.encode() + b'\0'
     return struct.pack('<I', len(raw)) + raw
 

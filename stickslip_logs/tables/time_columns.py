@@ -161,8 +161,9 @@ class DayCounter:
         self._day = self.first_day = _FIRST_DAY
 
     def add(self, time_ns: IntArray) -> IntArray:
-        """Return the times of the next rows with their days, shape (n,) [ns]; the next call continues.
+        """Return the times of the day of the next rows with the days added, shape (n,) [ns].
 
+        The first row of all is of day 0, and the next call continues; a day may be negative.
         A step back by more than half a day leads over midnight; one ahead by nearly a day, which late rows
         make there, leads back.
         """

@@ -198,6 +198,11 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
     Bearings that are no longer configured are skipped; new ones start fresh. The time that has passed
     meanwhile, as far as the clock shows, counts for the shelves.
 
+    Args:
+        annunciator: The alarms, changed.
+        document: What was saved, of any type.
+        time_ns: Now [ns since 1970].
+
     Returns:
         The saved memory of each bearing by name, unchecked, for :meth:`.State.of_record`.
 
@@ -301,6 +306,10 @@ def request_record(request: ActionRequest) -> dict[str, Any]:
 
 def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
     """Parse a request of :func:`request_record` from an untrusted sender.
+
+    Args:
+        document: The request, of any type.
+        bearings: Names of the bearings that there are.
 
     Raises:
         ConfigurationError: It is no valid request; the text names the field, its value and the rule.

@@ -430,8 +430,9 @@ def assess(
         table: The bearing's boundaries over the load, where they are known. Without one more than 64
             points make and cache one, and fewer are solved one by one.
         chances: The probabilities by which the rule decided, in the order of :data:`BELIEFS`; they replace
-            those that the belief would give.
-        temperature: Of the water [C], of the shape of the points; left out: that of the bearing.
+            those that the belief would give, and are ignored without one.
+        temperature: Of the water [C], of the shape of the points; left out: that of the bearing. Ignored
+            where friction depends on speed alone.
 
     Returns:
         An :class:`Assessment` for numbers, else :class:`Assessments` of the broadcast shape. It

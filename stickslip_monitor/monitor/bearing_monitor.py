@@ -325,8 +325,9 @@ class Monitor:
 
         Args:
             streams: The samples of each bearing, by name.
-            start_ns: When the recording begins: inputs are waited for from then on [ns].
-            end_ns: When it ends: inputs may go stale until then [ns].
+            start_ns: When the recording begins: inputs are waited for from then on [ns]; ``None`` for the
+                first sample.
+            end_ns: When it ends: inputs may go stale until then [ns]; ``None`` where that is unknown.
 
         Returns:
             The verdicts and events of each bearing.

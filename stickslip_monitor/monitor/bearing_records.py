@@ -241,7 +241,10 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
 
 
 def _input_record(state: BearingState, name: str) -> dict[str, Any]:
-    """Return the record of one input: whether it is lost, age [s], rate [Hz], fault and counts by status."""
+    """Return the record of one input: whether it is lost, age [s], rate [Hz], fault and counts by status.
+
+    Age and rate are ``None`` where they are not known, as without a graph; the fault is '' for none.
+    """
     bearing, place = state.bearing, INPUTS.index(name)
     input_state, counts = state.inputs.get(name, InputState()), bearing.counts[place]
     return {

@@ -86,7 +86,7 @@ def si_value(c: RuleNumbers, place: int, number: _Number) -> _Number:
 def load_at(c: RuleNumbers, speed: float) -> float:
     """Return the configured load [N] at a surface speed [m/s], linear between the points of its table.
 
-    The speed is a magnitude. Beyond the ends it is the load there.
+    The speed is a magnitude. Beyond the ends it is the load there; without a table it is ``nan``.
     """
     above = 1
     while above < MAX_LOAD_POINTS - 1 and c.load_speed[above] < speed:

@@ -164,6 +164,8 @@ class State:
 
         Raises:
             ValueError: A field is missing, or is not of its kind, number and range.
+            AttributeError: The record is a text or a list.
+            TypeError: It is a number or ``None``.
         """
         afresh = _AFRESH if 'odd' in record else ()
         parts = [part for part in fields(cls) if part.name not in afresh]

@@ -321,6 +321,7 @@ class Session:
     def advance(self, name: str, time_ns: int, now: Moment) -> None:
         """Let time pass for a bearing without a sample, up to a time [ns]; publish and save what follows.
 
+        That time is on the clock of the samples, as ``now.time_ns``.
         Values that still stand and are due are repeated, and a step of the clock is followed.
         """
         self.follow_clock(now)

@@ -80,6 +80,7 @@ class ClipFolder:
 
         Raises:
             BagError: It cannot be written; nothing of it stays.
+            OSError: The folder cannot be read, or an old clip cannot be deleted; the new one stays.
         """
         while not self._write_clip(clip, self._free_name(clip)):
             pass
@@ -118,6 +119,9 @@ class ClipFolder:
         """Return the paths of the folder's clips, the oldest file first.
 
         A clip has a name and a label of ours: one that was renamed is not ours to delete.
+
+        Raises:
+            OSError: The folder cannot be read.
         """
         paths = []
         for path in self.path.iterdir():

@@ -476,7 +476,10 @@ def _last_root(
 
 
 def is_unstable(law: FrictionLaw, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
-    """Return where steady sliding is unstable, ``-mu'(V) > q``; there may be several such ranges of speed."""
+    """Return where steady sliding is unstable, ``-mu'(V) > q``; there may be several such ranges of speed.
+
+    ``hopf`` is not used.
+    """
     return -law.slope(speed) > q
 
 
@@ -510,7 +513,13 @@ def has_cycle(law: FrictionLaw, speed: FloatArray, q: FloatArray, fold: FloatArr
 
 
 def stable_amplitude(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
-    """Return the velocity amplitude of the largest stable cycle [m/s], shape (n,); ``nan`` for none."""
+    """Return the velocity amplitude of the largest stable cycle [m/s], shape (n,); ``nan`` for none.
+
+    Args:
+        law: The law.
+        speed: Speed > 0, shape (n,) [m/s].
+        q: ``c/N``, shape (n,) [s/m].
+    """
     amplitude, stable = _all_cycles(law, speed, q)
     return np.fmax.reduce(np.where(stable > 0.0, amplitude, np.nan), axis=1, initial=np.nan)
 

@@ -264,7 +264,9 @@ def is_unstable(law: Stribeck, speed: FloatArray, q: FloatArray, hopf: FloatArra
 
 
 def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatArray:
-    """Return the velocity amplitude of the stable cycle [m/s]; only for speeds below the fold speed.
+    """Return the velocity amplitude of the stable cycle [m/s], shape (n,); only for speeds below the fold.
+
+    It is never below the speed; at other speeds it is unspecified, not ``nan``.
 
     Args:
         law: Stribeck's law.

@@ -44,7 +44,8 @@ def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
     is exact: averaging takes nothing away from a small vibration.
 
     Returns:
-        Shape of ``load``; ``nan`` where steady sliding is stable at every speed.
+        Shape of ``load``; ``nan`` where steady sliding is stable at every speed. Without damping it is
+        ``inf`` for Stribeck's law, and for others the last speed at which their fall is looked for.
 
     >>> float(round(hopf_speed(bearing, 1000.0), 6))  # ln(5)/10
     0.160944
@@ -92,7 +93,7 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Return the load [N] above which steady sliding at a surface speed [m/s] is unstable.
 
     ``N_H = -c/mu'(V)``, the inverse of :func:`hopf_speed`, of the shape of ``speed``; ``nan`` where friction
-    does not fall, ``inf`` where the load is too large for a float.
+    does not fall, ``inf`` where the load is too large for a float. It is 0 without damping.
 
     >>> round(hopf_load(bearing, hopf_speed(bearing, 1000.0)), 6)
     1000.0
@@ -105,7 +106,8 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
 def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Return the load [N] above which a stick-slip cycle exists at a surface speed [m/s], by averaging.
 
-    The inverse of :func:`fold_speed`, of the shape of ``speed``; ``nan`` where no load has a cycle.
+    The inverse of :func:`fold_speed`, of the shape of ``speed``; ``nan`` where no load has a cycle, 0 without
+    damping.
 
     >>> round(fold_load(bearing, fold_speed(bearing, 1000.0)), 6)
     1000.0
@@ -120,8 +122,11 @@ def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
 
     Args:
         bearing: The bearing.
-        speed: Surface speed [m/s].
-        load: Load [N]; a negative one carries no friction.
+        speed: Surface speed, of either sign [m/s].
+        load: Load [N]; broadcasts with ``speed``. A negative one carries no friction.
+
+    Returns:
+        Of the broadcast shape; ``nan`` where an input is not finite.
 
     >>> round(growth_rate(bearing, bearing.speed.to_surface(20.0, 'rpm'), 1000.0), 4)
     3.0184
@@ -160,7 +165,7 @@ def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -
 
     Args:
         bearing: The bearing.
-        speed: Surface speed [m/s].
+        speed: Surface speed, of either sign [m/s].
         load: Load [N]; broadcasts with ``speed``.
 
     Returns:
@@ -193,7 +198,7 @@ def count_cycles(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> NDArray
 
     Args:
         bearing: The bearing.
-        speed: Surface speed [m/s].
+        speed: Surface speed, of either sign [m/s].
         load: Load [N]; broadcasts with ``speed``.
 
     Returns:

@@ -136,7 +136,7 @@ class Bearing:
             journal_radius: ``R`` > 0 [m].
 
         Raises:
-            PhysicsError: A quantity breaks its rule.
+            PhysicsError: A quantity breaks its rule, or ``friction`` is not a friction law.
         """
         require_positive('inertia', inertia, 'kg m^2')
         require_not_negative('torsional_damping', torsional_damping, 'N m s/rad')
@@ -187,7 +187,8 @@ class Bearing:
         """Return the bearing in water of a temperature [C]; itself where friction depends on speed alone.
 
         Raises:
-            PhysicsError: The water temperature at which friction was measured is not known.
+            PhysicsError: The water temperature at which friction was measured is not known, or water of this
+                one has no viscosity above 0.
         """
         lubrication = self.lubrication
         return self if lubrication is None else replace(self, lubrication=lubrication.at(temperature))

@@ -208,7 +208,7 @@ def exact_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Cycle:
 
     Args:
         bearing: The bearing.
-        speed: Surface speed ``V`` [m/s].
+        speed: Surface speed ``V``, of either sign [m/s].
         load: Load ``N`` [N]; broadcasts with ``speed``.
 
     Returns:
@@ -229,7 +229,7 @@ def exact_unstable_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike) ->
 
     Args:
         bearing: The bearing.
-        speed: Surface speed ``V`` [m/s].
+        speed: Surface speed ``V``, of either sign [m/s].
         load: Load ``N`` [N]; broadcasts with ``speed``.
 
     Returns:
@@ -250,11 +250,11 @@ def exact_amplitude(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
 
     Args:
         bearing: The bearing.
-        speed: Surface speed ``V`` [m/s].
+        speed: Surface speed ``V``, of either sign [m/s].
         load: Load ``N`` [N]; broadcasts with ``speed``.
 
     Returns:
-        ``nan`` where there is no cycle.
+        Of the broadcast shape; ``nan`` where there is no cycle, or the steps ran out.
 
     >>> bearing = Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, 10.0), 0.1)
     >>> round(exact_amplitude(bearing, 0.1, 1000.0) * 1e3, 3)
@@ -277,7 +277,8 @@ def exact_fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
         load: Load ``N`` [N].
 
     Returns:
-        ``nan`` where no speed has a stick-slip cycle, ``inf`` where every high speed has one.
+        Shape of ``load``; ``nan`` where no speed has a stick-slip cycle or the load is not finite, ``inf``
+        where every high speed has one.
 
     >>> float(bearing.speed.from_surface(exact_fold_speed(bearing, 1000.0), 'rpm').round(4))
     40.7179
@@ -305,7 +306,8 @@ def end_of_vibration(bearing: Bearing, load: ArrayLike) -> Any:
         load: Load ``N`` [N].
 
     Returns:
-        ``nan`` where no speed has a cycle, ``inf`` where every high speed has one.
+        Shape of ``load``; ``nan`` where no speed has a cycle or the load is not finite, ``inf`` where every
+        high speed has one.
 
     >>> float(bearing.speed.from_surface(end_of_vibration(bearing, 1000.0), 'rpm').round(4))
     40.7179
@@ -553,7 +555,8 @@ def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
 
     Returns:
         Cycles of shape (n,): the kind is ``NONE`` where the slip phase does not return to the belt's
-        speed, ``UNRESOLVED`` where its steps ran out. A stick-slip cycle has the exponent ``-inf``.
+        speed, ``UNRESOLVED`` where its steps ran out or no round of an overtaking cycle closed. A stick-slip
+        cycle has the exponent ``-inf``.
     """
     nothing, error = np.zeros(field.speed.size), _ERROR if weigh else _ERROR_OF_AMPLITUDE
     one, over = _follow_rounds(field, nothing, False, error)

@@ -103,7 +103,7 @@ def least_sticking_loads(
         error: Error allowed in ``ln N``.
 
     Returns:
-        Shape (n,); ``nan`` where no load up to ``max_load`` grazes.
+        Shape (n,); ``nan`` where no load up to ``max_load`` grazes, or 60 rounds do not find it.
     """
     step_error = contact.coarse if error >= 1e-5 else contact.fine
     with np.errstate(divide='ignore'):

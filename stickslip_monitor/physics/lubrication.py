@@ -110,7 +110,8 @@ class Lubrication:
         """Return a copy for water of another temperature [C], with the viscosity ratio there.
 
         Raises:
-            PhysicsError: The temperature of the measurement is not known.
+            PhysicsError: The temperature of the measurement is not known, or water of this one has no
+                viscosity above 0.
         """
         ratio = float(self.ratio_at(temperature))
         return replace(self, viscosity_ratio=ratio, water_temperature=float(temperature))

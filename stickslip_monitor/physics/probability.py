@@ -212,7 +212,8 @@ class Belief:
         Args:
             speed: Surface speed, of either sign [m/s].
             load: Load [N].
-            share: The fold that decides over the averaged fold, > 0 and at most 1; all three broadcast.
+            share: The averaged fold over the fold that decides, > 0; 1 where either is missing. All three
+                broadcast.
 
         Returns:
             Two floats, or two arrays of the broadcast shape; ``nan`` at rest or where speed or load is not
@@ -504,7 +505,7 @@ def stick_slip_probabilities(
         table: :attr:`Belief.table`, or the same as a list.
         speed: Magnitude of the surface speed [m/s].
         load: Load [N].
-        share: The fold that decides over the averaged fold, > 0 and at most 1.
+        share: The averaged fold over the fold that decides, > 0; 1 where either is missing.
 
     Returns:
         Both ``nan`` at rest or where speed or load is not finite; both 0 without a load.
