@@ -109,6 +109,18 @@ def _completed_calls(
                 raise FleetError(f'no worker is left, with {len(futures)} to do') from None
 
 
+def _exit_with_parent() -> None:
+    """End this process as soon as its parent has ended, also where that was killed."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None, 'only a worker calls this'
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
 @contextlib.contextmanager
 def open_processes(jobs: int) -> Iterator[Executor]:
     """Yield a pool of ``jobs`` spawned processes; an exception in the block terminates them at once.
@@ -117,7 +129,10 @@ def open_processes(jobs: int) -> Iterator[Executor]:
     """
     children = multiprocessing.active_children()
     # Forking a process that has threads (numpy's, a progress bar's) may leave it hanging.
-    pool = ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context('spawn'))
+    # A worker waits for calls on a pipe that it keeps open itself: without this it outlives a killed parent.
+    pool = ProcessPoolExecutor(
+        jobs, mp_context=multiprocessing.get_context('spawn'), initializer=_exit_with_parent
+    )
     try:
         yield pool
     except BaseException:

@@ -18,7 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -254,6 +254,26 @@ def test_work_that_is_broken_off_leaves_no_process() -> None:
     assert next(arriving) == (0, None)
     arriving.close()
     assert multiprocessing.active_children() == children
+
+
+def test_workers_end_with_a_killed_parent() -> None:
+    # One worker is at work, the other waits. Both hold the output: it ends with the last of them.
+    code = 'import os, signal, time\n'
+    code += 'from stickslip_monitor.offline.processes import open_processes\n'
+    code += 'with open_processes(2) as pool:\n'
+    code += '    pool.submit(time.sleep, 600.0)\n'
+    code += '    print(pool.submit(os.getppid).result() == os.getpid(), flush=True)\n'
+    code += '    os.kill(os.getpid(), signal.SIGKILL)\n'
+    with subprocess.Popen(
+        [sys.executable, '-c', code], stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as parent:
+        try:
+            output, _ = parent.communicate(timeout=LIMIT)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(parent.pid, signal.SIGKILL)
+    assert output == 'True\n'
+    assert parent.returncode == -signal.SIGKILL
 
 
 def test_cores_are_those_that_may_be_used() -> None:
