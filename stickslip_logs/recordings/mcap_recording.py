@@ -408,6 +408,7 @@ class McapRecording(Recording):
 
         Raises:
             BagError: A topic is not there (at once), or a file cannot be read.
+            OSError: A file is no longer there (at once).
         """
         names = [
             (name, self._require_topic(name).type) for name in (self.topics if topics is None else topics)

@@ -245,6 +245,7 @@ class Recording(ABC):
             BagError: A topic is not there or cannot be decoded, a field is not in its type or no
                 number, or a file cannot be read.
             FieldError: A field is not a path.
+            OSError: A file is no longer there.
         """
 
     def read(self, requests: Iterable[Request], progress: Progress | None = None) -> dict[Request, Series]:
@@ -257,7 +258,7 @@ class Recording(ABC):
             progress: Called during the pass with how much is done and to do.
 
         Raises:
-            BagError: As for :meth:`reading`; also FieldError.
+            BagError: As for :meth:`reading`; also FieldError and OSError.
         """
         return read_series(self.reading(requests, progress))
 
@@ -273,6 +274,7 @@ class Recording(ABC):
 
         Raises:
             BagError: A topic is not there, or a file cannot be read.
+            OSError: A file is no longer there.
         """
 
     @abstractmethod

@@ -113,6 +113,7 @@ class TableReading:
     Raises:
         BagError: A column tells rows of the same times apart, which have to be chosen by it; or the disk does
             not take the numbers.
+        OSError: The file is no longer there.
     """
 
     def __init__(

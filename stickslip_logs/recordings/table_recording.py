@@ -51,6 +51,7 @@ class TableRecording(ColumnRecording):
 
         Raises:
             BagError: A topic is not there, or as of :class:`.TableReading`.
+            OSError: The file is no longer there.
         """
         wanted = list(requests)
         columns = {request.topic: self._find_column(request.topic) for request in wanted}

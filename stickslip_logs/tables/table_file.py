@@ -123,6 +123,8 @@ class NumberTable(ABC):
     def blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of some columns in the order of the file, each block once for each of their clocks.
 
+        All columns are in each of its blocks; the cells of a column count in those of its own clock.
+
         Args:
             wanted: The places of the columns.
             lose: Takes sentences on what was not used.

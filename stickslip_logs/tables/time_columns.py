@@ -163,7 +163,7 @@ class DayCounter:
     def add(self, time_ns: IntArray) -> IntArray:
         """Return the times of the day of the next rows with the days added, shape (n,) [ns].
 
-        The first row of all is of day 0, and the next call continues; a day may be negative.
+        The first row of all is of day 10,000, so that days before it are positive; the next call continues.
         A step back by more than half a day leads over midnight; one ahead by nearly a day, which late rows
         make there, leads back.
         """

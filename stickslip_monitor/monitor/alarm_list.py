@@ -312,7 +312,8 @@ class Annunciator:
     ) -> list[AlarmChange]:
         """Carry out a person's request: change the state, silence or shelf of some alarms.
 
-        To shelve without a kind is to shelve what stands now, so that whatever comes later is still given.
+        To shelve without a kind is to shelve what stands now, so that whatever comes later is still given. To
+        acknowledge or silence a kind includes the milder alarms that it covers.
 
         Args:
             action: What to do.

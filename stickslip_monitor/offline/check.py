@@ -136,6 +136,7 @@ def check_recording(
 
     Raises:
         BagError: The recording cannot be read, is empty, or has no bearing with both speed and load.
+        OSError: A file of it was removed after it was opened.
         Exception: Any error of a sink passes through, as a BagError for a file that cannot be written.
     """
     bag = open_bag(path)

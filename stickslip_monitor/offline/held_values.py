@@ -38,7 +38,7 @@ class HeldValues:
 
         Args:
             stream: The next samples, in order of arrival.
-            until_ns: Log time of the end of the part [ns]; None inserts no repeats.
+            until_ns: Log time of the end of the part [ns]; None inserts no repeats and stores no values.
 
         Returns:
             The samples with repeats, and which of them are repeats, shape (m,).

@@ -122,7 +122,7 @@ def growth_rate(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> Any:
 
     Args:
         bearing: The bearing.
-        speed: Surface speed, of either sign [m/s].
+        speed: Surface speed, of either sign [m/s]; at 0 it is the rate of slow sliding.
         load: Load [N]; broadcasts with ``speed``. A negative one carries no friction.
 
     Returns:

@@ -153,7 +153,7 @@ class Contact:
         return float(min(swing[last], np.append(v, np.inf)[last + 1]))
 
     def least_loads(self, speed: FloatArray) -> FloatArray:
-        """Return lower bounds of the loads at which the lining can stick [N].
+        """Return lower bounds of the loads at which the lining can stick [N]; friction must fall somewhere.
 
         Args:
             speed: ``V`` > 0, shape (n,) [m/s].

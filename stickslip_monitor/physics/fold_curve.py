@@ -108,7 +108,7 @@ class FoldCurve:
 def fold_curve(bearing: Bearing) -> FoldCurve | None:
     """Solve the least loads with a cycle of a bearing with damping > 0 and without lubrication; cached.
 
-    ``None`` where no load has a cycle.
+    Its friction must fall somewhere. ``None`` where no load has a cycle.
     """
     contact, law = Contact(bearing), bearing.friction
     averaged = _averaged_curve(contact)

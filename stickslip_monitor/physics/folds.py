@@ -90,7 +90,7 @@ def _solve_fold(contact: Contact, load: float, speed: FloatArray, margin: FloatA
 def least_sticking_loads(
     contact: Contact, speed: FloatArray, max_load: float, guess: FloatArray | None = None, error: float = 1e-5
 ) -> FloatArray:
-    """Return the least loads at which slip grazes the belt at speeds [N].
+    """Return the least loads at which slip grazes the belt at speeds [N]; friction must fall somewhere.
 
     By secants from a guess, or upward from the least load at which the lining can stick, until a bracket is
     halved instead.

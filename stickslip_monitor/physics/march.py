@@ -254,12 +254,15 @@ def find_contact(work: MutableSequence[float], order: int, share: float) -> floa
 
 
 def friction_needed(medium: Medium, e: float) -> float:
-    """Return the friction that holds the lining, in units of ``m omega``: ``V' + 2 zeta V + e``."""
+    """Return the friction that holds the lining, in units of ``m omega``: ``V' + 2 zeta V + e``.
+
+    ``e`` is its displacement times ``omega`` [m/s].
+    """
     return medium.drift_rate + medium.damping * medium.drift + e
 
 
 def rounding_of(body: Body, medium: Medium, e: float) -> float:
-    """Return the rounding of the friction that sticking needs, in units of ``m omega``."""
+    """Return the rounding of :func:`friction_needed`, in units of ``m omega``, and of what the belt holds."""
     inner = abs(medium.drift_rate) + abs(medium.damping * medium.drift)
     return 2e-15 * (inner + abs(e) + body.hold * abs(medium.force))
 

@@ -62,7 +62,7 @@ class SlipField:
     Attributes:
         law: The friction law.
         damping: ``2 zeta``.
-        drift: 1 behind the belt, -1 ahead of it, 0 about steady sliding.
+        drift: Speed of the belt in units of ``V``: 1 behind it, -1 ahead of it, 0 about steady sliding.
         speed: ``V`` > 0, shape (n,) [m/s].
         force: ``N/(m omega V)``, shape (n,).
         offset: Force that the belt holds beyond slow sliding, in units of ``m omega V``, shape (n,).

@@ -43,12 +43,12 @@ class Medium(NamedTuple):
         speed: The unit ``U`` of speeds [m/s].
         force: ``N/(m omega U)``.
         damping: ``2 zeta``.
-        offset: The equations' ``offset``: the force besides that of ``e``.
+        offset: The equations' ``offset``: the force besides that of ``e``, in units of ``m omega U``.
         origin: Reference speed [m/s].
-        drift: Speed of the belt beyond the reference.
-        force_rate: Change of the force in ``1/omega``.
-        offset_rate: Change of the offset.
-        drift_rate: Change of the drift.
+        drift: Speed of the belt beyond the reference, in units of ``U``.
+        force_rate: Change of the force in a time of ``1/omega``.
+        offset_rate: Change of the offset in that time.
+        drift_rate: Change of the drift in that time.
     """
 
     speed: float
