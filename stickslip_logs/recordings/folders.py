@@ -325,7 +325,7 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
 def _report_missing_numbers(names: Sequence[str], findings: Findings) -> None:
     """Report up to ten numbers that are missing between those of files as lost.
 
-    Nothing is reported where half of the numbers and more are missing. Numbers of dates may have gaps, and
+    Nothing is reported where more than half of the numbers are missing. Numbers of dates may have gaps, and
     files before the first may be gone: some recorders keep the newest.
     """
     parts = [part for name in names if (part := NUMBERED_PART.fullmatch(name))]

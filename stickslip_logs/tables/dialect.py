@@ -629,7 +629,8 @@ def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[
 def _rows_without_marks(above: Sequence[Cells], width: int) -> list[Cells]:
     """Return the rows that are wide enough for headings and are no comments.
 
-    If all of them are comments, these are returned without their marks. A cell that is only the mark of a
+    Two cells must not be empty. If all of them are comments, those of the full width are returned without
+    their marks. A cell that is only the mark of a
     comment is dropped from a row that is too wide.
 
     Args:

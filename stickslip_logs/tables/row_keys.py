@@ -34,7 +34,8 @@ def find_key_column(
 
     Such a column has different words in rows of one time, or a word that changes from row to row in most
     rows; rows where it is empty are ignored. Whole numbers without a unit count as words if the values of one
-    time differ by more than they change. A column has at most 100 words, and fewer than half of its rows.
+    time differ by more than they change. A column has two words to 100, and at most half as many as filled
+    rows; two are enough in any case.
 
     Args:
         rows: The rows that have a value and a time.

@@ -52,7 +52,7 @@ class Rows:
 
     Attributes:
         clock: The clock.
-        time_ns: Their times [ns], shape (n,).
+        time_ns: Their times [ns], shape (n,); without meaning in a row that has none.
         is_timed: Which rows have one, shape (n,).
         columns: The n cells of each column that was asked for: texts, or an array of pyarrow.
     """

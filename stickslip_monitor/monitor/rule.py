@@ -176,7 +176,10 @@ def use_configured_water(s: State, c: RuleNumbers) -> None:
 
 
 def clock_step_delay(s: State, c: RuleNumbers, place: int) -> int:
-    """Return the time without a newer stamp after which older stamps mean a clock that was set back [ns]."""
+    """Return the time without a newer stamp after which older stamps mean a clock that was set back [ns].
+
+    It is 2.5 of the latest gap, a second at least, and half of :func:`age_limit` at most.
+    """
     return min(age_limit(s, c, place) // 2, max(NEAR, int(LATE * s.gap[place])))
 
 
@@ -261,7 +264,10 @@ def repeat_value(s: State, c: RuleNumbers, model: Model, place: int) -> int:
 
 
 def age_limit(s: State, c: RuleNumbers, place: int) -> int:
-    """Return the age at which an input is lost [ns]: its time-out, or 2.5 of its usual gaps if longer."""
+    """Return the age at which an input is lost [ns]: its time-out, or 2.5 of its usual gaps if longer.
+
+    The gaps count up to five minutes.
+    """
     limit, slow = c.timeout[place], LATE * s.pace[place]
     return limit if slow <= limit else max(limit, min(int(slow), MEMORY))
 
@@ -337,8 +343,9 @@ def update_means(s: State, place: int, seconds: float, si: float) -> None:
 def update_pace(s: State, c: RuleNumbers, place: int, gap: int) -> None:
     """Set the usual gap (``s.pace``) and the latest gap (``s.gap``) of an input by a new gap [ns].
 
-    The usual gap is the shorter of the last two, and beyond the time-out it grows by a factor of 2.5 at most
-    each time: two drop-outs make no slow sensor.
+    The usual gap is the shorter of the last two, the longer where the new one is below a tenth of the one
+    before: values in pairs. Beyond the time-out it grows by a factor of 2.5 at most each time: two drop-outs
+    make no slow sensor. A long latest gap fades by half each time.
     """
     pace = s.gap[place] if PAIRED * gap < s.gap[place] else min(gap, s.gap[place])
     slower = max(int(LATE * s.pace[place]), c.timeout[place])
@@ -394,9 +401,9 @@ def judge_point(
         scale: :func:`scale_of` that load.
 
     Returns:
-        Lower end of the range of cycles and the fold [m/s]; then whether the point is so near that caution is
-        asked for, is within the range in which it is kept, and is in the bistable range: never where nothing
-        slides.
+        Lower end of the range of cycles and the fold [m/s], 0 for none; then whether the point is so near
+        that caution is asked for, is within the range in which it is kept, and is in the bistable range:
+        never where nothing slides.
     """
     size = abs(speed)
     place = place_at(c.table_first, c.table_step, load / scale)
@@ -500,7 +507,7 @@ def reach(
         scale: That of :func:`scale_of`.
 
     Returns:
-        The fold [m/s]; then whether the point is so near that caution is asked for, is within
+        The fold [m/s], 0 for none; then whether the point is so near that caution is asked for, is within
         the range in which it is kept, is in the bistable range, and whether a cycle exists.
     """
     _, table, belief = model
@@ -543,7 +550,8 @@ def median_point(s: State) -> tuple[float, float]:
 def growth_rate(c: RuleNumbers, law: Numbers, speed: float, load: float, scale: float) -> float:
     """Return the growth rate of a small disturbance, ``(-N mu'(V) - c)/2m`` [1/s].
 
-    At rest or without load it is that of damping alone. ``scale`` is :func:`scale_of` the load.
+    At rest or without load it is that of damping alone. The load counts ``c.lean`` times, 1 where margins
+    decide. ``scale`` is :func:`scale_of` the load.
     """
     drive = 0.0
     if speed != 0.0 and load > 0.0:

@@ -242,7 +242,14 @@ def _to_plain(value: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class RuleNumbers:
-    """Numbers that the rule takes from the configuration, and lists of one for each input."""
+    """Numbers that the rule takes from the configuration, and lists of one for each input.
+
+    Times are in ns, but ``look_ahead`` is in s; those that begin with ``has``, ``by`` or ``in`` are 0 or 1.
+    ``decay`` is how long stick-slip outlives the fold, ``per_mass`` ``1/(2 m)`` [1/kg], and ``lean`` how many
+    times the load counts for growth, 1 where margins decide. ``caution_on`` and ``caution_off`` are multiples
+    of the fold, ``threshold`` and ``hysteresis`` decibels. The three of the table are those of
+    :class:`.BoundaryTable`; ``load_speed`` [m/s] and ``load_there`` [N] end in ``inf`` and ``nan``.
+    """
 
     scale: list[float]
     offset: list[float]

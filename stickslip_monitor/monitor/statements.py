@@ -110,7 +110,10 @@ class Standing:
 
     @property
     def raised_lately(self) -> int:
-        """State of the worst raised rung: 0 for none, 1 raised, 2 raised again within a minute and held."""
+        """State of the worst raised rung: 0 for none, 1 raised, 2 raised again and held.
+
+        It is held where it was raised within six off-delays of being cleared, a minute by default.
+        """
         rung = self.rung
         if not rung:
             return 0
