@@ -223,6 +223,8 @@ class McapFile:
     def _read_blocks(self, blocks: list[Block]) -> int:
         """Read all blocks; set ``counts``, and ``blocks`` to those with messages, with times and channels.
 
+        The span of the file is widened by their times.
+
         Returns:
             How many messages the last block that was read has; 0 without blocks.
 

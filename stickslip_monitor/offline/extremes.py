@@ -210,7 +210,7 @@ def coarsen_intervals(parts: Sequence[ConditionInterval], max_count: int) -> lis
 
     Returns:
         The intervals as they are if there are no more than ``max_count`` or they have no length; else one
-        for each interval, with equal neighbours joined.
+        for each interval, with equal neighbours joined. Then one of no length at the very end does not count.
     """
     start, end = parts[0].start_ns, max(interval.end_ns for interval in parts)
     if len(parts) <= max_count or end <= start:
