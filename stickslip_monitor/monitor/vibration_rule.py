@@ -22,7 +22,7 @@ RISE, BACKGROUND = 10.0, 60.0
 """A vibration is so far above its background [dB], a mean behind such a lag [s]."""
 SHORT = 15 * SECOND_NS
 """A vibration that ends sooner than this was something else [ns]."""
-LASTING = 75 * 10**9
+LASTING = 75 * SECOND_NS
 """A vibration that lasts for so long is stick-slip anywhere inside the fold [ns]."""
 BEGUN = 0.5
 """A vibration that rises after so much growth of a disturbance is stick-slip at once [e-folds]."""
