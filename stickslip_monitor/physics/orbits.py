@@ -234,15 +234,16 @@ def start_on_manifold(field: SlipField) -> tuple[FloatArray, FloatArray]:
     at = 1 + np.argmax(attraction > enough, axis=1)
     place = field.damping * (1.0 + beyond) - force * (law_bounds(field.law).hold - field.law.coefficient(v))
     every = np.arange(rows.size)
-    # Slip passes steady sliding above 0, and sinks while it goes out to the manifold: above half the place it
-    # goes out by ``z' > half - place``, and gets there if it has not sunk to that half by then.
-    half = 0.5 * place[every, at]
+    # Slip passes steady sliding above 0, and sinks while it goes out to the manifold: it does so at least as
+    # fast as half the distance from 0 to that, and gets there if it has nowhere sunk by the other half.
+    floor = 0.5 * np.maximum(place, place[every, at][:, None])
     with np.errstate(all='ignore'):
-        sinking = np.where(place < half[:, None], beyond / (half[:, None] - place), np.inf)
+        sinking = np.where(place < 0.0, beyond / (floor - place), np.inf)
         sunk = np.cumsum(0.5 * (sinking[:, 1:] + sinking[:, :-1]) * np.diff(beyond, axis=1), axis=1)
-    # No such place further out holds it.
-    outer = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1][every, at]
-    held = (attraction[:, -1] > enough) & (place[every, at] <= outer) & (sunk[every, at - 1] < -half)
+    goes_out = np.logical_and.accumulate(sunk < -floor[:, 1:], axis=1)[every, at - 1]
+    # It comes back along the manifold only if it never turns: with critical damping from there on outward.
+    least_rates = np.minimum.accumulate(rate[:, ::-1], axis=1)[:, ::-1]
+    held = (attraction[:, -1] > enough) & (least_rates[every, at] >= 2.0) & goes_out
     begin[rows] = np.where(held, place[every, at], 0.0)
     speed[rows] = np.where(held, 1.0 + beyond[every, at], 0.0)
     return begin, speed

@@ -8,6 +8,7 @@ import pytest
 
 from stickslip_monitor import Bearing, Stribeck, Tabulated
 from stickslip_monitor.physics import orbits
+from stickslip_monitor.physics.friction import Stretched
 from stickslip_monitor.physics.orbits import (
     EXHAUSTED,
     LANDED,
@@ -45,17 +46,41 @@ def test_an_orbit_that_creeps_to_rest_needs_no_steps(law, direction, monkeypatch
     assert steps < orbits._Effort.steps - before - steps
 
 
+def ends_of_slip(law, damping_ratio, speeds, loads):
+    """Return whether slip begins on its manifold, and whether it then, and from breakaway, meets the belt."""
+    bearing = Bearing(50.0, 2e4 * damping_ratio, 2.0e6, law, 0.1)
+    speed, load = (part.ravel() for part in np.meshgrid(speeds, loads))
+    field, nothing, route = slip_field(bearing, speed, load), 0.0 * speed, Route(3, 1e-11, contact=True)
+    begin = start_on_manifold(field)
+    ends = (follow(field, *start, route).end for start in (begin, (nothing, nothing)))
+    return begin[1] > 0.0, *(end == LANDED for end in ends)
+
+
 @pytest.mark.parametrize('law', [Stribeck(0.3, 0.1, 10.0), NOISY], ids=['Stribeck', 'noisy'])
 def test_slip_that_begins_on_the_slow_manifold_meets_the_belt_as_slip_from_breakaway(law):
-    bearing = Bearing(50.0, 8e4, 2.0e6, law, 0.1)  # four times critical
-    speed, load = (part.ravel() for part in np.meshgrid(np.geomspace(0.02, 0.5, 8), [8e4, 3e5]))
-    field, nothing, route = slip_field(bearing, speed, load), 0.0 * speed, Route(3, 1e-11, contact=True)
-    whole = follow(field, nothing, nothing, route).end == LANDED
-    place, begin = start_on_manifold(field)
-    np.testing.assert_array_equal(follow(field, place, begin, route).end == LANDED, whole)
-    assert np.count_nonzero(begin) > 3
+    begins, meets, whole = ends_of_slip(law, 4.0, np.geomspace(0.02, 0.5, 8), [8e4, 3e5])
+    np.testing.assert_array_equal(meets, whole)
+    assert np.count_nonzero(begins) > 3
     assert whole.any()
     assert not whole.all()
+
+
+def test_slip_that_breaks_away_slowly_begins_on_the_slow_manifold():
+    law = Stretched(0.3, 0.1, 10.0, 0.0, 1.5)
+    begins, meets, whole = ends_of_slip(law, 4.0, np.geomspace(1e-3, 0.5, 8), [1e6])
+    assert begins.all()
+    np.testing.assert_array_equal(meets, whole)
+    assert whole.any()
+
+
+def test_slip_that_turns_farther_out_passes_below_a_manifold():
+    """Between scattered points friction rises steeply; below critical damping slip swings past them."""
+    speeds = np.append(0.0, np.geomspace(0.005, 1.5, 59))
+    noise = 0.002 * np.random.default_rng(7).standard_normal(60)
+    law = Tabulated(speeds, 0.1 + 0.2 * np.exp(-10.0 * speeds) + noise)
+    _, meets, whole = ends_of_slip(law, 0.6, np.linspace(0.3, 0.8, 20), [4e5, 1.5e6])
+    np.testing.assert_array_equal(meets, whole)
+    assert whole.any()
 
 
 def test_slip_that_turns_back_before_the_belt_has_missed_it():
