@@ -84,8 +84,8 @@ class Contact:
         """
         if self.bearing.damping_ratio >= 1.0:
             return np.where(meets_belt(self.bearing, speed, load, error), 9.0, -9.0)
-        # Orbits that turn take 640 steps of 1e-11 at most, up to 0.9 of critical damping; a kink takes four.
-        begin, max_steps = np.zeros(speed.size), 640 + 4 * len(self.use.kinks)
+        # Orbits that turn take 640 steps of 1e-11 at most, up to 0.9 of critical damping, and those of kinks.
+        begin, max_steps = np.zeros(speed.size), 640
         with np.errstate(all='ignore'):
             field = slip_field(self.bearing, speed, load)
             slip = follow(field, begin, begin, Route(2, error, max_steps=max_steps))

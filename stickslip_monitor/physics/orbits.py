@@ -118,8 +118,8 @@ class Route(NamedTuple):
         direction: Direction in time, 1 or -1, one number or one each.
         contact: Whether contact with the belt ends them.
         weigh: Whether to integrate the divergence.
-        max_steps: Largest number of steps of an orbit; one that needs more is ``EXHAUSTED``. The stiffest
-            cycle of the tests takes 6,000.
+        max_steps: Largest number of steps of an orbit, beside eight for each piece of the law; one that needs
+            more is ``EXHAUSTED``. The stiffest cycle of the tests takes 6,000.
     """
 
     last: Any
@@ -180,7 +180,7 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     rows, out = starts[~rests], results[~rests]
     n = len(rows)
     shared = float(field.damping), float(field.drift)
-    plain = route._replace(last=0, direction=1.0, max_steps=route.max_steps + 4 * law.pieces)
+    plain = route._replace(last=0, direction=1.0, max_steps=route.max_steps + 8 * law.pieces)
     work, begun = new_work(), 0
     while begun < n and (_Effort.steps < PATIENCE or not jit.has_compiler()):
         # One by one, so that long work is noticed while it is under way.
