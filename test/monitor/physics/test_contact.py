@@ -42,3 +42,27 @@ def test_a_margin_rises_by_a_turns_loss_of_amplitude_with_the_logarithm_of_the_l
     load = least_sticking_loads(contact, speed, 1e6, error=1e-10)
     margin = contact.margin(speed, load * 1.001, 1e-13) / math.log(1.001)
     np.testing.assert_allclose(margin, 2.0 * math.pi * 0.02, rtol=0.1)
+
+
+@pytest.mark.parametrize('name', LAWS)
+def test_no_lining_sticks_beyond_its_bounds_of_speed_and_load(name):
+    contact = Contact(Bearing(50.0, 400.0, 2.0e6, LAWS[name], 0.1))
+    load = np.geomspace(1e3, 1e5, 5)
+    highest = np.array([contact.highest_speed(n) for n in load])
+    speed = np.linspace(1.0, 4.0, 30)[:, None] * highest
+    assert not meets_belt(contact.bearing, speed.ravel(), np.tile(load, 30), 1e-11).any()
+    speed = np.geomspace(1e-3, 1.0, 12)
+    share = np.linspace(0.1, 1.0, 20)[:, None]
+    least = np.minimum(contact.least_loads(speed), 1e6)
+    assert not meets_belt(contact.bearing, np.tile(speed, 20), (share * least).ravel(), 1e-11).any()
+
+
+def test_the_margin_of_slip_that_comes_to_rest_before_it_turns_is_negative():
+    law = Tabulated([0.0, 0.1, 1.0], [0.1, 0.2, 0.3])
+    contact = Contact(Bearing(50.0, 1.8e4, 2.0e6, law, 0.1))
+    np.testing.assert_array_equal(contact.margin(np.array([0.01, 0.1]), np.full(2, 1e5), 1e-11), -9.0)
+
+
+@pytest.mark.parametrize(('name', 'rises'), [('Stribeck', False), ('viscous', True), ('table', False)])
+def test_friction_rises_where_it_does_beyond_its_last_scale(name, rises):
+    assert Contact(Bearing(50.0, 400.0, 2.0e6, LAWS[name], 0.1)).rises == rises
