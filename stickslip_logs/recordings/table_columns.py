@@ -23,7 +23,7 @@ from stickslip_logs.tables.bus_log import first_name
 from stickslip_logs.tables.cell_times import DAY, Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality import find_quality, find_quality_columns, is_quality_of
-from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_column, is_same_key
+from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_column, find_numbered_columns, is_same_key
 from stickslip_logs.tables.table_file import open_table, texts_of
 from stickslip_logs.tables.time_columns import Clock, DayCounter, counted_from
 from stickslip_logs.time_order import DATES_FROM_NS, TimeOrder
@@ -395,17 +395,33 @@ class ColumnRecording(Recording):
         if self.is_sent:
             return None  # one sender is used, as live
         rows, time_ns = self._rows_of(column, self._ends)
-        names, status = self.table.names, self._find_quality_column(column.place)
-        taken = {column.place, *self.table.time_columns, *(place for place, _ in self.keys_of(column))}
-        taken |= {*(self.names or ()), *(k for k in (self.unit_place, status) if k is not None)}
-        taken |= find_quality_columns(names)
-        places = [k for k in range(len(names)) if k not in taken]
-        key = find_key_column(rows, time_ns, column.place, self.table.names, places)
+        key = find_key_column(rows, time_ns, column.place, self.table.names, self._key_places(column))
         if key is None:
             return None
         return self.table.names[key], list(
             dict.fromkeys(row[key].strip() for row in rows if key < len(row) and row[key].strip())
         )
+
+    def numbered_columns(self, column: LogColumn) -> list[int]:
+        """Return the places of the columns that number the rows of one time; empty where they were sent.
+
+        Only head and tail are searched.
+
+        Args:
+            column: The column of the numbers of these rows.
+        """
+        if self.is_sent:
+            return []
+        rows, time_ns = self._rows_of(column, self._ends)
+        return find_numbered_columns(rows, time_ns, self.table.names, self._key_places(column))
+
+    def _key_places(self, column: LogColumn) -> list[int]:
+        """Return the places of the columns that may tell rows of a column apart and were not chosen by."""
+        names, status = self.table.names, self._find_quality_column(column.place)
+        taken = {column.place, *self.table.time_columns, *(place for place, _ in self.keys_of(column))}
+        taken |= {*(self.names or ()), *(k for k in (self.unit_place, status) if k is not None)}
+        taken |= find_quality_columns(names)
+        return [k for k in range(len(names)) if k not in taken]
 
 
 def _drop_untimed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], IntArray]:

@@ -23,7 +23,7 @@ from stickslip_logs.source_admission import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.cell_times import DAY
 from stickslip_logs.tables.dialect import with_unit
-from stickslip_logs.tables.row_keys import KeySteps, find_end_columns, is_same_key
+from stickslip_logs.tables.row_keys import KeySteps, NumberedRows, find_end_columns, is_same_key
 from stickslip_logs.tables.table_file import Numbers, Rows, select_cells, texts_of
 from stickslip_logs.time_order import Row, Sorter, TimeCourse, TimeOrder
 from stickslip_logs.units import MIB, SECOND_NS, conversion
@@ -133,8 +133,11 @@ class TableReading:
         statuses = {k for source in columns.values() if (k := source.status) is not None}
         self._is_bad = {k: is_bad for k in statuses if (is_bad := recording.quality(k)) is not None}
         self._unit_place = recording.unit_place
+        numbered = (k for source in columns.values() for k in recording.numbered_columns(source.column))
+        self._numbered = NumberedRows(dict.fromkeys(numbered))
         self._steps, self._wanted = self._choose_places(statuses)
         self._converted: set[str] = set()
+        self._signals: dict[str, int] = {}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
         self._names = {source.column.name for source in columns.values()}
         self._admissions = {
@@ -167,7 +170,9 @@ class TableReading:
         steps = KeySteps(place for place in ends if place not in keys)
         places = [source.column.place for source in self._columns.values()]
         units = set() if self._unit_place is None else {self._unit_place} - {*statuses}
-        return steps, list(dict.fromkeys([*places, *keys, *statuses, *units, *steps.places]))
+        return steps, list(
+            dict.fromkeys([*places, *keys, *statuses, *units, *steps.places, *self._numbered.texts])
+        )
 
     def _judge_order(self) -> tuple[TimeCourse, bool]:
         """Read the file, buffer its numbers, and judge the order of time of lines with numbers.
@@ -185,6 +190,8 @@ class TableReading:
         recording, row, done = self._recording, 0, 0
         order, whole, has_whole_lines, has_numbers = TimeOrder(), TimeOrder(), False, False
         every = _filled_columns(np.ones((len(self._columns), 1), np.bool_), self._bits)
+        # A line of one value is of its own signal: a block of one may follow that of another.
+        has_rows = recording.names is None
 
         def add(time_ns: IntArray, source: IntArray, place: IntArray) -> None:
             """Add lines to the order of all, and until any line fills all columns to that by source.
@@ -207,26 +214,26 @@ class TableReading:
             place, at = np.arange(time_ns.size) + row, np.flatnonzero(source)
             begin = 0
             if at.size:
-                if self._steps.places:
-                    self._search_keys(rows, time_ns[at], at)
-                has_whole_lines = has_whole_lines or bool((source == every).any())
+                if self._steps.places or self._numbered.texts:
+                    self._search_keys(rows, part, at)
+                has_whole_lines = has_whole_lines or (has_rows and bool((source == every).any()))
                 if not has_numbers:
-                    for block in (*blank, (time_ns[: at[0]], source[: at[0]], place[: at[0]])):
+                    head = slice(0, int(at[0]))
+                    for block in (*blank, (time_ns[head], self._other_signals(rows, head), place[head])):
                         add(*block)
                 has_numbers = True
                 add(time_ns[at], source[at], place[at])
                 blank, begin = [], int(at[-1]) + 1
-            blank = [*blank[1 - _MAX_BLANK_BLOCKS :], (time_ns[begin:], source[begin:], place[begin:])]
+            rest = slice(begin, time_ns.size)
+            blank = [
+                *blank[1 - _MAX_BLANK_BLOCKS :],
+                (time_ns[rest], self._other_signals(rows, rest), place[rest]),
+            ]
             row += time_ns.size
             done += rows.time_ns.size
             if self._progress is not None:
                 self._progress(done, max(done, recording.table.line_count))
-        if (key := self._steps.place) is not None:
-            heading, texts = recording.table.names[key], list(self._steps.texts[key])
-            raise BagError(
-                f"log '{recording.path}': column '{heading}' has {listed(texts)} one after the other, at the"
-                f' same times: choose one beside each input, as in where: {{{heading}: {texts[0]}}}'
-            )
+        self._require_one_thing()
         for block in blank if has_numbers else ():
             add(*block)
         order = whole if has_whole_lines else order
@@ -236,6 +243,24 @@ class TableReading:
         if self._days and has_numbers:
             course.move(-DAY * min(days.first_day for days in self._days.values()))
         return course, has_whole_lines
+
+    def _other_signals(self, rows: Rows, part: slice) -> IntArray:
+        """Return the source of each of n lines without a wanted number, shape (n,): one for each signal.
+
+        It is 0 in a table whose lines name no signal, and below that of all lines in others.
+
+        Args:
+            rows: A block of rows.
+            part: Which of its rows with a time are these lines.
+        """
+        places = np.flatnonzero(rows.is_timed)[part]
+        names = self._recording.names
+        if names is None or self._recording.is_sent or names[0] not in self._wanted:
+            return np.zeros(places.size, np.int64)
+        texts = texts_of(rows.columns[self._wanted.index(names[0])])
+        signals = self._signals
+        codes = (signals.setdefault(texts[k], _ALL_LINES - 1 - len(signals)) for k in places.tolist())
+        return np.fromiter(codes, np.int64, places.size)
 
     def _read_lines(self, begin: int, end: int, span_ns: tuple[int, int]) -> Iterator[Row]:
         """Yield the buffered lines from one row up to another whose times are in a span [ns], ends included.
@@ -250,18 +275,39 @@ class TableReading:
             for k in np.flatnonzero(is_within).tolist():
                 yield _ALL_LINES, int(time_ns[k]), values[:, k].tobytes()
 
-    def _search_keys(self, rows: Rows, time_ns: IntArray, at: IntArray) -> None:
-        """Add times of rows with numbers, and their texts in candidate columns, to the search for keys.
+    def _search_keys(self, rows: Rows, part: Part, at: IntArray) -> None:
+        """Add rows with numbers, and their texts in candidate columns, to the search for keys.
 
         Args:
             rows: A block of rows.
-            time_ns: The times of its rows with numbers [ns], shape (m,).
-            at: The indexes of these among the rows with a time, shape (m,).
+            part: Its numbers.
+            at: The indexes of the rows with numbers among those with a time, shape (m,).
         """
         row_indexes = np.flatnonzero(rows.is_timed)[at].tolist()
-        texts = {place: texts_of(rows.columns[self._wanted.index(place)]) for place in self._steps.places}
-        self._steps.add(
-            time_ns, {place: [cells[k].strip() for k in row_indexes] for place, cells in texts.items()}
+        texts = {}
+        for place in {*self._steps.places, *self._numbered.texts}:
+            cells = texts_of(rows.columns[self._wanted.index(place)])
+            texts[place] = [cells[k].strip() for k in row_indexes]
+        time_ns, is_there, values = part
+        self._steps.add(time_ns[at], texts)
+        self._numbered.add(time_ns[at], texts, [*np.where(is_there, values, np.nan)[:, at]])
+
+    def _require_one_thing(self) -> None:
+        """Raise an error if a column tells rows of the same times apart.
+
+        Raises:
+            BagError: One does, and rows have to be chosen by it.
+        """
+        names, how = self._recording.table.names, 'one after the other, at the same times'
+        if (place := self._steps.place) is not None:
+            texts = list(self._steps.texts[place])
+        elif (place := self._numbered.place) is not None:
+            texts, how = list(self._numbered.texts[place]), 'at the same times, with values far apart'
+        else:
+            return
+        raise BagError(
+            f"log '{self._recording.path}': column '{names[place]}' has {listed(texts)} {how}:"
+            f' choose one beside each input, as in where: {{{names[place]}: {texts[0]}}}'
         )
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from stickslip_logs.units import SECOND_NS
 
 MAX_WORDS = 100
 """More words of a column are names of files, events or remarks: a fleet's list of ships is shorter."""
+# Values of one time that differ by more times what one thing's value changes are of several things: noise
+# alone makes it 1, and samples of one thing in a second stay below that.
+_MIN_STEP_RATIO = 3.0
 
 
 def is_same_key(cell: str, text: str) -> bool:
@@ -44,24 +47,56 @@ def find_key_column(
         headings: The headings of the columns.
         places: The places of the candidates, in the order in which they are tried.
     """
+    for place, filled, key, is_apart, is_numbered in _possible_keys(rows, time_ns, headings, places):
+        if is_numbered:
+            values = _read_values([str(rows[k][column]) for k in filled])
+            if _are_values_apart(time_ns[filled], key, values):
+                return place
+        # A state of one thing changes seldom.
+        elif is_apart or np.count_nonzero(np.diff(key)) > max(2, 0.5 * len(filled)):
+            return place
+    return None
+
+
+def find_numbered_columns(
+    rows: Sequence[Cells], time_ns: IntArray, headings: Sequence[str], places: Iterable[int]
+) -> list[int]:
+    """Return the places of the columns that number the rows of one time: things, or samples of one thing.
+
+    Which of both they are, the values of a whole file tell: :class:`NumberedRows`.
+
+    Args:
+        rows: The rows that have a value and a time.
+        time_ns: The times of the rows [ns], shape (n,).
+        headings: The headings of the columns.
+        places: The places of the candidates.
+    """
+    return [
+        place for place, *_, is_numbered in _possible_keys(rows, time_ns, headings, places) if is_numbered
+    ]
+
+
+def _possible_keys(
+    rows: Sequence[Cells], time_ns: IntArray, headings: Sequence[str], places: Iterable[int]
+) -> Iterator[tuple[int, list[int], IntArray, bool, bool]]:
+    """Yield the columns whose words may tell rows apart; the arguments are those of :func:`find_key_column`.
+
+    Yields:
+        The place, the indexes of the m rows with a word, the number of the word of each, shape (m,), whether
+        different words share times, and whether the words are whole numbers without a unit that do.
+    """
     for place in places:
         cells = [row[place].strip() if place < len(row) else '' for row in rows]
         filled = [k for k, cell in enumerate(cells) if cell]
         codes = {word: k for k, word in enumerate(dict.fromkeys(cells[k] for k in filled))}
         if not 2 <= len(codes) <= min(MAX_WORDS, max(len(filled) // 2, 2)):
             continue
-        key, filled_ns = np.array([codes[cells[k]] for k in filled]), time_ns[filled]
-        is_apart = _are_times_shared(filled_ns, key)
+        key = np.array([codes[cells[k]] for k in filled])
+        is_apart = _are_times_shared(time_ns[filled], key)
         if not any(map(_is_number, codes)):
-            changes = np.count_nonzero(np.diff(key))
-            # A state of one thing changes seldom.
-            if is_apart or changes > max(2, 0.5 * len(filled)):
-                return place
+            yield place, filled, key, is_apart, False
         elif is_apart and parse_heading(headings[place]).unit is None and all(map(str.isdecimal, codes)):
-            values = _read_values([str(rows[k][column]) for k in filled])
-            if _are_values_apart(filled_ns, key, values):
-                return place
-    return None
+            yield place, filled, key, is_apart, True
 
 
 def _read_values(texts: Sequence[str]) -> FloatArray:
@@ -104,10 +139,72 @@ def _are_values_apart(time_ns: IntArray, key: IntArray, value: FloatArray) -> bo
         key: The number of the thing of each value, shape (n,).
         value: The values, shape (n,).
     """
+    beside, behind = _value_steps(time_ns, key, value)
+    return bool(
+        beside.size and np.median(beside) > _MIN_STEP_RATIO * (np.median(behind) if behind.size else 0.0)
+    )
+
+
+def _value_steps(time_ns: IntArray, key: IntArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the differences of values within a time, and those from one value of a thing to its next.
+
+    Args:
+        time_ns: The times [ns], shape (n,).
+        key: The number of the thing of each value, shape (n,).
+        value: The values, shape (n,).
+    """
     by_time, by_key = np.lexsort((key, time_ns)), np.lexsort((time_ns, key))
     beside = np.abs(np.diff(value[by_time]))[np.diff(time_ns[by_time]) == 0]
     behind = np.abs(np.diff(value[by_key]))[np.diff(key[by_key]) == 0]
-    return bool(beside.size and np.median(beside) > 3.0 * (np.median(behind) if behind.size else 0.0))
+    return beside, behind
+
+
+class NumberedRows:
+    """Finds the column whose numbers are those of several things, by the values of a whole file.
+
+    Its head may not tell: two shafts turn alike until one is slowed down.
+
+    Attributes:
+        texts: The texts of each candidate by its place, in the order of the rows, as keys.
+    """
+
+    def __init__(self, places: Iterable[int]) -> None:
+        self.texts: dict[int, dict[str, None]] = {place: {} for place in places}
+        self._sums = {place: np.zeros((2, 2)) for place in self.texts}
+
+    def add(
+        self, time_ns: IntArray, texts: Mapping[int, Sequence[str]], values: Sequence[FloatArray]
+    ) -> None:
+        """Add the next rows with a value; a candidate that now has more than 100 texts is dropped.
+
+        Args:
+            time_ns: The times of the rows [ns], shape (n,).
+            texts: The texts of these rows by place of the column; those of other columns are ignored.
+            values: The values of each signal, shape (n,), NaN where a row has none.
+        """
+        for place, known in [*self.texts.items()]:
+            known |= dict.fromkeys(texts[place])
+            if len(known) > MAX_WORDS:
+                del self.texts[place]
+                continue
+            number = {text: k for k, text in enumerate(known)}
+            key = np.fromiter(map(number.__getitem__, texts[place]), np.int64, len(texts[place]))
+            for value in values:
+                there = np.isfinite(value)
+                steps = _value_steps(time_ns[there], key[there], value[there])
+                self._sums[place] += [(differences.sum(), differences.size) for differences in steps]
+
+    @property
+    def place(self) -> int | None:
+        """The place of the first column whose things differ by three times what one changes; None for none.
+
+        Means are compared: while things are alike, the differences are those of the noise.
+        """
+        for place in self.texts:
+            (beside, count), (behind, behind_count) = self._sums[place]
+            if count and beside / count > _MIN_STEP_RATIO * behind / max(behind_count, 1):
+                return place
+        return None
 
 
 def find_end_columns(head: Sequence[Cells], tail: Sequence[Cells], width: int) -> list[int]:

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
+from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, LoadConfig
 from stickslip_monitor.physics.averaging import fold_speed, hopf_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.cycles import end_of_vibration
@@ -65,7 +65,9 @@ def write_questions(config: BearingConfig, load: float | None = None) -> list[st
 
 
 def _average_questions(source: InputConfig) -> Iterator[str]:
-    """Yield a clause where the name of a source says that it is an average."""
+    """Yield a clause where the name of a source says that it is an average; an assumed load has none."""
+    if isinstance(source, LoadConfig) and source.assumed is not None:
+        return
     named = _AVERAGED.search(f'{source.topic} {source.field_text} {source.column}')
     if named:
         yield (

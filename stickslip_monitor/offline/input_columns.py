@@ -300,7 +300,7 @@ class ColumnBinding:
                 f' where: {{{heading}: {texts[0]}}}'
             )
         # Reports of each hour or noon: a coast-down takes minutes.
-        if interval > 1800.0 and not source.hold_ns:
+        if interval >= 1800.0 and not source.hold_ns:
             yield (
                 f'has a value each {interval:.4g} s, which cannot judge what a shaft does in minutes: is'
                 ' there a log with one each 10 s or less?'

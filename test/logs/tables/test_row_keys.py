@@ -110,3 +110,55 @@ def test_ships_one_after_the_other_in_a_long_log_are_not_a_clock_that_was_set_ba
         recording.read([Request('rpm', 'data')])
     assert set(values_of(recording, {'ship': 'B'})) == {136}
     assert recording.start_ns == 0
+
+
+def log_of_twins(noise: int, begin: int, count: int = 3000) -> str:
+    """Return a log of two numbered shafts at 90 rpm, of which one is at 15 rpm from a second on.
+
+    Both change by up to ``noise``.
+    """
+    lines = []
+    for t in range(count):
+        slow = 15 if begin <= t < count - 500 else 90
+        lines.append(f'{t},1,{90 + t % (noise + 1)}\n{t},2,{slow + 7 * t % (noise + 1)}\n')
+    return 'time,shaft,rpm\n' + ''.join(lines)
+
+
+def test_shafts_that_turn_alike_at_the_ends_of_a_log_are_told_apart_by_its_middle(tmp_path: Path) -> None:
+    recording = open_log(tmp_path, log_of_twins(noise=1, begin=1500))
+    column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
+    assert recording.key_of(column) is None
+    with pytest.raises(BagError, match=r"'shaft' has '1', '2' at the same times, .* where: \{shaft: 1\}"):
+        recording.read([Request('rpm', 'data')])
+    assert min(values_of(recording, {'shaft': '2'})) == 15
+    assert min(values_of(recording, {'shaft': '1'})) == 90
+    assert len(values_of(recording, {'shaft': '*'})) == 6000
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        log_of_twins(noise=3, begin=10_000),
+        # Samples of one shaft in a second that slows down, and one number of each of many things.
+        'time,ms,rpm\n' + ''.join(f'{k // 4},{k % 4 * 250},{90 - k // 50}\n' for k in range(4000)),
+        'time,n,rpm\n'
+        + ''.join(f'{k // 2},{k % 4},{90}\n' for k in range(300))
+        + ''.join(f'{k // 2},{k},{90 - 70 * (k % 2)}\n' for k in range(300, 3000)),
+    ],
+    ids=['alike to the end', 'samples of one', 'too many'],
+)
+def test_numbered_rows_of_alike_values_are_read(text: str, tmp_path: Path) -> None:
+    recording = open_log(tmp_path, text)
+    request = Request('rpm', 'data')
+    assert recording.read([request])[request].value.size == text.count('\n') - 1
+
+
+@pytest.mark.parametrize('names', ['rpm,oil,fuel', 'oil,rpm,fuel', 'oil,fuel,rpm'])
+def test_blocks_of_other_signals_are_no_clock_that_was_set_back(names: str, tmp_path: Path) -> None:
+    # Exports of historians have one signal after the other.
+    blocks = [''.join(f'{t},{name},{t % 7}\n' for t in range(3000)) for name in names.split(',')]
+    recording = open_log(tmp_path, 'time,name,value\n' + ''.join(blocks))
+    series = recording.read([Request('rpm', 'data')])[Request('rpm', 'data')]
+    assert (series.value == [t % 7 for t in range(3000)]).all()
+    assert (recording.start_ns, recording.end_ns) == (0, 2999 * 10**9)
+    assert not any('set back' in text for text in recording.warnings), recording.warnings

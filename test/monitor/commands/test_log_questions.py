@@ -25,6 +25,7 @@ HEAD = 'time,rpm,load [N]'
         ('No,rpm,load [N]', '{3}', 1, "head them 'time [s]'"),
         (f'n,{HEAD}', '{3},{0:%Y-%m-%dT%H:%M:%SZ}', 1, ''),
         ('Date,Time,rpm,load [N]', '{:%Y-%m-%d,%H:%M}', 86_400, 'has a value each 8.64e+04 s'),
+        ('Date,Time,rpm,load [N]', '{:%Y-%m-%d,%H:%M}', 1_800, 'has a value each 1800 s'),
     ],
 )
 def test_a_question_about_times_is_no_all_clear(
@@ -96,6 +97,10 @@ def test_a_column_of_an_average_raises_a_question(tmp_path: Path, stickslip: Sti
     result = stickslip('check', path, '--config', CONFIG)
     assert "question: speed on /shaft/speed is called 'avg'" in result.out
     assert result.code == 1
+    # The messages of an assumed load are those of the speed, whose name is not its own.
+    config, text = tmp_path / 'ship.yaml', CONFIG.read_text().replace('/shaft/speed,', '/a, column: rpm_avg,')
+    config.write_text(text.replace('load: {topic: /bearing/aft_stern/load', 'load: {constant: 900.0'))
+    assert stickslip('check', path, '--config', config).out.count("is called 'avg'") == 1
 
 
 def test_unknown_words_of_a_quality_raise_a_question(tmp_path: Path, stickslip: Stickslip) -> None:
