@@ -35,6 +35,9 @@ def plural(number: int, noun: str) -> str:
     return f'{number} {noun}{"" if number == 1 else "s"}'
 
 
+# What YAML takes for a truth value or for nothing, and the beginning of what it takes for a date.
+_YAML_WORDS = frozenset(('y', 'n', 'yes', 'no', 'on', 'off', 'true', 'false', 'null'))
+_DATE = re.compile(r'\d{4}-\d')
 MAX_NAMED = 10
 """Topics, files or texts that a sentence lists: more fill a terminal, and show nothing new."""
 MAX_SHOWN = 60
@@ -54,6 +57,16 @@ def join_names(texts: Sequence[str], separator: str = ', ') -> str:
 def listed(texts: Sequence[str]) -> str:
     """Return up to ten texts in quotation marks, with commas between, and how many more there are."""
     return join_names([f"'{text}'" for text in texts])
+
+
+def quoted_if_needed(text: str) -> str:
+    """Return a text as a line of a configuration has it: in quotation marks where YAML reads something else.
+
+    >>> [quoted_if_needed(text) for text in ('MV Star', 'yes', '{shaft}')]
+    ['MV Star', "'yes'", "'{shaft}'"]
+    """
+    is_plain = re.fullmatch(r'[^\W_][\w./%-]*( [\w./%-]+)*', text) and text.lower() not in _YAML_WORDS
+    return text if is_plain and not _DATE.match(text) else "'" + text.replace("'", "''") + "'"
 
 
 def did_you_mean(given: object, candidates: Iterable[str]) -> str:

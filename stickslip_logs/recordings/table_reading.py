@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.errors import BagError, cause, join_names, listed, plural
+from stickslip_logs.errors import BagError, cause, join_names, listed, plural, quoted_if_needed
 from stickslip_logs.recordings.columns import LogColumn, SourceColumn
 from stickslip_logs.recordings.recording import Fault, Progress, Request, Scratch, Series
 from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
@@ -137,7 +137,7 @@ class TableReading:
         self._numbered = NumberedRows(dict.fromkeys(numbered))
         self._steps, self._wanted = self._choose_places(statuses)
         self._converted: set[str] = set()
-        self._signals: dict[str, int] = {}
+        self._signals: dict[tuple[str, ...], int] = {}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
         self._names = {source.column.name for source in columns.values()}
         self._admissions = {
@@ -190,8 +190,6 @@ class TableReading:
         recording, row, done = self._recording, 0, 0
         order, whole, has_whole_lines, has_numbers = TimeOrder(), TimeOrder(), False, False
         every = _filled_columns(np.ones((len(self._columns), 1), np.bool_), self._bits)
-        # A line of one value is of its own signal: a block of one may follow that of another.
-        has_rows = recording.names is None
 
         def add(time_ns: IntArray, source: IntArray, place: IntArray) -> None:
             """Add lines to the order of all, and until any line fills all columns to that by source.
@@ -199,7 +197,7 @@ class TableReading:
             Nothing is added where the arrays, of shape (n,) each, are empty.
             """
             if place.size:
-                whole.add(time_ns, np.full(place.size, _ALL_LINES), place)
+                whole.add(time_ns, np.minimum(source, _ALL_LINES), place)
             if place.size and not has_whole_lines:
                 order.add(time_ns, source, place)
 
@@ -216,7 +214,7 @@ class TableReading:
             if at.size:
                 if self._steps.places or self._numbered.texts:
                     self._search_keys(rows, part, at)
-                has_whole_lines = has_whole_lines or (has_rows and bool((source == every).any()))
+                has_whole_lines = has_whole_lines or bool((source == every).any())
                 if not has_numbers:
                     head = slice(0, int(at[0]))
                     for block in (*blank, (time_ns[head], self._other_signals(rows, head), place[head])):
@@ -245,22 +243,30 @@ class TableReading:
         return course, has_whole_lines
 
     def _other_signals(self, rows: Rows, part: slice) -> IntArray:
-        """Return the source of each of n lines without a wanted number, shape (n,): one for each signal.
+        """Return the source of each of n lines without a wanted number, shape (n,).
 
-        It is 0 in a table whose lines name no signal, and below that of all lines in others.
+        It is 0 for lines that are chosen, and below that of all lines for others: one for each text of the
+        columns by which they are chosen, as the name of a signal.
 
         Args:
             rows: A block of rows.
             part: Which of its rows with a time are these lines.
         """
-        places = np.flatnonzero(rows.is_timed)[part]
-        names = self._recording.names
-        if names is None or self._recording.is_sent or names[0] not in self._wanted:
-            return np.zeros(places.size, np.int64)
-        texts = texts_of(rows.columns[self._wanted.index(names[0])])
-        signals = self._signals
-        codes = (signals.setdefault(texts[k], _ALL_LINES - 1 - len(signals)) for k in places.tolist())
-        return np.fromiter(codes, np.int64, places.size)
+        at = np.flatnonzero(rows.is_timed)[part].tolist()
+        places = list(dict.fromkeys(place for pairs in self._keys.values() for place, _ in pairs))
+        if not places or self._recording.is_sent:
+            return np.zeros(len(at), np.int64)
+        columns = [texts_of(rows.columns[self._wanted.index(place)]) for place in places]
+        lines = list(zip(*([column[k] for k in at] for column in columns), strict=True))
+        for texts in dict.fromkeys(lines):
+            if texts not in self._signals:
+                text_of = dict(zip(places, texts, strict=True))
+                is_chosen = any(
+                    all(is_same_key(text_of[place], text) for place, text in pairs)
+                    for pairs in self._keys.values()
+                )
+                self._signals[texts] = 0 if is_chosen else _ALL_LINES - 1 - len(self._signals)
+        return np.fromiter(map(self._signals.__getitem__, lines), np.int64, len(lines))
 
     def _read_lines(self, begin: int, end: int, span_ns: tuple[int, int]) -> Iterator[Row]:
         """Yield the buffered lines from one row up to another whose times are in a span [ns], ends included.
@@ -305,9 +311,10 @@ class TableReading:
             texts, how = list(self._numbered.texts[place]), 'at the same times, with values far apart'
         else:
             return
+        key, text = quoted_if_needed(names[place]), quoted_if_needed(texts[0])
         raise BagError(
             f"log '{self._recording.path}': column '{names[place]}' has {listed(texts)} {how}:"
-            f' choose one beside each input, as in where: {{{names[place]}: {texts[0]}}}'
+            f' choose one beside each input, as in where: {{{key}: {text}}}'
         )
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:

@@ -182,16 +182,16 @@ class NumberedRows:
             texts: The texts of these rows by place of the column; those of other columns are ignored.
             values: The values of each signal, shape (n,), NaN where a row has none.
         """
-        for place, known in [*self.texts.items()]:
-            known |= dict.fromkeys(texts[place])
-            if len(known) > MAX_WORDS:
+        for place, words in [*self.texts.items()]:
+            words |= dict.fromkeys(texts[place])
+            if len(words) > MAX_WORDS:
                 del self.texts[place]
                 continue
-            number = {text: k for k, text in enumerate(known)}
+            number = {text: k for k, text in enumerate(words)}
             key = np.fromiter(map(number.__getitem__, texts[place]), np.int64, len(texts[place]))
             for value in values:
-                there = np.isfinite(value)
-                steps = _value_steps(time_ns[there], key[there], value[there])
+                is_finite = np.isfinite(value)
+                steps = _value_steps(time_ns[is_finite], key[is_finite], value[is_finite])
                 self._sums[place] += [(differences.sum(), differences.size) for differences in steps]
 
     @property

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from stickslip_logs.errors import listed
+from stickslip_logs.errors import listed, quoted_if_needed
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.dialect import FORCE_WORDS, parse_heading, unit_of
@@ -138,11 +138,14 @@ class ColumnBinding:
         if (key := self._log.key_of(column)) is None:
             return column
         heading, texts = key
-        other_texts = ''.join(f', {name}: {text}' for name, text in source.where_texts.items())
+        pairs = {heading: texts[0], **source.where_texts}
+        line = ', '.join(
+            f'{quoted_if_needed(name)}: {quoted_if_needed(text)}' for name, text in pairs.items()
+        )
         raise BagError(
             f"log '{self._path}': the lines of '{column.heading}' are of several things, told apart by column"
             f" '{heading}' ({listed(texts)}): write {bearing.name}.{quantity}.where:"
-            f' {{{heading}: {texts[0]}{other_texts}}}, and a bearing for each'
+            f' {{{line}}}, and a bearing for each'
         )
 
     def _no_column_text(
@@ -297,7 +300,7 @@ class ColumnBinding:
             heading, texts = marks
             yield (
                 f"has beside it column '{heading}' with {listed(texts)}: write the lines that count, as in"
-                f' where: {{{heading}: {texts[0]}}}'
+                f' where: {{{quoted_if_needed(heading)}: {quoted_if_needed(texts[0])}}}'
             )
         # Reports of each hour or noon: a coast-down takes minutes.
         if interval >= 1800.0 and not source.hold_ns:

@@ -162,3 +162,12 @@ def test_blocks_of_other_signals_are_no_clock_that_was_set_back(names: str, tmp_
     assert (series.value == [t % 7 for t in range(3000)]).all()
     assert (recording.start_ns, recording.end_ns) == (0, 2999 * 10**9)
     assert not any('set back' in text for text in recording.warnings), recording.warnings
+
+
+@pytest.mark.parametrize('ship', ['A', 'B', 'C'])
+def test_blocks_of_other_ships_are_no_clock_that_was_set_back(ship: str, tmp_path: Path) -> None:
+    rows = ''.join(f'{t},{name},{ord(name)}\n' for name in 'ABC' for t in range(3000))
+    recording = open_log(tmp_path, f'time,ship,rpm\n{rows}')
+    assert set(values_of(recording, {'ship': ship})) == {ord(ship)}
+    assert (recording.start_ns, recording.end_ns) == (0, 2999 * 10**9)
+    assert not any('set back' in text for text in recording.warnings), recording.warnings

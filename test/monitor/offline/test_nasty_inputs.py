@@ -405,6 +405,28 @@ def test_a_question_about_an_input_is_exit_code_1(tmp_path: Path, capsys: pytest
     )
 
 
+@pytest.mark.parametrize(
+    'names', [('{shaft="a"}', '{shaft="b"}'), ('yes', 'no'), ("it's", '- 2026-05-04: #')]
+)
+@pytest.mark.parametrize('heading', ['labels', 'Ship: name', 'on'])
+def test_the_line_that_is_proposed_chooses_the_rows(
+    heading: str, names: tuple[str, str], tmp_path: Path
+) -> None:
+    rows = ''.join(
+        f'{t},"{name.replace(chr(34), 2 * chr(34))}",{rpm},900\n'
+        for t in range(9)
+        for name, rpm in zip(names, (30, 60), strict=True)
+    )
+    recording = open_log(tmp_path, f'time,{heading},rpm,load [N]\n{rows}')
+    question = bind(recording, load_config(CONFIG)).absent['aft_stern', 'speed']
+    line = question.split('write aft_stern.speed.')[1].removesuffix(', and a bearing for each')
+    text = CONFIG.read_text()
+    for unit in ('unit: rpm', 'unit: N'):
+        text = text.replace(unit, f'{unit}, {line}')
+    (tmp_path / 'ship.yaml').write_text(text)
+    assert not bind(recording, load_config(tmp_path / 'ship.yaml')).absent
+
+
 def test_a_log_goes_on_where_its_speed_and_load_end(tmp_path: Path) -> None:
     """Half an hour without speed and load is no quiet voyage: other columns go on."""
     lines = [f'{t},{"120,900" if 600 <= t < 1200 else ","},7' for t in range(1800)]
