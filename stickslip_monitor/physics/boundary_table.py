@@ -5,9 +5,9 @@ Each boundary is a piecewise polynomial in ``ln N`` from the least load at which
 exists. Above the last load the end of sticking is in proportion to the load, as under Coulomb's law, the
 limit of every law for large loads; an averaged boundary goes on with the power of the load that it has there.
 
-- The boundaries of a smooth law are cubic splines, right to 1e-6; near the onset of a law with an exponent
-  to 2e-4, and near the highest fold of friction that rises to 3e-5. Where the exact fold is not in
-  proportion to the last loads they are straight lines, to 2e-6.
+- The boundaries of a smooth law are cubic splines, right to 1e-8; near the onset of a law with an exponent
+  to 2e-4. Where the exact fold is not in proportion to the last loads (friction that rises, strong damping)
+  they are straight lines, to 1e-4.
 - Those of a law in pieces (a measured table) are straight lines between many more points, right to 1e-4 where
   it is smooth and to 2e-3 where it is noisy; not where its fold jumps or begins, between two loads a percent
   apart.

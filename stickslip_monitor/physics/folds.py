@@ -37,6 +37,8 @@ def last_sticking_speed(contact: Contact, load: float) -> float:
     while speed[1] > slowest:
         speed, margin = _try_speeds(contact, load, speed)
         sticks = np.flatnonzero(margin > 0.0)
+        if sticks.size and sticks[0] == 0:
+            return top  # a bound that only the range of floats set
         if sticks.size:
             return _solve_fold(contact, load, speed[sticks[0] - 1 :][:2], margin[sticks[0] - 1 :][:2])
         speed = speed * (speed[-2] / speed[0])

@@ -61,6 +61,33 @@ def hermite(x: FloatArray, y: FloatArray, slope: FloatArray, at: FloatArray) -> 
     return np.asarray(np.polyval(hermite_cubics(x, y, slope)[:, i], inside - x[i]))
 
 
+def local_polynomials(x: FloatArray, y: FloatArray, at: FloatArray, points: int) -> FloatArray:
+    """Evaluate at each place the polynomial through the nearest points (Lagrange's formula).
+
+    Args:
+        x: Rising places of the points, shape (n,).
+        y: Values there, shape (n,).
+        at: Places to evaluate at, shape (m,).
+        points: Number of points of each polynomial, at most n.
+
+    Returns:
+        Shape (m,).
+
+    >>> x = np.linspace(0.0, 2.0, 7)
+    >>> local_polynomials(x, x**3, np.array([0.5, 1.9]), 4).round(12).tolist()
+    [0.125, 6.859]
+    """
+    first = np.clip(np.searchsorted(x, at) - points // 2, 0, x.size - points)
+    near = first[:, None] + np.arange(points)
+    result = np.zeros(at.size)
+    for k in range(points):
+        other_points = np.delete(near, k, axis=1)
+        result += y[near[:, k]] * np.prod(
+            (at[:, None] - x[other_points]) / (x[near[:, [k]]] - x[other_points]), axis=1
+        )
+    return result
+
+
 def monotone_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the slopes of the cubic interpolant that is monotone where its points are, shape (n,).
 

@@ -53,8 +53,8 @@ def test_no_lining_sticks_beyond_its_bounds_of_speed_and_load(name):
     assert not meets_belt(contact.bearing, speed.ravel(), np.tile(load, 30), 1e-11).any()
     speed = np.geomspace(1e-3, 1.0, 12)
     share = np.linspace(0.1, 1.0, 20)[:, None]
-    least = np.minimum(contact.least_loads(speed), 1e6)
-    assert not meets_belt(contact.bearing, np.tile(speed, 20), (share * least).ravel(), 1e-11).any()
+    least_load = np.minimum(contact.least_loads(speed), 1e6)
+    assert not meets_belt(contact.bearing, np.tile(speed, 20), (share * least_load).ravel(), 1e-11).any()
 
 
 def test_the_margin_of_slip_that_comes_to_rest_before_it_turns_is_negative():

@@ -8,9 +8,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.interpolate import BarycentricInterpolator, CubicSpline, PchipInterpolator
 
-from stickslip_monitor.physics.numerics import hermite_cubics, monotone_slopes, root_on_bracket, spline_slopes
+from stickslip_monitor.physics.numerics import (
+    hermite_cubics,
+    local_polynomials,
+    monotone_slopes,
+    root_on_bracket,
+    spline_slopes,
+)
 
 Array = NDArray[np.float64]
 
@@ -44,3 +50,11 @@ def test_splines_are_those_of_scipy(size: int) -> None:
     x, y = np.cumsum(rng.uniform(0.1, 1.0, size)), rng.uniform(0.0, 1.0, size)
     cubics = hermite_cubics(x, y, spline_slopes(x, y))
     assert cubics == pytest.approx(CubicSpline(x, y).c, rel=1e-10, abs=1e-10)
+
+
+def test_local_polynomials_go_through_the_points_about_a_place() -> None:
+    x = np.cumsum(np.random.default_rng(3).uniform(0.1, 1.0, 9))
+    y, at = np.sin(x), np.array([x[0], 0.5 * (x[4] + x[5]), x[-1] - 0.01])
+    about = ([0, 1, 2, 3], [3, 4, 5, 6], [5, 6, 7, 8])
+    expected = [float(BarycentricInterpolator(x[k], y[k])(v)) for k, v in zip(about, at, strict=True)]
+    assert local_polynomials(x, y, at, 4) == pytest.approx(expected, rel=1e-13)
