@@ -159,14 +159,14 @@ class State:
         return cls(*(part.tolist() if isinstance(part, np.ndarray) else part for part in row.item()))
 
     @classmethod
-    def of_record(cls, record: Mapping[str, Any]) -> State:
+    def of_record(cls, record: Any) -> State:
         """Read the memory from what :meth:`record` gave, or what that of 0.2.0 did.
 
         Raises:
-            ValueError: A field is missing, or is not of its kind, number and range.
-            AttributeError: The record is a text or a list.
-            TypeError: It is a number or ``None``.
+            ValueError: The record is no mapping; a field is missing, or is not of its kind, number and range.
         """
+        if not isinstance(record, Mapping):
+            raise ValueError(f'{record!r:.60} is no object')
         afresh = _AFRESH if 'odd' in record else ()
         parts = [part for part in fields(cls) if part.name not in afresh]
         parts = [part for part in parts if part.name in record or part.name not in (*_OF_WATER, *_OF_LEVEL)]

@@ -181,7 +181,7 @@ class Session:
         for name, record in saved.items():
             try:
                 states[name] = State.of_record(record)
-            except (ValueError, AttributeError) as error:
+            except ValueError as error:
                 self._log.warning(f'{name}: its saved memory is ignored, and it starts afresh: {error}')
         return states
 

@@ -79,15 +79,18 @@ class ClipFolder:
         """Write a clip under a free name, then delete the oldest clips beyond the limit and count them.
 
         Raises:
-            BagError: It cannot be written; nothing of it stays.
-            OSError: The folder cannot be read, or an old clip cannot be deleted; the new one stays.
+            BagError: It cannot be written, and nothing of it stays; or an old clip cannot be deleted, and the
+                new one stays.
         """
         while not self._write_clip(clip, self._free_name(clip)):
             pass
-        for path in self.clips()[: -self._max_clips]:
-            with contextlib.suppress(FileNotFoundError):
-                path.unlink()
-                self.removed += 1
+        try:
+            for path in self.clips()[: -self._max_clips]:
+                with contextlib.suppress(FileNotFoundError):
+                    path.unlink()
+                    self.removed += 1
+        except OSError as error:
+            raise BagError(f'{self.path}: old clips cannot be deleted: {cause(error)}') from error
 
     def _write_clip(self, clip: Clip, path: Path) -> bool:
         """Write a clip to a new file.

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import fields
 from typing import Any
 
@@ -64,6 +65,12 @@ NO_MEANING = {
 def test_a_value_of_no_meaning_is_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f'^{name} = {value!r} must be from'):
         State.of_record(_STICKING | {name: value})
+
+
+@pytest.mark.parametrize('record', [None, 7, 'aft', []])
+def test_a_record_that_is_no_object_is_refused(record: object) -> None:
+    with pytest.raises(ValueError, match=f'^{re.escape(repr(record))} is no object$'):
+        State.of_record(record)
 
 
 def test_a_missing_part_is_refused() -> None:

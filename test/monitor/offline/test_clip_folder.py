@@ -94,9 +94,6 @@ def test_leftovers_of_a_crash_are_removed_when_old(tmp_path: Path) -> None:
     assert set(tmp_path.iterdir()) == {new, other_node, foreign}
 
 
-# --- the clips of a recorded bag ---------------------------------------------------------------
-
-
 def test_a_folder_that_cannot_be_listed_is_refused_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +105,25 @@ def test_a_folder_that_cannot_be_listed_is_refused_by_name(
     monkeypatch.setattr(Path, 'iterdir', fail)
     with pytest.raises(BagError, match=rf"clips\.directory = '{tmp_path}' cannot be used: Permission"):
         ClipFolder(ClipConfig(str(tmp_path)))
+
+
+def test_an_old_clip_that_cannot_be_deleted_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = make_clip_folder(tmp_path, max_clips=1)
+    folder.write(make_clip())
+
+    unlink = Path.unlink
+
+    def fail(path: Path, missing_ok: bool = False) -> None:
+        if path.suffix == '.mcap':
+            raise PermissionError(1, 'Operation not permitted', str(path))
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(Path, 'unlink', fail)
+    with pytest.raises(BagError, match='old clips cannot be deleted: Operation not permitted'):
+        folder.write(make_clip(1))
+
+
+# --- the clips of a recorded bag ---------------------------------------------------------------
 
 
 def test_a_checked_bag_has_a_clip_around_each_alarm(
