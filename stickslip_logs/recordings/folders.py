@@ -35,6 +35,7 @@ from stickslip_logs.recordings.file_kind import (
 from stickslip_logs.recordings.mcap_file import McapFile, scan_file
 from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, Findings
 from stickslip_logs.recordings.sqlite_recording import SqliteRecording, open_database
+from stickslip_logs.tables.dialect import remedy_for_format
 from stickslip_logs.tables.table_file import is_number_table
 from stickslip_logs.tables.text_file import ZSTD
 from stickslip_logs.units import MIB
@@ -199,14 +200,15 @@ def _kind_by_content(path: Path, size: int, changed_ns: int) -> str:
         return _OTHER
     if begin.startswith(b'PAR1') or is_number_table(path):
         return _LOG
-    return _OTHER if _holds_numbers(begin) else _EXCLUDED
+    lines = begin.decode('latin-1').splitlines()
+    return _OTHER if _holds_numbers(begin) or remedy_for_format(path, lines) else _EXCLUDED
 
 
 def _holds_numbers(begin: bytes) -> bool:
-    """Return whether most lines of a text have two numbers beside their times, or begin as JSON does."""
+    """Return whether most lines of a text have two numbers beside their times."""
     lines = [line.strip() for line in begin.replace(b'\0', b'').split(b'\n')]
     lines = [_TIMES.sub(b'', line) for line in lines if line]
-    return 2 * sum(line.startswith(b'{') or len(_NUMBERS.findall(line)) > 1 for line in lines) > len(lines)
+    return 2 * sum(len(_NUMBERS.findall(line)) > 1 for line in lines) > len(lines)
 
 
 def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> list[Path]:

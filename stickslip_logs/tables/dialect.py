@@ -218,7 +218,7 @@ def detect_dialect(path: Path, extent: Extent) -> Dialect:
     last = lines_of(tail.replace('\0', ''))[1:] or rest[-_MAX_LINES:]
     if kind := bus_log_of(first):
         return _bus_dialect(path, encoding, kind, first, last)
-    if remedy := _remedy_for_format(path, first):
+    if remedy := remedy_for_format(path, first):
         raise BagError(f"log '{path}' {remedy}")
     delimiter, rows = _best_delimiter(first)
     if not rows:
@@ -226,7 +226,7 @@ def detect_dialect(path: Path, extent: Extent) -> Dialect:
     return _table_dialect(path, encoding, delimiter, rows, _split_lines(last, delimiter))
 
 
-def _remedy_for_format(path: Path, lines: Sequence[str]) -> str:
+def remedy_for_format(path: Path, lines: Sequence[str]) -> str:
     """Return the clause that lines are in a format that is not read, and how to convert it; else empty.
 
     Args:

@@ -65,6 +65,7 @@ DATA = {
     'unknown.dat': bytes(range(256)) * 20,
     'historian.db': b'SQLite format 3\0' + bytes(4000),
     'own.jsonl': ''.join(json.dumps({'ts': time, 'rpm': 30.5}) + '\n' for time in TIMES).encode(),
+    'can.log': ''.join(f'({k}.000000) can0 09F20011#00A005FFFF7FFFFF\n' for k in range(40)).encode(),
     'no_times.nmea': (f'{nmea_sentence("IIRPM,S,1,136.0,30.0,A")}\r\n' * 40).encode(),
 }
 
