@@ -19,7 +19,7 @@ MCAP, SQLITE, TABLE, UNKNOWN = 'mcap', 'sqlite', 'table', 'unknown'
 """Kinds of content; a table is text with cells or Parquet."""
 # Formats that are not read, by their first bytes, with the remedy.
 _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
-    (b'PK\x03\x04', 'a spreadsheet or ZIP archive: save the sheet as CSV'),
+    (b'PK\x03\x04', 'a spreadsheet or ZIP archive: save the sheet as CSV, or unpack it'),
     (
         b'#ROSBAG V',
         "a recording of ROS 1: convert it with 'rosbags-convert --src {0} --dst NEW' (pip install rosbags)",
