@@ -204,8 +204,9 @@ def _join_loads(
         loads: Loads that graze [N], ``nan`` for none and where none was tried, shape (n,).
 
     Returns:
-        The loads of all speeds, shape (n,) [N], ``inf`` beside speeds without one; and of a smooth law the
-        rows halfway between ``rows`` where polynomials of eight and of twelve points differ by over 1e-8.
+        The loads of all speeds, shape (n,) [N], ``inf`` beside speeds without one; and rows to solve, too. Of
+        a smooth law these lie halfway between ``rows`` where polynomials of eight and of twelve points differ
+        by over 1e-8; of one in pieces they are least loads that were not solved: folds that may not exist.
     """
     is_solved = np.isfinite(loads[rows])
     solved, none = rows[is_solved], np.zeros(0, np.intp)
@@ -219,7 +220,11 @@ def _join_loads(
     has_gap = np.interp(place, place[rows], ~is_solved) > 0.0
     with np.errstate(over='ignore'):
         exact = np.where(has_gap, np.inf, base * np.exp(joined))
-    if not contact.is_smooth or solved.size <= 8:
+    if not contact.is_smooth:
+        later = np.append(np.minimum.accumulate(exact[:0:-1])[::-1], np.inf)
+        is_least = (exact < later) & (exact < np.append(np.inf, exact[:-1]))
+        return exact, np.setdiff1d(np.flatnonzero(is_least), rows)
+    if solved.size <= 8:
         return exact, none
     halfway = (rows[:-1] + rows[1:]) // 2
     halfway = halfway[(halfway > rows[:-1]) & ~has_gap[halfway]]
