@@ -852,7 +852,7 @@ def test_times_are_written_for_people(page: Any) -> None:
 
 def test_the_last_time_of_a_chart_is_whole(dashboard: Any, page: Any) -> None:
     """Half of a time, of eight letters of 12 px, fits between the end of the axis and the canvas."""
-    page.until('document.querySelector(".charts .u-over")')
+    page.until('document.querySelector(".charts .u-over")?.offsetWidth')
     margin = page.js(
         '(() => { const [over, plot] = [".charts .u-over", ".charts .uplot"]'
         '.map((s) => document.querySelector(s).getBoundingClientRect()); return plot.right - over.right; })()'
