@@ -196,7 +196,8 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
     """Restore the saved alarms into an annunciator that has not run yet.
 
     Bearings that are no longer configured are skipped; new ones start fresh. The time that has passed
-    meanwhile, as far as the clock shows, counts for the shelves.
+    meanwhile, as far as the clock shows, counts for the shelves. An alarm that waits for acknowledgement
+    begins to sound now.
 
     Args:
         annunciator: The alarms, changed.
@@ -228,6 +229,8 @@ def recall_state(annunciator: Annunciator, document: object, time_ns: int) -> di
                     left_ns = max(record['shelf_left'] - passed_ns, 0)
                     alarm.shelf_end_ns = annunciator.now_ns + left_ns
                     alarm.shelved_until_ns = time_ns + left_ns
+                if alarm.sounding:
+                    alarm.sounded_ns = annunciator.now_ns
     annunciator.restart()
     return memories
 

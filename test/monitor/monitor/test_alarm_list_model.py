@@ -118,6 +118,8 @@ class Life(RuleBasedStateMachine):
         self.take_changes(self.annunciator.take_event(event))
         latching = [self.alarms()[kind] for kind in LATCHING]
         free = [a for a in latching if a.active and not a.suppressed_by and a.state in ON_SHOW]
+        # A person has silenced it, for 30 s.
+        free = [a for a in free if not a.silenced or a.recurring]
         # No onset without a sound, unless it was put away, or has sounded within ten minutes.
         lately = [a for a in latching if a.sounded_ns is not None and self.now - a.sounded_ns < 600 * SECOND]
         assert self.annunciator.sounding or not free or lately

@@ -12,7 +12,7 @@ from sending import change, configured
 
 from stickslip_monitor import MonitorConfig
 from stickslip_monitor.errors import AlarmStateError
-from stickslip_monitor.monitor.alarm_list import Action, Annunciator
+from stickslip_monitor.monitor.alarm_list import WINDOW_NS, Action, Annunciator
 from stickslip_monitor.monitor.alarm_records import alarms_record, recall_state, state_record
 from stickslip_monitor.monitor.alarm_states import AlarmKind
 from stickslip_monitor.monitor.severity import Condition
@@ -85,6 +85,18 @@ def test_the_shelf_survives_a_restart(stuck: Annunciator, down: int, remaining: 
     assert alarm.state == ('shelved' if remaining else 'unacknowledged')
     new.advance(remaining * SECOND, T0)
     assert alarm.state == 'unacknowledged'
+
+
+def test_an_alarm_that_waits_sounds_from_the_restart(stuck: Annunciator) -> None:
+    """Expect what docs/alarms.md says of a sound within ten minutes: a new onset makes none."""
+    new = restart_annunciator(stuck, down=0)
+    assert new.sounding
+    new.act(Action.ACKNOWLEDGE, T0 + 2 * SECOND, 'Ada')
+    new.take_event(change(T0 + 3 * SECOND, Condition.STICK_SLIP, Condition.STICK_SLIP, onset=True))
+    assert not new.sounding
+    new.advance(WINDOW_NS, T0)
+    new.take_event(change(T0 + 700 * SECOND, Condition.STICK_SLIP, Condition.STICK_SLIP, onset=True))
+    assert new.sounding
 
 
 def test_other_bearings_are_passed_over(stuck: Annunciator) -> None:
