@@ -70,7 +70,7 @@ def bind_at_least_one(bag: Recording, config: MonitorConfig) -> Bound:
 
 
 def _absence_text(path: Path, topics: Mapping[str, TopicInfo], source: InputConfig) -> str:
-    """Return why a recording lacks an input, in the words of the running monitor; '' if it has it."""
+    """Return why a recording lacks an input, without a full stop; '' if it has it."""
     if not source.topic:
         return f"its topic is missing in the configuration: '{path}' has topics, and only a log has columns"
     topic = topics.get(source.topic)

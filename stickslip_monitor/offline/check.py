@@ -33,7 +33,7 @@ from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.signals import QUANTITIES, Stream
 from stickslip_monitor.monitor.statements import Event, duration_text
 from stickslip_monitor.offline.binding import bind_at_least_one
-from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, lasting_ns
+from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, sum_durations
 from stickslip_monitor.offline.held_values import HeldValues
 from stickslip_monitor.offline.input_columns import Bound, guess_of
 from stickslip_monitor.offline.input_report import COARSE, HOLDS, Gap, InputCheck, InputReport, Plausibility
@@ -129,7 +129,7 @@ def check_recording(
         sinks: Take the samples and the verdicts; each is begun and finished, unless an error ends the check.
         progress: Called with how much is read and how much there is, as of :data:`.Progress`.
         outlined: Whether the outlines of the verdicts are kept, to be drawn.
-        long: Whether the rule runs compiled; ``None``: where a recording is long.
+        long: Whether the rule runs compiled; ``None``: as :func:`pays_to_compile` has it.
 
     Returns:
         The report. Notes on guessed columns and sparse samples, and losses of inputs, are added to its bag.
@@ -306,7 +306,7 @@ class _BearingCheck:
         self._plausibility.take(scan.speed, scan.load, scan.fold_speed)
         self._extremes.take(scan)
         if scan.measured is not None:
-            self._measured_ns += lasting_ns(scan.measured, scan.until_ns - scan.time_ns, len(MEASURED))
+            self._measured_ns += sum_durations(scan.measured, scan.until_ns - scan.time_ns, len(MEASURED))
         if self._outliner is not None:
             self._outliner.take(scan)
 
@@ -365,7 +365,7 @@ def pays_to_compile(bag: Recording, config: MonitorConfig) -> bool:
 
 
 def requests_of(config: BearingConfig) -> tuple[Request, ...]:
-    """Return the requests to read a bearing's inputs: one for each, in their order."""
+    """Return the requests to read a bearing's inputs: one for each, in the order of its ``inputs``."""
     return tuple(Request(i.topic, i.field_text, i.type) for i in config.inputs.values())
 
 
@@ -377,7 +377,7 @@ def merge_series(series: Sequence[Series], places: Sequence[int]) -> Stream:
         places: The number of each input (:class:`Input`), in the same order.
 
     Returns:
-        The stream; its arrivals are the log times.
+        The stream, ordered by :attr:`.Series.sequence`; its arrivals are the log times.
     """
     order = np.argsort(np.concatenate([item.sequence for item in series]), kind='stable')
     inputs = np.repeat(np.array(places, np.int8), [item.sequence.size for item in series])
@@ -446,6 +446,8 @@ class RecordingBuffer(StretchSink):
 
     def stream(self, name: str) -> Stream:
         """Return the samples of a bearing in the whole recording, with repeats of values that stand.
+
+        Call it after the check, as :meth:`scan`.
 
         Raises:
             KeyError: No bearing has this name.

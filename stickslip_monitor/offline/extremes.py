@@ -130,7 +130,7 @@ class Outliner:
         return rows[np.unique(np.concatenate(rows_kept))]
 
     def _group_starts(self, rows: NDArray[np.void]) -> IndexArray:
-        """Return the indices at which a new group of rows begins."""
+        """Return the index of the first row of each group, ascending; empty without rows."""
         return np.flatnonzero(np.diff(rows['number'] // self._length, prepend=-1))
 
     def outline(self) -> Outline:
@@ -247,7 +247,10 @@ def join_intervals(
 
 
 def _outermost_points(speed: FloatArray, load: FloatArray) -> IndexArray:
-    """Return indices of the points than which no other is both faster and more loaded, ascending."""
+    """Return indices of the points that no other equals or exceeds in both speed and load, ascending.
+
+    Of equal points the first counts. There must be one point at least.
+    """
     order = np.lexsort((np.arange(speed.size), -load, -speed))
     heaviest = np.maximum.accumulate(load[order])
     return np.sort(order[np.append(True, heaviest[1:] > heaviest[:-1])])
@@ -289,7 +292,7 @@ class Extremes:
         rows = np.flatnonzero(size <= np.where(np.isnan(top.fold_speed), np.inf, limit))
         codes = scan.assessed(rows).regime_code if rows.size else _NO_CODES
         lasting = scan.until_ns - scan.time_ns
-        durations = lasting_ns(codes, lasting[rows], len(REGIMES))
+        durations = sum_durations(codes, lasting[rows], len(REGIMES))
         durations[_STABLE] += lasting.sum() - durations.sum()
         self.lasting_ns += durations
         self._take_margins(scan, size, top)
@@ -300,7 +303,7 @@ class Extremes:
             self._take_rows(scan, rows[_outermost_points(size[rows], scan.load[rows])], 'amplitude')
 
     def _heaviest_point(self, scan: Scan) -> Assessments:
-        """Return a point at least as heavy as all of a scan, shape (1,); store it for the next scans.
+        """Return a point at least as heavy as all of a scan, which has some, shape (1,); store it for later.
 
         The stored one is returned where it is up to 10 % heavier. Its boundaries are upper limits of theirs.
         Boundaries rise with the load but for the fold, which may fall again: here it is the highest of any
@@ -358,7 +361,7 @@ class Extremes:
                 self.found[name] = Extreme(int(scan.time_ns[rows[i]]), float(values[i]), points.at(i))
 
 
-def lasting_ns(codes: NDArray[np.int8], lasting: IntArray, kinds: int) -> IntArray:
+def sum_durations(codes: NDArray[np.int8], lasting: IntArray, kinds: int) -> IntArray:
     """Return the total time [ns] of each code below ``kinds``, shape (kinds,).
 
     ``codes`` has the code of each point, ``lasting`` how long it counts [ns].

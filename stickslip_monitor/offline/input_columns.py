@@ -82,8 +82,7 @@ class ColumnBinding:
 
         Returns:
             The configuration with topics and timeouts for the log; why other inputs are absent: no single
-            column fits, or bearings with different topics share one; and the questions. No BagError is
-            raised.
+            column fits, or bearings with different topics share one; and the questions.
         """
         absent: dict[tuple[str, str], str] = {}
         columns: list[tuple[BearingConfig, str, InputConfig, LogColumn]] = []
@@ -185,7 +184,7 @@ class ColumnBinding:
         )
 
     def _columns_called(self, heading: str) -> Sequence[LogColumn]:
-        """Return columns with a heading, else with its words, else column N for ``#N``, else none."""
+        """Return all columns with a heading, else with its words, else column N for ``#N``, else none."""
         name = _plain_name(heading)
         same = [column for column in self._all if column.heading == heading]
         similar = [column for column in self._all if name and _plain_name(column.heading) == name]
@@ -347,7 +346,7 @@ class _ColumnUse:
         return SourceColumn(self.column, ratio, scale, offset - bias, no_values=NO_VALUES)
 
     def remark(self) -> str:
-        """Return a sentence: which column the input is, in which unit, and which scale or gear applies."""
+        """Return which column the input is, with unit, scale or gear, as a sentence without a full stop."""
         name, source = self.bearing.name, self.source
         why = 'by its heading' if self.unit else f'as {name}.{self.quantity}.unit says'
         unit = self.unit or source.unit
@@ -393,7 +392,7 @@ def _plain_name(heading: str) -> str:
 
 
 def _own_words(bearing: str, topic: str) -> set[str]:
-    """Return the words of the name and the topic of a bearing."""
+    """Return the words of a bearing's name and of a topic, in lower case."""
     return {*parse_heading(f'{bearing} {topic.replace("/", " ")}').name.split()}
 
 

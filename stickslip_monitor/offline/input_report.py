@@ -155,7 +155,7 @@ class Gaps:
         return count * 1e9 / passed_ns if passed_ns > 0.0 else math.nan
 
     def crowd(self, topic: str) -> str:
-        """Return the fault that too many messages have equal or nearly equal log times; '' for none."""
+        """Return as a clause that too many messages have equal or nearly equal log times; '' if not so."""
         count, longest = self._messages, self._longest_run
         remedy = 'were they recorded without a clock (use_sim_time), or are their times in another unit?'
         is_crowded = count > _CROWD and count > _CROWD_RATE * self._log_passed_ns * 1e-9
@@ -497,7 +497,7 @@ class InputCheck:
 
 
 def _range_text(low: float, high: float) -> str:
-    """Return a range as words, its ends to four digits."""
+    """Return a range as ``LOW to HIGH``, both to four digits."""
     return f'{rounded_text(low, 4)} to {rounded_text(high, 4)}'
 
 
@@ -541,7 +541,7 @@ class Plausibility:
                     self._max_ratio = max(self._max_ratio, float(ratio.max()))
 
     def questions(self, nearest: float) -> dict[str, list[str]]:
-        """Return questions on all points so far: a list by quantity, which is empty without any.
+        """Return questions on all points so far: lists under ``speed`` and ``load``, empty without any.
 
         Each is a clause that follows the name of the input.
 

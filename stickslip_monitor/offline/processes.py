@@ -110,7 +110,7 @@ def _completed_calls(
 
 
 def _exit_with_parent() -> None:
-    """End this process as soon as its parent has ended, also where that was killed."""
+    """Start a thread that ends this process as soon as its parent has ended, also where that was killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None, 'only a worker calls this'
 

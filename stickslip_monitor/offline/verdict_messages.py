@@ -110,6 +110,8 @@ class VerdictWriter(StretchSink):
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
         """Define the topics in the file and start reading the inputs.
 
+        ``start_ns`` is its start on the clock of the samples [ns], ``None`` if it is empty.
+
         Raises:
             BagError: The definition of an input, or the first message, cannot be read; or the disk does not
                 take the definitions.
@@ -149,13 +151,13 @@ def topics(bag: Recording, config: MonitorConfig) -> Iterator[tuple[str, str, st
 
 
 def input_topics(bag: Recording, config: MonitorConfig) -> list[str]:
-    """Return the topics that the bearings read and the recording has, each once."""
+    """Return the topics that the bearings read and the recording has, each once, in their inputs' order."""
     wanted = dict.fromkeys(i.topic for b in config.bearings for i in b.inputs.values())
     return [name for name in wanted if name in bag.topics]
 
 
 def columns_of(messages: Iterator[Message]) -> Iterator[MessageColumn]:
-    """Read all messages of an iterator, then yield a column for each topic and type; none without any."""
+    """Read all messages of an iterator, then yield a column for each topic and type, as they first come."""
     columns: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
     for message in messages:
         rows = columns.setdefault((message.topic, message.type), [])
@@ -253,7 +255,7 @@ class VerdictMessages:
     def _seconds_until(self, arrival_ns: IntArray, until_ns: int) -> Iterator[int]:
         """Yield the times of whole seconds since the start, up to a time [ns], but none after a silent hour.
 
-        They follow the ticks of earlier stretches. The last of the arrivals [ns] is stored.
+        They follow the ticks of earlier stretches. The last of the arrivals [ns], which ascend, is stored.
         """
         times = np.concatenate([[self._received_ns], arrival_ns, [until_ns + 1]])
         self._received_ns = int(times[-2])
@@ -276,7 +278,7 @@ class _Follower:
 
     Args:
         config: The bearing.
-        start_ns: As of :class:`VerdictMessages` [ns].
+        start_ns: Start of the recording, from which inputs are waited for [ns]; None if it is empty.
         period_ns: Time between two verdicts to publish [ns]; 0 for all.
         long: Whether the rule runs compiled.
     """
@@ -394,7 +396,8 @@ class _Follower:
     def _count_samples(self, samples: BearingSamples, ends: IntArray) -> IntArray:
         """Count the samples by input and status up to each end in a part, shape (ends, inputs, statuses).
 
-        All before the part counts, repeats do not. Adds the whole part to the stored counts.
+        An end is how many samples of the part had arrived, repeats with them. All before the part counts,
+        repeats do not. Adds the whole part to the stored counts.
         """
         kinds = samples.stream.inputs.astype(np.int64) * len(Status) + samples.scan.status
         counted = ~samples.repeats
