@@ -489,7 +489,7 @@ class Annunciator:
         return [self._give_to_people(alarm, change) if after is AlarmState.UNACKNOWLEDGED else change]
 
     def _give_to_people(self, alarm: LiveAlarm, change: AlarmChange) -> AlarmChange:
-        """Give an alarm to people; silence it for ten minutes where this or a worse kind was given lately.
+        """Give an unacknowledged alarm to people; silence it for ten minutes if it or a worse one was lately.
 
         The alarms of the ladder count together, and ten minutes are lately. Alarms that latch, stick-slip and
         the amplitude limit, are silenced only where one sounded lately, and marked as ``recurring`` then. A
@@ -520,7 +520,7 @@ class Annunciator:
 
 
 def _kinds_no_milder(kind: AlarmKind) -> list[AlarmKind]:
-    """Return the kinds of one matter that are as bad as a kind or worse, among them the kind itself."""
+    """Return the kinds of one matter that are as bad as a kind or worse, itself included, worst first."""
     rung = RUNG_OF.get(kind)
     return [kind] if rung is None else [k for k in RUNG_OF if RUNG_OF[k] >= rung]
 

@@ -296,7 +296,7 @@ class ActionRequest:
 
 
 def request_record(request: ActionRequest) -> dict[str, Any]:
-    """Return a request for JSON; the fields are in interfaces.md."""
+    """Return a request for JSON, without an empty reason; the fields are in interfaces.md."""
     return {
         'schema': ACTION_SCHEMA,
         'action': request.action.value,

@@ -205,17 +205,17 @@ class _Assessed(Generic[_Number]):
 
     @cached_property
     def hopf_margin(self) -> _Number:
-        """``|V|/V_H - 1`` [-]; negative inside, ``inf`` where there is no Hopf speed."""
+        """``|V|/V_H - 1`` [-]: ``inf`` without a Hopf speed, ``nan`` where speed or load is not finite."""
         return self._margin_to(self.hopf_speed)
 
     @cached_property
     def fold_margin(self) -> _Number:
-        """``|V|/V_F - 1`` [-] of the fold that decides, as :attr:`hopf_margin`."""
+        """``|V|/V_F - 1`` [-]: ``inf`` without a fold that decides, ``nan`` where an input is not finite."""
         return self._margin_to(self.fold_speed)
 
     @cached_property
     def fold_margin_kbm(self) -> _Number:
-        """The margin to the averaged fold [-], which decides nothing."""
+        """Margin to the averaged fold [-], which does not decide; ``inf`` and ``nan`` as ``fold_margin``."""
         return self._margin_to(self.fold_speed_kbm)
 
     @property
@@ -235,7 +235,7 @@ class _Assessed(Generic[_Number]):
 
     @cached_property
     def growth_rate(self) -> _Number:
-        """Growth rate of a small disturbance of steady sliding [1/s]."""
+        """Growth rate of a small disturbance of steady sliding [1/s]; negative where it dies out."""
         return averaging.growth_rate(*self._reference)
 
     @cached_property
@@ -271,7 +271,7 @@ class _Assessed(Generic[_Number]):
 
     @property
     def amplitude_error(self) -> _Number:
-        """Error of averaging's amplitude, ``amplitude / amplitude_exact - 1`` [-]."""
+        """Error of averaging's amplitude, ``amplitude / amplitude_exact - 1`` [-]; ``nan`` without both."""
         return self.amplitude / self.amplitude_exact - 1.0
 
     @cached_property
@@ -291,27 +291,27 @@ class _Assessed(Generic[_Number]):
 
     @cached_property
     def probability_can(self) -> _Number:
-        """Probability that a stick-slip cycle exists; ``nan`` without a belief, as all below."""
+        """Probability that a stick-slip cycle exists; ``nan`` without a belief."""
         return self._chances[0]
 
     @cached_property
     def probability_will(self) -> _Number:
-        """Probability that stick-slip starts by itself."""
+        """Probability that stick-slip starts by itself; ``nan`` without a belief."""
         return self._chances[1]
 
     @cached_property
     def probability_runs(self) -> _Number:
-        """Probability that stick-slip runs, with the memory of the bistable range if there is one."""
+        """Probability that stick-slip runs, by the memory of the bistable range; ``nan`` without a belief."""
         return self.probability_will
 
     @property
     def fold_margin_low(self) -> _Number:
-        """5 % quantile of the fold margin [-]."""
+        """5 % quantile of the fold margin [-]; ``nan`` without a belief."""
         return self._fold_margins[0]
 
     @property
     def fold_margin_high(self) -> _Number:
-        """95 % quantile of the fold margin [-]."""
+        """95 % quantile of the fold margin [-]; ``nan`` without a belief."""
         return self._fold_margins[1]
 
     @property

@@ -414,7 +414,7 @@ class NodeHealth:
 
     @property
     def changes(self) -> str:
-        """Changes made over ROS that are not acknowledged."""
+        """Changes made over ROS that are not acknowledged, as a clause; '' without any."""
         items = self.changed.items()
         return ', '.join(f'{name} from {before!r} to {now!r}' for name, (before, now) in items)
 

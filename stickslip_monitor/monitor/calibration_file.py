@@ -113,7 +113,7 @@ def _parse_calibration(
 ) -> tuple[Bearing, Belief]:
     """Return the bearing by which alarms go after a calibration, and the belief about it.
 
-    Mass, stiffness and diameter are those of ``bearing``.
+    Mass, stiffness and diameter are those of ``bearing``. ``path`` is for the text of the error.
 
     Raises:
         UnusableCalibration: The document is damaged.

@@ -92,7 +92,7 @@ class ClipRecorder:
     def add(self, message: ClipMessage) -> None:
         """Let time pass to that of a message, as :meth:`advance`; store it, also in the clip being taken.
 
-        A clip that is full by it ends; :meth:`clips` returns it. Messages older than a clip reaches back,
+        A clip that is full by it ends; :meth:`pop_clips` returns it. Messages older than a clip reaches back,
         or beyond half of its size, are dropped.
         """
         self.advance(message.time_ns)
@@ -132,13 +132,13 @@ class ClipRecorder:
         if self._event is not None and self.now_ns > self._end_ns:
             self.finish()
 
-    def clips(self) -> list[Clip]:
-        """Return the clips that ended since the last call, and forget them."""
+    def pop_clips(self) -> list[Clip]:
+        """Return the clips that ended since the last call, in order, and forget them."""
         done, self._done = self._done, []
         return done
 
     def finish(self) -> None:
-        """End the clip that is being taken, if any, with the messages so far, for :meth:`clips` to return."""
+        """End the clip that is being taken, if any, with the messages so far, for :meth:`pop_clips`."""
         if self._event is None:
             return
         event, taken = self._event, tuple(self._taken)

@@ -374,7 +374,10 @@ class _Section:
         return lubrication.at(values['friction.at_temperature'] if math.isnan(water) else water)
 
     def _water_key(self) -> str:
-        """Return the name of the parameter that gives the water's temperature; '' where none does."""
+        """Return the parameter that gives the water's temperature, without the bearing's name; '' for none.
+
+        The topic comes before the column, and this before the constant.
+        """
         given = self._own
         keys = ('water_temperature.topic', 'water_temperature.column', 'water_temperature.constant')
         return next((key for key in keys if given[key] and given[key] == given[key]), '')

@@ -80,8 +80,8 @@ class SourceFault:
 def least_gap(config: BearingConfig, place: int) -> float:
     """Return the least distance of two levels of an input that is no sensor's resolution [SI].
 
-    A pulse counter at dead slow toggles between two neighbouring numbers; three revolutions a
-    minute are beyond that.
+    It is 0 but for a speed: a pulse counter at dead slow toggles between two neighbouring numbers, and three
+    revolutions a minute are beyond that. ``place`` is the index of the input.
     """
     return 0.0 if place else _LEAST_RPM * float(config.bearing.speed.factor('rpm'))
 
@@ -171,7 +171,7 @@ class SourceWatch:
         return True
 
     def standing_fault(self, now_ns: int) -> SourceFault | None:
-        """Return the fault that stands, else ``None``; a minute without evidence has cleared it.
+        """Return the fault that stands, else ``None``; clear it first if a minute passed without evidence.
 
         ``now_ns`` is on the clock of the arrivals that :meth:`take` takes.
         """
@@ -197,7 +197,7 @@ class SourceWatch:
             self._fault = self._fault.with_share(self._rarer_share())
 
     def _rarer_share(self) -> float:
-        """Return the share of the values that are on the rarer level."""
+        """Return the share of the values that are on the rarer level; 0 before any run counts."""
         total = self._here + self._there
         return min(self._here, self._there) / total if total else 0.0
 

@@ -79,9 +79,9 @@ class _Changes:
             self.messages = self.messages[done:]
 
     def _judge_blocks(self, blocks: int) -> None:
-        """Set ``clause`` by the latest slow, regular one of the first dozens; clear it after three others.
+        """Set ``clause`` by the latest slow, regular one of some first dozens; clear it after three others.
 
-        ``misses`` counts those others in a row. The dozens stay in the columns.
+        ``blocks`` > 0 is how many dozens; ``misses`` counts those others in a row. The columns stay.
         """
         gap_ns = _split_steps(self.time_ns, blocks)
         # As a rule none of them is slow, which is known at once.
@@ -123,7 +123,7 @@ class _Changes:
 
 
 def _split_steps(column: NDArray[Any], blocks: int) -> NDArray[Any]:
-    """Return the steps between the values of the first dozens of a column, shape (blocks, 12)."""
+    """Return the first 12 ``blocks`` steps between the values of a longer column, shape (blocks, 12)."""
     return np.asarray(np.diff(column[: blocks * _CHANGES + 1]).reshape(blocks, _CHANGES))
 
 
@@ -144,7 +144,7 @@ class _Pairs:
     clause: str = ''
 
     def take(self, time_ns: IntArray, speed: FloatArray, load: FloatArray) -> None:
-        """Take operating points at rising times [ns], shape (n,), of which one of each two seconds is kept.
+        """Take operating points at rising times [ns], shape (n,), n > 0; keep one of each two seconds.
 
         Each 512 that are kept set or clear ``clause``, unless nothing can be told of them, and are forgotten.
         """

@@ -336,7 +336,7 @@ def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
 
 
 def load_section(path: str | Path, section: str) -> dict[str, Any]:
-    """Return the parameters of one section of a parameter file, by their dotted names.
+    """Return the parameters of one section of a parameter file, by dotted names; ``None`` for null.
 
     Raises:
         ConfigurationError: The file cannot be read, has no such section, or gives a parameter twice.
@@ -345,7 +345,7 @@ def load_section(path: str | Path, section: str) -> dict[str, Any]:
 
 
 def _read_section(path: str | Path, document: object, section: str) -> dict[str, Any]:
-    """Return the parameters of a section of a document by dotted names.
+    """Return the parameters of a section of a document by dotted names; ``None`` for null.
 
     Raises:
         ConfigurationError: There is no such section, or one is given twice; the text names ``path``.

@@ -153,7 +153,7 @@ class InputConfig:
 
     @property
     def where_texts(self) -> dict[str, str]:
-        """The text by column of the lines that count."""
+        """The text that lines must have to count, by column."""
         return dict(zip(self.where[::2], self.where[1::2], strict=True))
 
 
@@ -328,7 +328,7 @@ class BearingConfig:
 
     @property
     def inputs(self) -> dict[str, InputConfig]:
-        """The inputs that there are, by name: speed, load and what is measured beside."""
+        """The inputs by name, in order: speed, load (also an assumed one), level and water if configured."""
         every: dict[str, InputConfig | None] = {name: getattr(self, name) for name in INPUTS}
         return {name: source for name, source in every.items() if source is not None}
 

@@ -106,7 +106,7 @@ class Sink:
         """Take the state of a bearing as a record; see :func:`.bearing_records.bearing_record`."""
 
     def take_health(self, level: int, text: str) -> None:
-        """Take the diagnostic status of a node itself."""
+        """Take the diagnostic status of a node itself: a :class:`.Severity` and its text."""
 
     def take_other(self, node: str) -> None:
         """Take the name of another monitor whose messages come."""
@@ -116,7 +116,7 @@ class Session:
     """The monitor with everything around it.
 
     Events, input faults, people's actions and failures to save are logged. Saved alarms are restored; those
-    that cannot be read raise nothing.
+    that cannot be read raise nothing. Samples, time and states are for the time from :meth:`begin` on.
 
     Args:
         config: The configuration, with the full names of topics.
@@ -248,6 +248,9 @@ class Session:
 
         Returns:
             Status, verdict and events of this number, not of values that are repeated before it.
+
+        Raises:
+            ConfigurationError: It is a level or temperature, which is not configured.
         """
         self.follow_clock(now)
         # While simulated time is silent nobody knows when it came.

@@ -247,7 +247,7 @@ class ClipWriter(StretchSink):
 
     def _write_due(self) -> None:
         """Write the clips that are complete, and update ``counts``: written, failed and removed ones."""
-        for clip in self._recorder.clips():
+        for clip in self._recorder.pop_clips():
             try:
                 self._store.write(clip)
                 self.counts.written += 1

@@ -355,5 +355,5 @@ class Clips(ClipRecorder):
 
     def write(self) -> None:
         """Hand the completed clips to the thread that writes them."""
-        for clip in self.clips():
+        for clip in self.pop_clips():
             self._writer.put(clip)

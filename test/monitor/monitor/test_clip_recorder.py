@@ -43,7 +43,7 @@ def record_clips(recorder: ClipRecorder, stop: int, *events: Event, size: int = 
         for event in events:
             if event.time_ns // NS - T0 == second:
                 recorder.note(event)
-        clips += recorder.clips()
+        clips += recorder.pop_clips()
     return clips
 
 
@@ -93,9 +93,9 @@ def test_without_messages_time_ends_it() -> None:
     recorder = ClipRecorder(CONFIG)
     record_clips(recorder, 21, condition_change(20))
     recorder.advance((T0 + 30) * NS)
-    assert recorder.clips() == []
+    assert recorder.pop_clips() == []
     recorder.advance((T0 + 30) * NS + 1)
-    (clip,) = recorder.clips()
+    (clip,) = recorder.pop_clips()
     assert clip_seconds(clip) == list(range(10, 21))
 
 
@@ -112,7 +112,7 @@ def test_disorder_within_the_time_of_a_clip_is_no_jump() -> None:
     recorder.add(clip_message(45))
     recorder.note(condition_change(49))
     recorder.advance((T0 + 60) * NS)
-    (clip,) = recorder.clips()
+    (clip,) = recorder.pop_clips()
     assert clip_seconds(clip) == [*range(39, 50), 45]
 
 
@@ -124,7 +124,7 @@ def test_memory_and_size_are_bounded(message_size: int, max_size: int) -> None:
     recorder = ClipRecorder(config)
     record_clips(recorder, 200, condition_change(100), size=message_size)
     recorder.finish()
-    for clip in clips + recorder.clips():
+    for clip in clips + recorder.pop_clips():
         total = sum(m.size for m in clip.messages)
         assert total < max_size + message_size + 200
         assert any(m.time_ns == (T0 + 100) * NS for m in clip.messages)
@@ -139,6 +139,6 @@ def test_definitions_that_came_until_then_are_in_the_clip() -> None:
     recorder.note(condition_change(0))
     definitions['a/msg/B'] = 'int8 x\n'
     recorder.finish()
-    (clip,) = recorder.clips()
+    (clip,) = recorder.pop_clips()
     definitions['a/msg/C'] = 'int8 x\n'
     assert clip.definitions == {'a/msg/B': 'int8 x\n'}
