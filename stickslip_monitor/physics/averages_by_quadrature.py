@@ -281,7 +281,7 @@ def _scan_roughly(law: FrictionLaw, speed: FloatArray, count: int) -> tuple[Floa
 
 
 def _find_peaks(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ``max_a rho(a; V)`` and ``rho`` at the sliding limit [s/m], each of shape (n,).
+    """Return ``max_a rho(a; V)`` and ``rho`` at the sliding limit [s/m] at speeds > 0, shape (n,) each.
 
     Beyond the sliding limit ``rho`` falls, so the highest stands at an amplitude ``a <= V``: at rest, at the
     limit, or where it turns between, about the highest of a rough scan.
@@ -395,12 +395,12 @@ def equilibrium_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
 
 
 def peak_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
-    """Return ``max_a rho(a; V)`` [s/m] at speeds, shape (n,)."""
+    """Return ``max_a rho(a; V)`` at speeds >= 0 [m/s], shape (n,) [s/m]; 0 for a peak that is rounding."""
     return _find_peaks(law, np.clip(speed, _SLOWEST, _FASTEST))[0]
 
 
 def cusp_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
-    """Return ``rho`` at the sliding limit ``a = V`` [s/m], shape of ``speed``."""
+    """Return ``rho`` at the sliding limit ``a = V`` at speeds >= 0 [m/s], of their shape [s/m]."""
     return slope_surface(law, np.ones(1), speed)
 
 
@@ -445,7 +445,10 @@ def fold_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
 
 
 def sticking_end(law: FrictionLaw, q: FloatArray) -> FloatArray:
-    """Return the highest speed at which ``rho`` reaches ``q`` at the sliding limit, as :func:`fold_speed`."""
+    """Return the highest speed at which ``rho`` reaches ``q`` at the sliding limit [m/s].
+
+    ``nan`` where it does at no speed, ``inf`` where it does at the fastest scanned one; shape of ``q`` [s/m].
+    """
     curve = average_curve(law)
     return _last_root(lambda v: cusp_slope(law, v), curve.speed, curve.cusp, q)
 
@@ -560,7 +563,7 @@ def cycles(
 
 
 def count_cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> IndexArray:
-    """Return the number of cycles at speeds [m/s] and ``q = c/N`` [s/m], shape (n,)."""
+    """Return the number of cycles at speeds > 0 [m/s] and ``q = c/N`` [s/m], shape (n,)."""
     return np.bincount(_cycle_brackets(law, speed, q)[0].astype(np.intp), minlength=speed.size)
 
 

@@ -193,7 +193,7 @@ def _total_fall(law: Stribeck) -> float:
 
 
 def _hopf_number(law: Stribeck, q: FloatArray) -> FloatArray:
-    """Return ``beta V`` of the Hopf speed, ``-ln kappa``, at ``q = c/N`` [s/m], of its shape.
+    """Return ``beta V`` of the Hopf speed, ``-ln kappa`` [-], shape of ``q = c/N`` [s/m].
 
     ``nan`` where steady sliding is always stable, ``inf`` where nothing damps it.
     """
@@ -227,8 +227,8 @@ def boundaries(law: Stribeck, q: FloatArray) -> tuple[FloatArray, FloatArray]:
 def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
     """Return ``N_H = -c/mu'(V)`` at speeds >= 0, of their shape [N]; ``nan`` where friction does not fall.
 
-    Without viscous rise ``c exp(beta V)/(Delta beta)``: the law's slope itself underflows from
-    ``beta V`` = 708 on, long before ``N_H`` overflows.
+    It is 0 without damping. Without viscous rise ``c exp(beta V)/(Delta beta)``: the law's slope itself
+    underflows from ``beta V`` = 708 on, long before ``N_H`` overflows.
     """
     if law.viscous > 0.0:
         return load_for(-law.slope(speed), damping)
@@ -242,7 +242,7 @@ def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
 
 
 def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
-    """Return the largest averaged negative slope ``max_a 2 S/a`` at speeds [m/s], of their shape [s/m].
+    """Return the largest averaged negative slope ``max_a 2 S/a`` at speeds >= 0 [m/s], of their shape [s/m].
 
     It is that of the sliding limit.
     """
@@ -282,7 +282,8 @@ def stable_amplitude(law: Stribeck, speed: FloatArray, q: FloatArray) -> FloatAr
 def threshold_amplitude(law: Stribeck, speed: FloatArray, damping: float, load: FloatArray) -> FloatArray:
     """Return the velocity amplitude of the unstable cycle [m/s]; only for speeds between Hopf and fold.
 
-    Shape (n,). It is never above the speed; outside that range it is unspecified, not ``nan``.
+    Shape (n,), from speeds [m/s], a damping [N s/m] and loads [N]. It is never above the speed; outside that
+    range it is unspecified, not ``nan``.
     """
     # How far the speed is past the Hopf speed, beta V + ln kappa, is near kappa = 1 so small a
     # difference that the amplitude would be off by 1e-10 with the digits of a double: it is taken

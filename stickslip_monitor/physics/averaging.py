@@ -44,8 +44,9 @@ def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
     is exact: averaging takes nothing away from a small vibration.
 
     Returns:
-        Shape of ``load``; ``nan`` where steady sliding is stable at every speed. Without damping it is
-        ``inf`` for Stribeck's law, and for others the last speed at which their fall is looked for.
+        Shape of ``load``; ``nan`` where steady sliding is stable at every speed, as without a load, or the
+        load is not finite. Without damping it is ``inf`` for Stribeck's law, and for others the last speed at
+        which their fall is looked for.
 
     >>> float(round(hopf_speed(bearing, 1000.0), 6))  # ln(5)/10
     0.160944
@@ -64,7 +65,8 @@ def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     ``2 I1(v) exp(-v)/v = c/((mu_s - mu_k) beta N)`` with ``v = beta V``.
 
     Returns:
-        Shape of ``load``; ``nan`` where no speed has a cycle, ``inf`` where every high speed has one.
+        Shape of ``load``; ``nan`` where no speed has a cycle, as without a load, or the load is not finite,
+        ``inf`` where every high speed has one.
 
     >>> float(bearing.speed.from_surface(fold_speed(bearing, 1000.0), 'rpm').round(2))
     40.72
@@ -80,7 +82,8 @@ def sticking_end(bearing: Bearing, load: ArrayLike) -> Any:
     It is that of :func:`fold_speed` but for laws by which a cycle that never sticks lives on beyond it.
 
     Returns:
-        Shape of ``load``; ``nan`` where no speed has one, ``inf`` where every high speed has one.
+        Shape of ``load``; ``nan`` where no speed has one, as without a load, or the load is not finite,
+        ``inf`` where every high speed has one.
     """
     law, c = bearing.friction, bearing.damping
     if averaged(law) is averages_closed_form:
@@ -93,7 +96,8 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Return the load [N] above which steady sliding at a surface speed [m/s] is unstable.
 
     ``N_H = -c/mu'(V)``, the inverse of :func:`hopf_speed`, of the shape of ``speed``; ``nan`` where friction
-    does not fall, ``inf`` where the load is too large for a float. It is 0 without damping.
+    does not fall or the speed is not finite, ``inf`` where the load is too large for a float. It is 0
+    without damping.
 
     >>> round(hopf_load(bearing, hopf_speed(bearing, 1000.0)), 6)
     1000.0
@@ -106,8 +110,8 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
 def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Return the load [N] above which a stick-slip cycle exists at a surface speed [m/s], by averaging.
 
-    The inverse of :func:`fold_speed`, of the shape of ``speed``; ``nan`` where no load has a cycle, 0 without
-    damping.
+    The inverse of :func:`fold_speed`, of the shape of ``speed``; ``nan`` where no load has a cycle or the
+    speed is not finite, 0 without damping.
 
     >>> round(fold_load(bearing, fold_speed(bearing, 1000.0)), 6)
     1000.0

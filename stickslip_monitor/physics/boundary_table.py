@@ -74,7 +74,7 @@ class BoundaryTable:
             return np.maximum(self.fold(load), highest[np.searchsorted(loads, load)])
 
     def lower_end(self, load: ArrayLike) -> Any:
-        """Return the lower end of stick-slip at loads [N], of their shape; 0 for none [m/s]."""
+        """Return the lower end of stick-slip at loads [N], of their shape [m/s]; 0 without one or a load."""
         shape, (n,) = flatten(load)
         with np.errstate(all='ignore'):
             return restore(np.nan_to_num(self._read_curve(2, n)), shape)
@@ -97,7 +97,10 @@ class BoundaryTable:
 
 
 def place_at(first: float, step: float, load: float) -> float:
-    """Return where a load [N] lies in a table: steps from its ``first`` point, negative below it."""
+    """Return where a load [N] lies in a table, in steps from its first point; -1 without a load.
+
+    It is negative below that point. ``first`` and ``step`` are those of :class:`BoundaryTable` [ln N].
+    """
     return (math.log(load) - first) / step if load > 0.0 else -1.0
 
 

@@ -447,8 +447,8 @@ def _find_cycles(
 def _find_stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bool) -> FoundCycles:
     """Find the cycles that reach the belt's speed and, where there is none, the largest that stay slower.
 
-    The kind is ``NONE`` where there is neither, ``UNRESOLVED`` where the steps ran out. Arguments are as of
-    :func:`_find_cycles`.
+    The kind is ``NONE`` where there is neither, ``UNRESOLVED`` where the steps ran out. ``field`` is that of
+    the linings, ``load`` [N] of its shape; ``weigh`` as of :func:`_find_cycles`.
     """
     cycles = _through_belt(field, weigh)
     rest = np.flatnonzero(cycles.kind == CycleKind.NONE)
@@ -462,7 +462,7 @@ def _find_unstable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: 
     """Find the smallest unstable cycles about a stable steady sliding.
 
     The kind is ``NONE`` where there is none, ``UNRESOLVED`` where the steps ran out. Arguments are as of
-    :func:`_find_cycles`.
+    :func:`_find_stable`.
     """
     rows = np.flatnonzero(_slides_steadily(field))
     cycles = FoundCycles.none(np.full(load.size, CycleKind.NONE))

@@ -24,7 +24,7 @@ def load_of_fold(bearing: Bearing, speed: ArrayLike) -> Any:
     Speeds astern mirror those ahead. Below the fold of the table's first load it is that load.
 
     Returns:
-        Shape of ``speed``; 0 where every load has it, ``nan`` where none has it.
+        Shape of ``speed``; 0 where every load has it, ``nan`` where none has it or the speed is not finite.
 
     >>> round(load_of_fold(bearing, 0.213198), 2)
     1000.0
@@ -62,7 +62,8 @@ def deciding_load(bearing: Bearing, speed: ArrayLike) -> Any:
     them, as averaging finds, it is that of :func:`.averaging.fold_load`.
 
     Returns:
-        Shape of ``speed``; 0 where every load has a cycle, ``nan`` where none has one.
+        Shape of ``speed``; 0 where every load has a cycle, ``nan`` where none has one or the speed is not
+        finite.
 
     >>> round(deciding_load(bearing, 0.213198), 2)
     1000.0

@@ -266,9 +266,10 @@ def at_points(
 def reference_point(
     bearing: Lubricated, speed: Any, load: Any, temperature: Any = None
 ) -> tuple[Any, Any, Any]:
-    """Return ``V/s``, ``N/s`` and ``s`` of points, each of its broadcast shape.
+    """Return ``V/s``, ``N/s`` and ``s`` of points; without lubrication the point itself, as given, and 1.
 
-    Without lubrication it is the point itself, as given, and 1.
+    ``s`` has the broadcast shape of ``load`` and ``temperature``, and so has ``N/s``; ``V/s`` broadcasts with
+    ``speed``, too. They are floats for numbers.
 
     Args:
         bearing: The bearing.

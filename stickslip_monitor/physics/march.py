@@ -398,7 +398,7 @@ def march(
     log: TransitionLog,
     work: MutableSequence[float],
 ) -> tuple[int, int, float, float, float, float, int, float, int, int, int, int, int]:
-    """Follow the motion to the end of the inputs, or until ``log`` is full; then it may be called again.
+    """Follow the motion to the end of the inputs, or until ``log`` is full; call again with ``events`` 0.
 
     Writes ``samples`` and ``log``, and in ``work`` the series of each step. The status is ``DONE``,
     ``EVENTS_FULL`` where the log is full, ``EXHAUSTED`` where the limit of steps is reached, or

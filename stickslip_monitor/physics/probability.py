@@ -230,7 +230,7 @@ class Belief:
         """Return the ``p`` quantile of the averaged fold at loads [N], of their shape; 0 for none [m/s].
 
         Raises:
-            PhysicsError: ``p`` is not between 0 and 1.
+            PhysicsError: ``p`` is not above 0 and below 1.
         """
         return self._boundary_quantile(FOLD, load, p)
 
@@ -238,7 +238,7 @@ class Belief:
         """Return the ``p`` quantile of the Hopf speed at loads [N], of their shape; 0 for none [m/s].
 
         Raises:
-            PhysicsError: ``p`` is not between 0 and 1.
+            PhysicsError: ``p`` is not above 0 and below 1.
         """
         return self._boundary_quantile(HOPF, load, p)
 
@@ -251,7 +251,7 @@ class Belief:
             p: Probability that the boundary lies below the speed, between 0 and 1.
 
         Raises:
-            PhysicsError: ``p`` is not between 0 and 1.
+            PhysicsError: ``p`` is not above 0 and below 1.
         """
         if not 0.0 < p < 1.0:
             raise PhysicsError(f'p = {p:g} must be between 0 and 1')

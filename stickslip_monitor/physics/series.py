@@ -56,7 +56,7 @@ def find_turn(
         work: The row of work; written: the rate of the relative speed.
         order: Highest power of the relative speed.
         share: A share of the unit by which it has turned once.
-        rate: Its rate there for each unit, of another sign than that at the begin.
+        rate: Its rate there for each unit, of another sign than that at the begin, which is not 0.
         close: Share of that rate which may be left.
     """
     for k in range(order):
@@ -78,7 +78,7 @@ def find_level(
         order: Its highest power.
         end: Share of the unit by which the level has been passed.
         final: Value of the series there.
-        level: The level.
+        level: The level; a series that begins on it passes it at 0 or later.
         close: Error allowed in the value; 0 for rounding only.
 
     Returns:
