@@ -120,6 +120,8 @@ class SourceWatch:
     _run: int = 0  # values since the latest jump
     _here: float = 0.0  # mean length of the runs on the present level
     _there: float = 0.0  # the same on the other one
+    _other: float = math.nan  # the latest value on the other one
+    _is_exchange: bool = True  # whether the latest jump was from one of the two to the other
 
     def take(self, arrival_ns: int, si: float) -> SourceFault | None:
         """Take one value [SI] and its arrival [ns], which must not fall; return the fault that it raises.
@@ -138,7 +140,7 @@ class SourceWatch:
         returns = abs(si - origin) <= _TOLERANCE * height
         late = self._count > 0 and arrival_ns - self._last_ns > HOLD_NS
         self._weaken_evidence(self._count if late else 0 if returns else _PENALTY)
-        self._take_run(run, counts=returns and self._count > 0)
+        self._take_run(run, (before, si), returns=returns)
         return self._count_evidence(arrival_ns, (min(before, si), max(before, si))) if returns else None
 
     def take_column(self, arrival_ns: IntArray, si: FloatArray) -> list[SourceFault]:
@@ -179,20 +181,30 @@ class SourceWatch:
             self._weaken_evidence(self._count)
         return self._fault
 
-    def _take_run(self, run: int, *, counts: bool) -> None:
-        """Add the length of the run that a jump has ended to the mean of its level; begin one on the other.
+    def _take_run(self, run: int, jump: tuple[float, float], *, returns: bool) -> None:
+        """Take the length of the run that a jump has ended; begin one on the level that it leads to.
 
-        The fault that stands, if any, gets the new share.
+        A jump to the other level exchanges their means; any other is a step of the present level, which keeps
+        its mean. A return undoes the jump before it. The fault that stands, if any, gets the new share.
 
         Args:
             run: Values since the jump before.
-            counts: Whether it lies between two returns; the first run is of unknown length.
+            jump: The values before and after the jump [SI].
+            returns: Whether the jump is a return: then the run adds to its level's mean.
         """
-        if counts:
-            self._here += (run - self._here) / _RUNS if self._here else run
-        elif not self._count:
+        before, si = jump
+        if not self._count:
             self._here = self._there = 0.0
-        self._here, self._there, self._run = self._there, self._here, 1
+        if not returns:
+            is_near = abs(si - self._other) <= _TOLERANCE * abs(si - before)
+            self._is_exchange = not self._count or is_near
+        elif self._is_exchange and self._count:  # the first run is of unknown length
+            self._here += (run - self._here) / _RUNS if self._here else run
+        if self._is_exchange:
+            self._here, self._there = self._there, self._here
+        if self._is_exchange or returns:
+            self._other = before
+        self._run = 1
         if self._fault is not None:
             self._fault = self._fault.with_share(self._rarer_share())
 

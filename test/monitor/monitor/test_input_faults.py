@@ -249,6 +249,22 @@ def test_the_share_follows_a_source_that_becomes_frequent() -> None:
     assert (rare.is_mixed, frequent.is_mixed) == (False, True)
 
 
+@pytest.mark.parametrize('spike', [400.0, 0.0, 90.0, -3.0, 0.1])
+@pytest.mark.parametrize(('rpm', 'stepped'), [(150.0, 60.0), (60.0, 150.0)])
+def test_rare_spikes_are_no_mix_when_the_speed_steps(rpm: float, stepped: float, spike: float) -> None:
+    # One value in 137 is a spike, of a fixed value or by a factor below 1; the speed steps amid two of them.
+    index = np.arange(137 * 60)
+    values = np.where(index < 137 * 30 + 60, rpm, stepped)
+    values[136::137] = spike * values[136::137] if abs(spike) in (3.0, 0.1) else spike
+    watch, shares = SourceWatch(3.0), []
+    for now, value in zip(sample_times(values.size, 7.0).tolist(), values.tolist(), strict=True):
+        watch.take(now, value)
+        fault = watch.standing_fault(now)
+        shares += [] if fault is None else [fault.share]
+    assert len(shares) > 137 * 40
+    assert shares == pytest.approx([1.0 / 137.0] * len(shares))
+
+
 def test_signs_of_a_speed_are_no_second_level() -> None:
     # The rule takes the magnitude of a speed; two loads of opposite sign are two levels.
     values = alternate_levels(49, 1, rare_value=-30.0)
