@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import signal
 import sys
-import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -48,16 +47,11 @@ def play(run: Any) -> Callable[..., Any]:
 
 
 class Received:
-    """Messages of a topic with the times at which they came."""
+    """Messages of a topic."""
 
     def __init__(self, peer: Any, kind: Any, topic: str, raw: bool = False) -> None:
         self.messages: list[Any] = []
-        self.times: list[float] = []
-        peer.node.create_subscription(kind, topic, self._take_message, 2000, raw=raw)
-
-    def _take_message(self, message: Any) -> None:
-        self.messages.append(message)
-        self.times.append(time.monotonic())
+        peer.node.create_subscription(kind, topic, self.messages.append, 2000, raw=raw)
 
 
 def clock_ns(message: Any) -> int:
@@ -85,8 +79,41 @@ def test_a_message_that_cannot_be_sent(
         publish_message(publisher, None)
 
 
+def test_messages_and_clock_are_due_at_their_times_divided_by_the_rate(
+    peer: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Play ten messages a second at twice the speed, on a clock that runs as it is slept."""
+    from stickslip_monitor.ros import player
+
+    now, clock, sent = [0.0], list[tuple[float, int]](), list[tuple[float, bytes]]()
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    def publish(publisher: Any, message: Any) -> None:
+        if publisher.topic_name == '/clock':
+            clock.append((now[0], clock_ns(message)))
+        else:
+            sent.append((now[0], message))
+
+    monkeypatch.setattr(player, 'time', SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
+    monkeypatch.setattr(player, 'publish_message', publish)
+    recorded = [(BEGIN + k * 10**8, b'%d' % k) for k in range(20)]
+    played = player.Player({'/a': FLOAT64})
+    assert played.play((('/a', *message) for message in recorded), 2.0) == 20
+    played.node.destroy_node()
+    assert [at for at, _ in sent] == pytest.approx([k / 20.0 for k in range(20)], abs=1e-9)
+    assert [message for _, message in sent] == [message for _, message in recorded]
+    # The clock runs on between messages, and the time of a message is its log time.
+    assert [time_ns for _, time_ns in clock] == pytest.approx(
+        [BEGIN + round(2e9 * at) for at, _ in clock], abs=1000
+    )
+    assert max(b - a for (a, _), (b, _) in pairwise(clock)) <= player.CLOCK_PERIOD + 1e-9
+    assert {time_ns for time_ns, _ in recorded} <= {time_ns for _, time_ns in clock}
+
+
 @pytest.mark.slow
-def test_timing_clock_and_bytes(peer: Any, bag: Path, play: Any) -> None:
+def test_bytes_and_the_order_of_the_clock(peer: Any, bag: Path, play: Any) -> None:
     from rosgraph_msgs.msg import Clock
     from std_msgs.msg import Float64
 
@@ -99,13 +126,8 @@ def test_timing_clock_and_bytes(peer: Any, bag: Path, play: Any) -> None:
     assert player.output == 'played 40 messages\n'
     assert [bytes(message) for message in a.messages] == [encode_float64(k) for k in range(20)]
     assert [message.data for message in b.messages] == [-float(k) for k in range(20)]
-    # 1.9 s at twice the speed: never sooner, and on a busy machine later.
-    assert 0.9 < a.times[-1] - a.times[0] < 3.0
     times = [clock_ns(message) for message in clock]
     assert times == sorted(times)
-    # It runs on between messages, and the time of a message is its log time.
-    assert len(set(times)) > 45
-    assert len(set(times) & {BEGIN + k * 10**8 for k in range(20)}) >= 15
     assert times[0] >= BEGIN
     assert times[-1] <= BEGIN + 192 * 10**7
 
@@ -199,11 +221,9 @@ def replay_to_node(monitor: Any, run: Any, path: Path, rate: float, count: int) 
         *(sys.executable, '-m', 'stickslip_monitor.cli', 'play', str(path)),
         *('--rate', str(rate), '--wait', '60'),
     )
-    monitor.peer.until(lambda: not player.alive, 'the end', 60.0)
+    monitor.peer.until(lambda: not player.alive, 'the end')
     assert player.wait() == 0, player.output
-    monitor.peer.until(
-        lambda: len(warnings) >= count, f'{count} events, not {kit.decode_warnings(warnings)}', 5.0
-    )
+    monitor.peer.until(lambda: len(warnings) >= count, f'{count} events')
     return kit.decode_warnings(warnings)
 
 
