@@ -12,10 +12,8 @@ from typing import Any
 
 import pytest
 from sending import SECOND, Ship
-from shared import CONFIG, until
+from shared import CONFIG, DEADLINE, until
 
-DEADLINE = 30.0
-"""Only a test that fails waits so long [s]."""
 BEARING = 'aft_stern'
 
 
@@ -78,7 +76,8 @@ class Dashboard:
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
         listening = self.run(self.server.listen('127.0.0.1', port))
-        self.port = listening.sockets[0].getsockname()[1]
+        self.socket = listening.sockets[0]
+        self.port = self.socket.getsockname()[1]
         self.url = f'http://127.0.0.1:{self.port}/'
 
     def run(self, work: Any) -> Any:
@@ -111,11 +110,10 @@ def dashboards(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Dashbo
     pytest.importorskip('prometheus_client', reason="the extra 'dashboard' is not installed")
     started: list[Dashboard] = []
     server = 'stickslip_monitor.dashboard.server'
-    for name, seconds in (('HEARTBEAT', 0.3), ('MAX_STALL', 2.0)):
-        monkeypatch.setattr(f'{server}.{name}', seconds)
+    monkeypatch.setattr(f'{server}.HEARTBEAT', 0.3)
 
     def start(**options: Any) -> Dashboard:
-        for name in options.keys() & {'MAX_IDLE', 'MAX_CONNECTIONS'}:
+        for name in options.keys() & {'MAX_IDLE', 'MAX_CONNECTIONS', 'MAX_STALL'}:
             monkeypatch.setattr(f'{server}.{name}', options.pop(name))
         started.append(Dashboard(**options))
         return started[-1]
