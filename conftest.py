@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import inspect
+import signal
 from collections.abc import Iterator
 from typing import Any
 
@@ -24,6 +25,17 @@ def caches(tmp_path_factory: pytest.TempPathFactory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('XDG_CACHE_HOME', str(tmp_path_factory.mktemp('caches')))
         yield
+
+
+@pytest.fixture(autouse=True, scope='session')
+def signals() -> Iterator[None]:
+    """Let signals end what the tests start, also where nohup or a shell's background has them ignored."""
+    ignored = [n for n in (signal.SIGINT, signal.SIGHUP) if signal.getsignal(n) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, signal.SIG_DFL)
+    yield
+    for number in ignored:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @pytest.fixture(autouse=importlib.util.find_spec('stickslip_monitor') is not None, scope='session')
