@@ -7,6 +7,7 @@ import json
 import signal
 import sys
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 from made_logs import write_recording
 
+from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.bearing_records import event_record
@@ -206,49 +208,60 @@ def coast_down(seconds: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.
     return BEGIN + np.round((time + jitter) * 1e9).astype(np.int64), rpm, np.full(time.size, 1e3)
 
 
-def check_offline(path: Path, values: dict[str, Any]) -> list[dict[str, Any]]:
-    report = check_recording(path, build_config(values))
-    # As JSON brings them.
-    events = [event_record(event) for event in report.bearings['aft'].events]
-    return list(json.loads(json.dumps(events)))
-
-
-def replay_to_node(monitor: Any, run: Any, path: Path, rate: float, count: int) -> Any:
-    warnings = monitor.warnings()
-    topic = monitor.input(monitor.values['aft.speed.topic'])
-    monitor.peer.until(lambda: monitor.peer.node.count_subscribers(topic), 'the input')
-    player = run(
-        *(sys.executable, '-m', 'stickslip_monitor.cli', 'play', str(path)),
-        *('--rate', str(rate), '--wait', '60'),
-    )
-    monitor.peer.until(lambda: not player.alive, 'the end')
-    assert player.wait() == 0, player.output
-    monitor.peer.until(lambda: len(warnings) >= count, f'{count} events')
-    return kit.decode_warnings(warnings)
-
-
 @pytest.mark.slow
 def test_stamped_messages_give_the_same_events_to_the_nanosecond(
-    start: Any, run: Any, tmp_path: Path
+    host: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Play a recording to a node in step: the player goes on when the node has taken what was sent."""
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import JointState
 
+    from stickslip_monitor.ros import player
     from stickslip_monitor.ros.inputs import write_definition
 
-    # On the player's clock: a stamp counts where it is at most a second older than its arrival.
-    monitor = start(kit.node_parameters(kit.STAMPED, DELAYS), '-p', 'use_sim_time:=true')
-    path = tmp_path / 'bag'
+    monitor = host(kit.stamped_parameters(DELAYS))
+    warnings, topic, path = monitor.warnings(), monitor.input('shaft'), tmp_path / 'bag'
+    stamps = []
     with BagWriter(path) as writer:
-        topic = monitor.input('shaft')
         writer.add_topic(topic, kit.JOINT, write_definition(kit.JOINT))
         for time, rpm, load in zip(*coast_down(40.0, 10.0), strict=True):
             message = JointState(velocity=[rpm], effort=[load])
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(int(time), 10**9)
-            # Half of the second for which a stamp counts is there for a late player or node.
+            stamps.append(int(time))
+            # A stamp counts where it is at most a second older than its arrival.
             writer.write(topic, int(time) + 500_000_000, serialize_message(message))
-    absolute = {'aft.speed.topic': topic, 'aft.load.topic': topic}
-    expected = check_offline(path, monitor.values | absolute)
+    absolute = {'speed.topic': topic, 'load.topic': topic}
+    report = check_recording(path, build_config(kit.node_parameters(kit.STAMPED, DELAYS, absolute)))
+    # As JSON brings them.
+    expected = json.loads(json.dumps([*map(event_record, report.bearings['aft'].events)]))
     assert len(expected) >= 5
-    events = replay_to_node(monitor, run, path, 5.0, len(expected))
-    assert events == expected
+
+    # The clock stands while this process is held up: there is no stall to excuse.
+    monkeypatch.setattr('stickslip_monitor.ros.node_loop.LATE_NS', 10**18)
+    now, publish, sent = [0.0], player.publish_message, iter(stamps)
+    clock = monitor.node.get_clock()
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    def publish_and_wait(publisher: Any, message: Any) -> None:
+        publish(publisher, message)
+        if publisher.topic_name == topic:
+            stamp_ns = next(sent)
+            monitor.peer.until(lambda: monitor.has_taken(stamp_ns), 'the message')
+        else:
+            monitor.peer.until(lambda: clock.now().nanoseconds == clock_ns(message), 'the clock')
+
+    remapping = ['--ros-args', '-r', f'/clock:={monitor.input("clock")}']
+    monkeypatch.setattr(player, 'Node', partial(player.Node, cli_args=remapping))
+    monkeypatch.setattr(player, 'time', SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
+    monkeypatch.setattr(player, 'publish_message', publish_and_wait)
+    playing = player.Player({topic: kit.JOINT})
+    peer = monitor.peer
+    publishers = [playing._clock, *playing._publishers.values()]
+    peer.until(lambda: all(p.get_subscription_count() for p in publishers), 'the node')
+    recorded = ((m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages())
+    assert playing.play(recorded, 5.0) == len(stamps)
+    playing.node.destroy_node()
+    peer.until(lambda: len(warnings) >= len(expected), f'{len(expected)} events')
+    assert kit.decode_warnings(warnings) == expected
