@@ -479,7 +479,7 @@ def _judge_points(
         the speeds are ``nan`` where there is no boundary or an input is not finite.
     """
     law = bearing.friction
-    solver = averaging.averaged(law)
+    solver = averaging.averages_of(law)
     size = np.abs(speed)
     q = damping_per_load(bearing.damping, load)
     # Speed and load come in turns as a rule, so that a load is met twice.

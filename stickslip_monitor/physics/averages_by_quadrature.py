@@ -481,7 +481,7 @@ def _last_root(
 def is_unstable(law: FrictionLaw, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
     """Return where steady sliding is unstable, ``-mu'(V) > q``; there may be several such ranges of speed.
 
-    ``hopf`` is not used.
+    Shape (n,), from speeds [m/s] and ``q = c/N`` [s/m]; ``hopf`` is not used.
     """
     return -law.slope(speed) > q
 

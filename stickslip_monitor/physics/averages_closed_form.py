@@ -51,7 +51,7 @@ def _series_or_bessel(x: FloatArray, series: _Function, bessel: _Function) -> Fl
 
 
 def _log_excess(alpha: FloatArray) -> FloatArray:
-    """Return ``ln(2 I1(alpha)/alpha)`` from the power series, for ``alpha <= 0.5``."""
+    """Return ``ln(2 I1(alpha)/alpha)`` from the power series, for ``alpha <= 0.5``, of its shape."""
     quarter = 0.25 * alpha * alpha
     total = np.zeros_like(alpha)
     for k in range(8, 0, -1):
@@ -60,19 +60,19 @@ def _log_excess(alpha: FloatArray) -> FloatArray:
 
 
 def growth(alpha: FloatArray) -> FloatArray:
-    """Return ``ln(2 I1(alpha)/alpha)`` for ``alpha`` >= 0, to full relative precision."""
+    """Return ``ln(2 I1(alpha)/alpha)`` for ``alpha`` >= 0, of its shape, to full relative precision."""
     return _series_or_bessel(alpha, _log_excess, lambda large: np.log(2.0 * i1e(large) / large) + large)
 
 
 def decline(v: FloatArray) -> FloatArray:
-    """Return ``-ln(2 exp(-v) I1(v)/v) = v - growth(v)`` for ``v`` >= 0; it rises from 0 with ``v``."""
+    """Return ``-ln(2 exp(-v) I1(v)/v) = v - growth(v)`` for ``v`` >= 0, of its shape; it rises from 0."""
     return _series_or_bessel(
         v, lambda small: small - _log_excess(small), lambda large: np.log(0.5 * large / i1e(large))
     )
 
 
 def _growth_slope(alpha: FloatArray) -> FloatArray:
-    """Return ``d growth / d alpha = I2(alpha)/I1(alpha)``, as precise as Newton's method needs it."""
+    """Return ``d growth / d alpha = I2/I1``, shape of ``alpha``, as precise as Newton's method needs it."""
     return _series_or_bessel(
         alpha,
         lambda small: small / 4.0 * (1.0 - small * small / 24.0),
@@ -81,7 +81,7 @@ def _growth_slope(alpha: FloatArray) -> FloatArray:
 
 
 def _decline_slope(v: FloatArray) -> FloatArray:
-    """Return ``d decline / dv = 1 - I2(v)/I1(v)``."""
+    """Return ``d decline / dv = 1 - I2(v)/I1(v)``, shape of ``v``."""
     far = 1e6  # I2/I1 tends to 1 - 1.5/v; farther out the difference from 1 has no digits left
     return np.where(v < far, 1.0 - _growth_slope(np.minimum(v, far)), 1.5 / np.maximum(v, 1.0))
 
@@ -251,7 +251,7 @@ def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
 
 
 def has_cycle(law: Stribeck, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
-    """Return where a stable cycle exists: below ``fold``, the averaged one [m/s]; the rest is not used."""
+    """Return where a stable cycle exists, shape (n,): below the averaged ``fold`` [m/s]; no more is used."""
     return speed < fold
 
 

@@ -31,7 +31,7 @@ from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_a
 from stickslip_monitor.physics.lubrication import at_points, gives_load, gives_speed, reference_point
 
 
-def averaged(law: FrictionLaw) -> Any:
+def averages_of(law: FrictionLaw) -> Any:
     """Return the module of the averaged equations of a law: closed forms for Stribeck's, else quadrature."""
     return averages_closed_form if computes_as(law, Stribeck) else averages_by_quadrature
 
@@ -54,7 +54,7 @@ def hopf_speed(bearing: Bearing, load: ArrayLike) -> Any:
     [nan, 0.161]
     """
     law, c = bearing.friction, bearing.damping
-    return mapped(lambda n: averaged(law).hopf_speed(law, damping_per_load(c, n)), load)
+    return mapped(lambda n: averages_of(law).hopf_speed(law, damping_per_load(c, n)), load)
 
 
 @gives_speed
@@ -72,7 +72,7 @@ def fold_speed(bearing: Bearing, load: ArrayLike) -> Any:
     40.72
     """
     law, c = bearing.friction, bearing.damping
-    return mapped(lambda n: averaged(law).boundaries(law, damping_per_load(c, n))[1], load)
+    return mapped(lambda n: averages_of(law).boundaries(law, damping_per_load(c, n))[1], load)
 
 
 @gives_speed
@@ -86,7 +86,7 @@ def sticking_end(bearing: Bearing, load: ArrayLike) -> Any:
         ``inf`` where every high speed has one.
     """
     law, c = bearing.friction, bearing.damping
-    if averaged(law) is averages_closed_form:
+    if averages_of(law) is averages_closed_form:
         return fold_speed(bearing, load)
     return mapped(lambda n: averages_by_quadrature.sticking_end(law, damping_per_load(c, n)), load)
 
@@ -103,7 +103,7 @@ def hopf_load(bearing: Bearing, speed: ArrayLike) -> Any:
     1000.0
     """
     law, c = bearing.friction, bearing.damping
-    return mapped(lambda v: averaged(law).hopf_load(law, np.abs(v), c), speed)
+    return mapped(lambda v: averages_of(law).hopf_load(law, np.abs(v), c), speed)
 
 
 @gives_load
@@ -117,7 +117,7 @@ def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
     1000.0
     """
     law, c = bearing.friction, bearing.damping
-    return mapped(lambda v: load_for(averaged(law).peak_slope(law, np.abs(v)), c), speed)
+    return mapped(lambda v: load_for(averages_of(law).peak_slope(law, np.abs(v)), c), speed)
 
 
 @at_points(lambda rate, _: rate)
@@ -183,7 +183,7 @@ def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -
     shape, (v, n), usable = _usable_points(speed, load)
     with np.errstate(all='ignore'):
         law = bearing.friction
-        a, stable = averaged(law).cycles(law, v[usable], bearing.damping, n[usable])
+        a, stable = averages_of(law).cycles(law, v[usable], bearing.damping, n[usable])
         width = a.shape[1]
         amplitude, stability = np.full((v.size, width), np.nan), np.zeros((v.size, width))
         amplitude[usable] = a / bearing.natural_frequency
@@ -215,7 +215,7 @@ def count_cycles(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> NDArray
     counts, law = np.zeros(v.size, np.intp), bearing.friction
     with np.errstate(all='ignore'):
         q = damping_per_load(bearing.damping, n[usable])
-        counts[usable] = averaged(law).count_cycles(law, v[usable], q)
+        counts[usable] = averages_of(law).count_cycles(law, v[usable], q)
     return counts.reshape(shape)
 
 
@@ -245,7 +245,7 @@ def stable_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -> F
     """
     q = damping_per_load(bearing.damping, load)
     law = bearing.friction
-    velocity: FloatArray = averaged(law).stable_amplitude(law, speed, q)
+    velocity: FloatArray = averages_of(law).stable_amplitude(law, speed, q)
     return velocity / bearing.natural_frequency
 
 
@@ -260,7 +260,7 @@ def threshold_amplitude(bearing: Bearing, speed: FloatArray, load: FloatArray) -
         load: Load, shape (n,) [N].
     """
     law = bearing.friction
-    velocity: FloatArray = averaged(law).threshold_amplitude(law, speed, bearing.damping, load)
+    velocity: FloatArray = averages_of(law).threshold_amplitude(law, speed, bearing.damping, load)
     return velocity / bearing.natural_frequency
 
 
@@ -278,7 +278,7 @@ def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> FloatA
     v, a = np.broadcast_arrays(np.abs(np.asarray(speed, float)), np.asarray(amplitude, float))
     moving = a > 0.0
     result = np.zeros(v.shape)
-    result[moving] = averaged(law).harmonic(law, v[moving], a[moving])
+    result[moving] = averages_of(law).harmonic(law, v[moving], a[moving])
     return result
 
 

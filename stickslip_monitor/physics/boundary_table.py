@@ -167,7 +167,7 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     load = np.exp(onset + grid)
     exact = curve.exact_fold(load)
     exact[-1] = np.nan if ends else exact[-1]
-    closed = averaging.averaged(law) is averages_closed_form
+    closed = averaging.averages_of(law) is averages_closed_form
     averaged = np.asarray(averaging.fold_speed(bearing, load)) if closed else curve.averaged_fold(load)
     sticking_end = averaged if closed else curve.averaged_sticking_end(load)
     # At its onset the fold of a law that falls most at rest is no speed yet.
@@ -191,8 +191,8 @@ known_table = lru_cache(maxsize=64)(boundary_table)
 def _linear_pieces(speed: FloatArray) -> FloatArray:
     """Return straight lines between speeds at places 0, 1, ... of a table, shape (n - 1, 4).
 
-    Rows are as of :func:`_spline_pieces`.
-    ``nan`` counts as 0. A piece towards an infinite speed is level; one from there to a finite speed is
+    Each row has a piece's coefficients for the share of the step passed, lowest power first. ``nan`` counts
+    as 0. A piece towards an infinite speed is level; one from there to a finite speed is
     ``nan``.
     """
     speed = np.where(np.isnan(speed), 0.0, speed)

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, flatten, mapped, restore
 from stickslip_monitor.physics import averages_closed_form
 from stickslip_monitor.physics.averages_by_quadrature import average_curve
-from stickslip_monitor.physics.averaging import averaged, fold_speed
+from stickslip_monitor.physics.averaging import averages_of, fold_speed
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.contact import meets_belt
 from stickslip_monitor.physics.folds import deciding_fold, exact_fold
@@ -323,7 +323,7 @@ def end_of_vibration(bearing: Bearing, load: ArrayLike) -> Any:
 
 @lru_cache(maxsize=64)
 def _exact_fold_at(bearing: Bearing, load: float) -> float:
-    """Return the exact fold at one load [N], as :func:`.exact_fold`; cached.
+    """Return the :func:`.exact_fold` at one load > 0 [N]: ``nan`` for none, ``inf`` without an end; cached.
 
     Points that come one by one have, as a rule, the load of the one before.
     """
@@ -499,7 +499,7 @@ def _may_vibrate(bearing: Bearing, speed: FloatArray, load: FloatArray) -> BoolA
         speed: ``V`` > 0, shape (n,) [m/s].
         load: Load, shape (n,) [N].
     """
-    if averaged(bearing.friction) is averages_closed_form:
+    if averages_of(bearing.friction) is averages_closed_form:
         return np.zeros(speed.size, bool)
     peak, cusp = average_curve(bearing.friction).at(speed)
     return (load * peak > 0.9 * bearing.damping) & (cusp < (1.0 - 1e-4) * peak)

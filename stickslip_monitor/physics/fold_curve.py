@@ -143,7 +143,7 @@ def _averaged_curve(contact: Contact) -> FloatArray:
     """Return the averaged fold and end of sticking as curves: :attr:`FoldCurve.averaged`."""
     law = contact.law
     speed = np.geomspace(SLOWEST * contact.scales[0], 300.0 * contact.scales[-1], 161)
-    if (solver := averaging.averaged(law)) is averages_closed_form:
+    if (solver := averaging.averages_of(law)) is averages_closed_form:
         peak = cusp = solver.peak_slope(law, speed)
     elif speed_scales(law):
         speed, peak, cusp = average_curve(law)

@@ -311,7 +311,9 @@ def _falling_part(law: Exponential, origin: float, step: float) -> tuple[float, 
 
 
 def friction_drop(law: Exponential, origin: float, step: float) -> float:
-    """Return ``mu(v) - mu(v + step)`` of sliding ahead [-]; arguments as of :func:`_falling_part`.
+    """Return ``mu(v) - mu(v + step)`` of sliding ahead [-]; the law's exponent is 1 or 2.
+
+    ``origin`` is ``v`` >= 0, ``step`` any change of speed [m/s].
 
     ``(mu_s - mu_k) (exp(-(beta v)^delta) - exp(-(beta (v + step))^delta)) - nu step``
 
