@@ -17,7 +17,7 @@ from stickslip_monitor.commands import options, output
 from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.assessment import BELIEFS, Assessment, assess
 from stickslip_monitor.monitor.bearing_records import finite_or_none
-from stickslip_monitor.monitor.config_questions import write_questions
+from stickslip_monitor.monitor.config_questions import question_sentences
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.statements import calls_for_caution
 
@@ -52,13 +52,14 @@ def run(args: argparse.Namespace) -> int:
         warned |= calls_for_caution(item, points[-1][1])
     if args.json:
         documents = [
-            to_json(item.name, point) | {'questions': write_questions(item, load)} for item, point in points
+            to_json(item.name, point) | {'questions': question_sentences(item, load)}
+            for item, point in points
         ]
         output.print_json(documents if len(documents) > 1 else documents[0])
     else:
         for item, point in points:
             output.console().print(_build_table(item, point))
-            for question in write_questions(item, load):
+            for question in question_sentences(item, load):
                 output.console().print(f'question: {question}', soft_wrap=True)
     return int(warned)
 

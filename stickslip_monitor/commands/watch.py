@@ -37,7 +37,7 @@ from stickslip_monitor.links.buses import (
     is_loopback,
 )
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
-from stickslip_monitor.monitor.config_questions import write_questions
+from stickslip_monitor.monitor.config_questions import question_sentences
 from stickslip_monitor.monitor.configuration import bearing_names, build_config
 from stickslip_monitor.monitor.parameter_file import LINKS, NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.parameters import ASSUMED_LOADS, MonitorConfig
@@ -362,7 +362,7 @@ def _make_monitor(
         return
     if config.clips.directory:
         _log.warning('clips.directory is not used: event clips are taken by the ROS 2 node')
-    for question in (*config.faults, *chain.from_iterable(map(write_questions, config.bearings))):
+    for question in (*config.faults, *chain.from_iterable(map(question_sentences, config.bearings))):
         _log.warning(question)
     store = StateWriter(config.state_file, user='monitor') if config.state_file else None
     live = LiveMonitor(config, feed, _log, store)

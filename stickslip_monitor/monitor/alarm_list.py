@@ -56,6 +56,8 @@ class Action(WordEnum):
 class Flood:
     """Counts the alarms that are raised: in the last ten minutes, 1000 at most, and whether that is a flood.
 
+    ``now_ns`` is a running time that never goes back [ns].
+
     Attributes:
         most: The most alarms in any ten minutes so far.
     """
@@ -159,6 +161,8 @@ class AlarmChange:
 
 class Annunciator:
     """All alarms: of each bearing by kind, worst first.
+
+    Changes are returned in their order; ``time_ns`` is their stamp [ns].
 
     Attributes:
         now_ns: The latest running time [ns].

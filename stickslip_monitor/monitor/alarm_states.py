@@ -67,7 +67,7 @@ LATCHING = (AlarmKind.AMPLITUDE_LIMIT, AlarmKind.STICK_SLIP)
 
 
 class Causes:
-    """The causes of one bearing's alarms; ``now_ns`` is a running time that never goes back.
+    """The causes of one bearing's alarms; ``now_ns`` is a running time that never goes back [ns].
 
     Conditions that are recalled held before a restart: they hold until the bearing has been watched for long
     enough to know. ``texts`` are the latest of each condition, for a person.

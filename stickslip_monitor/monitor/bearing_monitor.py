@@ -91,7 +91,7 @@ class BearingMonitor(Standing):
     def _rescale_memory(self, place: int, old: RuleNumbers) -> None:
         """Convert speeds or loads in the memory from the old settings; a level is learned anew.
 
-        Nothing is done for the water: its next value has the new scale.
+        Nothing is done for the water: its next value has the new scale. ``place`` is the index of the input.
         """
         state, new = self.state, self.settings.live
         if place == Input.WATER_TEMPERATURE:
@@ -127,7 +127,7 @@ class BearingMonitor(Standing):
             return self.unknown in (Unknown.NOTHING, Unknown.LOST)
         if place == Input.WATER_TEMPERATURE:
             return bool(self.water_doubt)
-        return self.state.came[place] == NEVER or INPUTS[place] in self.lost()
+        return self.state.came[place] == NEVER or INPUTS[place] in self.lost_ages()
 
     def discount_stall(self, held_ns: int) -> None:
         """Subtract a stall of this process [ns] from the age of speed and load, by moving their times on."""
@@ -145,8 +145,14 @@ class BearingMonitor(Standing):
     def update(self, place: int, time_ns: int, number: float, arrival_ns: int | None = None) -> Update:
         """Take one sample of an :class:`Input` and count it in ``counts``.
 
-        Arguments are as in :class:`Sample`. A valid value of a source that sends changes only is kept for
-        :meth:`take_repeats`; an invalid one ends that.
+        A valid value of a source that sends changes only is kept for :meth:`take_repeats`; an invalid one
+        ends that.
+
+        Args:
+            place: Index of the input.
+            time_ns: Time stamp of the measurement [ns].
+            number: The number in the message.
+            arrival_ns: When it came [ns]; ``None``: at the time of its stamp.
 
         Returns:
             Its status; the verdict if it made an operating point; and the events up to its time.
@@ -208,7 +214,7 @@ class BearingMonitor(Standing):
         """
         state, settings = self.state, self.settings
         c = settings.live
-        if rule.amplitude_due(state, c):
+        if rule.is_amplitude_due(state, c):
             size_cycle(self.config, state)
         before, lost, onsets = rule.condition(state), state.lost, state.onsets
         code, time, si = rule.receive_sample(state, c, place, time_ns, arrival_ns, number)

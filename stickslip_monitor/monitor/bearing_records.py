@@ -79,7 +79,7 @@ def verdict_value(name: str, verdict: Verdict) -> float | str:
 
 
 def topic_number(name: str, points: Assessment | Assessments) -> FloatArray:
-    """Return a number of one point or many as its topic has it: 0 or ``nan`` where no cycle exists."""
+    """Return a number of points, of their shape, as its topic has it: 0 or ``nan`` where no cycle exists."""
     value = np.asarray(getattr(points, name))
     return np.where(np.isnan(value), WITHOUT_CYCLE.get(name, math.nan), value)
 
@@ -145,7 +145,7 @@ class BearingState:
     bearing: BearingMonitor
     inputs: Mapping[str, InputState] = field(default_factory=dict)  # where somebody looks at them
     monitoring: bool = True  # somebody watches the bearing
-    mixed: str = ''  # why its verdict rests on two sources, as :meth:`.InputWatch.mixed` says it
+    mixed: str = ''  # why its verdict rests on two sources, as :meth:`.InputWatch.mixed_text` says it
 
     @property
     def point(self) -> Assessment | None:
@@ -208,7 +208,7 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
     finite.
     """
     bearing, point, monitoring = state.bearing, state.point, state.monitoring
-    time_ns, lost = bearing.now_ns or 0, bearing.lost()
+    time_ns, lost = bearing.now_ns or 0, bearing.lost_ages()
     clears = None if point is None or lost else bearing.clears
     rpm = None if point is None else bearing.config.bearing.speed.from_surface(point.speed, 'rpm')
     given = order(bearing) if monitoring and not lost else None
@@ -265,7 +265,7 @@ def _is_lost(bearing: BearingMonitor, place: int) -> bool:
         return bearing.unknown is Unknown.LOST
     if place == Input.WATER_TEMPERATURE:
         return bearing.is_lost(place) and bearing.state.came[place] != NEVER
-    return INPUTS[place] in bearing.lost()
+    return INPUTS[place] in bearing.lost_ages()
 
 
 def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
@@ -287,19 +287,19 @@ def diagnostic_record(node: str, state: BearingState) -> DiagnosticRecord:
         for item in record_fields.BEARING
         if item.key and (has[item.needs] or item.name == 'reason')
     }
-    values |= {f'{name} age [s]': age for name, age in bearing.lost().items()}
+    values |= {f'{name} age [s]': age for name, age in bearing.lost_ages().items()}
     values |= {f'{name} fault': text for name, text in state.faults.items()}
     for name, input_record in record['inputs'].items():
         values |= {
             f'{name} samples {key.replace("_", " ")}': count for key, count in input_record['counts'].items()
         }
-    name, written = bearing.config.name, {key: _write_value(value) for key, value in values.items()}
+    name, written = bearing.config.name, {key: _format_value(value) for key, value in values.items()}
     return DiagnosticRecord(
         state.severity, f'{node}: {name}', hardware_id(node, name), record['text'], written
     )
 
 
-def _write_value(value: str | float | None) -> str:
+def _format_value(value: str | float | None) -> str:
     """Return a value of a diagnostic status as text: nine digits, true or false, nan for ``None``."""
     if isinstance(value, str):
         return value

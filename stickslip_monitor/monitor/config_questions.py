@@ -53,7 +53,7 @@ def questions(config: BearingConfig, load: float) -> dict[str, list[str]]:
     }
 
 
-def write_questions(config: BearingConfig, load: float | None = None) -> list[str]:
+def question_sentences(config: BearingConfig, load: float | None = None) -> list[str]:
     """Return the :func:`questions` as sentences, an empty list for none.
 
     Without a load they are those at the largest assumed load, or without any if the load is measured.
@@ -130,8 +130,8 @@ def _load_questions(config: BearingConfig, load: float) -> Iterator[str]:
 def blade_question(bearing: Bearing, load: float) -> str:
     """Return a clause where a propeller's blades meet a natural frequency near the boundaries; else ''.
 
-    At a load of 0 or below it is ''. Far from the boundaries the mean load counts; near them a swing of 5 %
-    moves the onset by a fifth (docs/physics.md).
+    At a load of 0 or below [N] it is ''. Far from the boundaries the mean load counts; near them a swing of
+    5 % moves the onset by a fifth (docs/physics.md).
     """
     if not load > 0.0:
         return ''

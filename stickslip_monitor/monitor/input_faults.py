@@ -498,7 +498,7 @@ class _Track:
 
 
 class InputWatch:
-    """The faults of the inputs of some bearings, their rates and ages.
+    """Faults, rates and ages of the inputs of some bearings; ``now_ns`` is of the steady clock [ns].
 
     Args:
         bearings: The bearings by name, whose memory is read.
@@ -578,7 +578,7 @@ class InputWatch:
             has_speed = latest >= 0
             watch.take_points(load_ns[has_speed], speeds[latest[has_speed]], loads[has_speed])
 
-    def mixed(self, bearing: str, now_ns: int) -> str:
+    def mixed_text(self, bearing: str, now_ns: int) -> str:
         """Return the sentence on a bearing's speed or load that is a mix of two sources; '' for none."""
         standing = (track.source.standing_fault(now_ns) for track in self._tracks[bearing].values())
         return mixed_sentence(self._bearings[bearing].config, standing)
@@ -597,7 +597,7 @@ class InputWatch:
         is asked again.
         """
         self._publishers.clear()
-        lost, texts = self._bearings[bearing].lost(), []
+        lost, texts = self._bearings[bearing].lost_ages(), []
         for place, name in enumerate(QUANTITIES):
             if name in lost:
                 facts = self._input_facts(bearing, place, now_ns, without_clock=without_clock)

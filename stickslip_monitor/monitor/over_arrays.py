@@ -27,9 +27,9 @@ from stickslip_monitor.monitor.rule import (
     Model,
     Numbers,
     Rows,
-    amplitude_due,
     condition,
     has_repeats,
+    is_amplitude_due,
     measured_now,
     receive_sample,
     repeat_value,
@@ -93,7 +93,7 @@ def run(
     s, c = states[0], numbers[0]
     count, before = 0, condition(s)
     for k in range(begin, end):
-        if count + 2 > len(memories) or (k > begin and amplitude_due(s, c)):
+        if count + 2 > len(memories) or (k > begin and is_amplitude_due(s, c)):
             return k, count, made
         place = places[k]
         lost, onsets, until = s.lost, s.onsets, NEVER
@@ -411,7 +411,7 @@ class BearingScan:
                 span = self._taken, begin, end
                 begin, count, made = loop(states, *given, columns, span, noted, points, made, rows, room)
                 # A view as a recarray, which it is written through, takes longer than a copy.
-                if rule.amplitude_due(State.of_row(states[0]) if long else self.state, settings.live):
+                if rule.is_amplitude_due(State.of_row(states[0]) if long else self.state, settings.live):
                     size_cycle(self.config, states.view(np.recarray)[0] if long else self.state)
                 for k in range(count):
                     changes.append((rows[k].copy(), State.of_row(room[k]) if long else room[k]))

@@ -228,7 +228,7 @@ def _iterate_sections(
 
 
 def _candidate_sections(sections: Sequence[tuple[str, Mapping[Any, Any]]]) -> Iterator[str]:
-    """Yield the names of the sections that may be for our node; patterns only if they name a bearing."""
+    """Yield names of sections that may be for our node, in order; patterns only if they name a bearing."""
     listed = [content['bearings'] for _, content in sections if 'bearings' in content]
     words = {'bearings', *(str(name) for names in listed if isinstance(names, list) for name in names)}
     for section, content in sections:
@@ -242,7 +242,8 @@ def _choose_node(path: str | Path, sections: Iterable[str], node: str | None) ->
     Args:
         path: The file, for the message.
         sections: Names of its sections.
-        node: The node asked for: it is returned with one leading slash, and need not be in the file.
+        node: The node asked for: it is returned with one leading slash, and need not be in the file; ``None``
+            for the one that the sections name.
 
     Raises:
         ConfigurationError: Sections name several nodes, and ``node`` does not choose.

@@ -117,7 +117,7 @@ def receive_sample(
 
     Returns:
         The :class:`Status` as a number; the time of the sample on the monitor's own clock [ns], 0 where it
-        is not accepted; and its value in SI units.
+        is not accepted; and its value in SI units, a level in its own.
     """
     # A load from a table is that at the speed of the message, and as valid as that.
     judged = SPEED if place == LOAD and c.has_load_table else place
@@ -184,7 +184,7 @@ def clock_step_delay(s: State, c: RuleNumbers, place: int) -> int:
 
 
 def judge_value(c: RuleNumbers, place: int, number: float, si: float) -> int:
-    """Return the :class:`Status` of a number by its value alone; ``si`` is the same in SI units."""
+    """Return the :class:`Status` of an input's number by its value alone; ``si`` is the same in SI units."""
     size = abs(si)
     if not size < math.inf:
         return NOT_FINITE
@@ -526,7 +526,7 @@ def reach(
     return limit, near, near, s.can > c.can_chance, s.can >= c.runs_chance
 
 
-def amplitude_due(s: State, c: RuleNumbers) -> bool:
+def is_amplitude_due(s: State, c: RuleNumbers) -> bool:
     """Return whether the amplitude of the cycle is due: each second of stick-slip, where it has a limit.
 
     Whoever takes samples computes it, by the exact cycle at :func:`median_point`: that costs a hundred times

@@ -392,5 +392,5 @@ def _decay_ns(bearing: Bearing, onset_growth: float) -> int:
 
 
 def _to_decibels(level: float, *, in_db: bool) -> float:
-    """Return a threshold in decibels; one that is so already, or ``nan``, as it is."""
+    """Return ``20 log10`` of a threshold > 0; one that is ``in_db`` already, or ``nan``, as it is."""
     return level if in_db or math.isnan(level) else 20.0 * math.log10(level)

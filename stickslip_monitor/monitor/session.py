@@ -424,7 +424,7 @@ class Session:
                 self.monitor.bearings[name],
                 watch.states(name, now.steady_ns) if watch else {},
                 self.monitoring,
-                watch.mixed(name, now.steady_ns) if watch else '',
+                watch.mixed_text(name, now.steady_ns) if watch else '',
             )
             for name in names
         ]
@@ -517,7 +517,7 @@ class Session:
         for event in events:
             if event.after is Condition.INPUT_STALE:
                 why = self._inputs.explain(event.bearing, now.steady_ns, without_clock=now.time_ns == 0)
-            elif why := self._inputs.mixed(event.bearing, now.steady_ns):
+            elif why := self._inputs.mixed_text(event.bearing, now.steady_ns):
                 why = f'{UNRELIABLE} {why}'
             explained.append(replace(event, text=f'{event.text} {why}'.rstrip()))
         return explained

@@ -176,7 +176,7 @@ class Standing:
             return ''
         return f'not measured for {duration_text(age * 1e-9)}'
 
-    def lost(self, now: int | None = None) -> dict[str, float]:
+    def lost_ages(self, now: int | None = None) -> dict[str, float]:
         """Return the ages [s] of lost inputs, speed and load, by name; ``inf`` for one never received.
 
         It is empty where neither is lost, and before inputs are waited for.
@@ -196,8 +196,8 @@ class Standing:
         return times
 
     def text(self) -> str:
-        """Return what the alarm says now, for a person, as :func:`describe` writes it."""
-        return describe(self, self.lost() if self.state.lost else {})
+        """Return what the alarm says now: sentences after the bearing's name, by :func:`describe`."""
+        return describe(self, self.lost_ages() if self.state.lost else {})
 
     def judge(self, point: Sequence[float], measured: Measured | None = None) -> Verdict:
         """Set ``verdict`` to that on an operating point which the memory has taken already, and return it.
@@ -239,7 +239,7 @@ class Standing:
             onset: Whether stick-slip has begun with it.
         """
         then = Standing(self.config, self.settings, self.state.copy(), self.verdict)
-        lost, was = then.lost(time_ns) if then.state.lost else {}, CONDITIONS[before]
+        lost, was = then.lost_ages(time_ns) if then.state.lost else {}, CONDITIONS[before]
         return Event(time_ns - then.state.shift, was, then, lost, describe(then, lost, was), onset)
 
 

@@ -34,7 +34,7 @@ def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
     The times for which it has stood still, or been high, are counted too; a gap adds nothing to them.
 
     Args:
-        s: The memory.
+        s: The memory, changed.
         c: The numbers of the configuration.
         si: The level in its own unit.
         gap: Time since the level before [ns]; negative where that is too old, or there is none.
@@ -74,7 +74,7 @@ def count_level(s: State, high: bool, low: bool, step: int) -> None:
     ``s.doubt``, too, and sets ``s.high_for`` to 0 where the level is quiet.
 
     Args:
-        s: The memory.
+        s: The memory, changed.
         high: Whether the level is above the threshold.
         low: Whether it is below it by the hysteresis.
         step: The time that counts [ns].
@@ -94,7 +94,7 @@ def count_level(s: State, high: bool, low: bool, step: int) -> None:
 
 
 def usable_state(s: State) -> int:
-    """Return the state of a level that is not lost; ``UNKNOWN`` where it is stuck or doubted."""
+    """Return the state of a level that is not lost: quiet, vibrating, or unknown where stuck or doubted."""
     if (
         s.still > DOUBT
         or s.doubt > DOUBT
@@ -127,14 +127,14 @@ def doubt_foreign(s: State, can_be_foreign: bool) -> None:
 def is_above_threshold(s: State, c: RuleNumbers, raised: bool) -> bool:
     """Return whether the latest level is above the configured threshold, whatever its background is.
 
-    ``raised``: the condition stands already, so the hysteresis counts.
+    ``raised``: the condition stands already, so the hysteresis counts. False where the level is stuck.
     """
     limit = c.threshold - c.hysteresis if raised else c.threshold
     return bool(s.still <= DOUBT and decibels(c, s.level) >= limit)
 
 
 def decibels(c: RuleNumbers, si: float) -> float:
-    """Return a level in decibels, -400 for 0; one that is in decibels as it is."""
+    """Return a level in decibels of its own unit, -400 for 1e-20 or less; one that is ``in_db`` as it is."""
     return si if c.in_db else 20.0 * math.log10(max(si, 1e-20))
 
 

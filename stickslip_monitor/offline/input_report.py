@@ -154,7 +154,7 @@ class Gaps:
             count, passed_ns = count + self.count, passed_ns + self._long_ns
         return count * 1e9 / passed_ns if passed_ns > 0.0 else math.nan
 
-    def crowd(self, topic: str) -> str:
+    def crowding_text(self, topic: str) -> str:
         """Return as a clause that too many messages have equal or nearly equal log times; '' if not so."""
         count, longest = self._messages, self._longest_run
         remedy = 'were they recorded without a clock (use_sim_time), or are their times in another unit?'
@@ -461,7 +461,7 @@ class InputCheck:
             fault=clock or self._describe_fault(),
             values=self._range_of_values(first, last, low, high) if used else 'none',
             without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
-            crowd=self._gaps.crowd(self._source.topic),
+            crowd=self._gaps.crowding_text(self._source.topic),
             changes_only=changes_only,
             is_refused=int(self._counts[Status.IMPLAUSIBLE]) >= MOSTLY * max(self._messages, 1),
         )

@@ -139,7 +139,7 @@ class VerdictWriter(StretchSink):
 
 
 def topics(bag: Recording, config: MonitorConfig) -> Iterator[tuple[str, str, str | None]]:
-    """Yield name, type and definition of every input and verdict topic; None for a built-in definition.
+    """Yield name, type and definition of every input, then verdict topic; None for a built-in definition.
 
     Raises:
         BagError: The definition of an input cannot be read.

@@ -30,7 +30,7 @@ from rclpy.subscription import Subscription
 from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, did_you_mean, plural
 from stickslip_monitor.monitor.bearing_records import NodeHealth
 from stickslip_monitor.monitor.clip_recorder import ClipStore
-from stickslip_monitor.monitor.config_questions import write_questions
+from stickslip_monitor.monitor.config_questions import question_sentences
 from stickslip_monitor.monitor.configuration import QOS_OVERRIDES, bearing_names, build_config
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig, parameters_of
@@ -229,7 +229,7 @@ class MonitorNode(LifecycleNode):
         # ROS itself only logs that it is wrong.
         require_rule(isinstance(simulated, bool), USE_SIM_TIME, simulated, 'true or false')
         self.config = build_config(parameter_values(self), is_live=True)
-        questions = chain.from_iterable(map(write_questions, self.config.bearings))
+        questions = chain.from_iterable(map(question_sentences, self.config.bearings))
         for note in (*self.config.notes, *self.config.faults, *questions):
             self.get_logger().warning(note)
         for note in check_overrides(self, self.config):

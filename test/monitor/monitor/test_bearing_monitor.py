@@ -113,7 +113,7 @@ def test_lost_and_returned() -> None:
     assert lost.lost == {'speed': 3.0}  # as it was then
     assert lost.text == 'aft: Input speed lost: no valid value on /shaft/speed for 3 s.'
     assert monitor.condition('aft') is Condition.INPUT_STALE
-    assert monitor.bearings['aft'].lost() == {'speed': 9.0, 'load': 9.0}
+    assert monitor.bearings['aft'].lost_ages() == {'speed': 9.0, 'load': 9.0}
     assert monitor.bearings['aft'].text() == (
         'aft: Input speed lost: no valid value on /shaft/speed for 9 s.'
         ' Input load lost: no valid value on /bearing/aft/load for 9 s.'
@@ -121,7 +121,7 @@ def test_lost_and_returned() -> None:
     assert feed(monitor, 11.0, 'speed', QUIET).events == []
     (back,) = feed(monitor, 12.0, 'load', 1000.0).events
     assert brief(back) == (12.0, 'input_stale', 'normal')
-    assert monitor.bearings['aft'].lost() == {}
+    assert monitor.bearings['aft'].lost_ages() == {}
 
 
 def test_rejected_samples_do_not_keep_an_input_alive() -> None:

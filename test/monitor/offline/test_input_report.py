@@ -358,8 +358,8 @@ def test_a_clock_that_stands_still(seconds: IntArray, sentence: str) -> None:
         for begin in range(0, seconds.size, size):
             part = slice(begin, begin + size)
             gaps.take(stamps[part], seconds[part] * NS)
-        assert gaps.crowd('x').startswith(sentence)
-        assert bool(gaps.crowd('x')) == bool(sentence)
+        assert gaps.crowding_text('x').startswith(sentence)
+        assert bool(gaps.crowding_text('x')) == bool(sentence)
 
 
 def test_the_worst_margin_of_a_law_without_an_averaged_fold(tmp_path: Path) -> None:

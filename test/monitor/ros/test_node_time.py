@@ -297,16 +297,16 @@ def test_a_clock_that_starts_late_loses_what_is_due_and_nothing_else() -> None:
     ship = Ship(replace(config, bearings=(slow,)))
     watchdog, watched = Watchdog(ship.session), ship.session.monitor.bearings[bearing.name]
     seconds = 0.0
-    while not watched.lost() and seconds < 60.0:
+    while not watched.lost_ages() and seconds < 60.0:
         seconds += 0.1
         watchdog.tick(Moment(round(seconds * SECOND), 0), SECOND // 10)
     # Told half a second late, as on the clock of the system.
     assert seconds == pytest.approx(bearing.speed.timeout_ns / SECOND + 0.5, abs=0.3)
-    assert list(watched.lost()) == ['speed']
+    assert list(watched.lost_ages()) == ['speed']
     for tenth in range(10):
         steady_ns = round(seconds * SECOND) + tenth * SECOND // 10
         watchdog.tick(Moment(steady_ns, ROS + tenth * SECOND // 10), SECOND // 10)
-    assert list(watched.lost()) == ['speed']
+    assert list(watched.lost_ages()) == ['speed']
 
 
 def test_a_clock_that_stands_keeps_no_input_alive_and_loses_none_when_it_goes_on() -> None:
@@ -325,7 +325,7 @@ def test_a_clock_that_stands_keeps_no_input_alive_and_loses_none_when_it_goes_on
         watchdog.note(name)
         passed_ns = passing.passed(now)
         watchdog.tick(now._replace(time_ns=0) if passing.stands else now, passed_ns)
-        lost.append(bool(watched.lost()))
+        lost.append(bool(watched.lost_ages()))
     # From the second of which a slow clock may stand, the time-out and what is told later.
     assert lost.index(True) == pytest.approx(
         10 + 10 * (watched.config.speed.timeout_ns / SECOND + 0.5), abs=3
