@@ -199,7 +199,7 @@ class Causes:
 
         A pause that is long enough begins another manoeuvre, of which nothing is acknowledged.
 
-        Arguments are those of :meth:`take_point`.
+        ``resting``: the shaft is at rest at this point; ``sticking``: stick-slip is predicted there.
         """
         if self._turning_since is not None:
             self.sticking_ns += now_ns - self._turning_since

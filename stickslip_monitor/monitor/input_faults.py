@@ -593,8 +593,8 @@ class InputWatch:
     def explain(self, bearing: str, now_ns: int, *, without_clock: bool) -> str:
         """Return sentences on why inputs of a bearing are lost right now; '' where nothing is known.
 
-        Arguments as for :meth:`check_inputs`. A sender that is just being discovered is left out. The graph
-        is asked again.
+        A sender that is just being discovered is left out. The graph is asked again. ``without_clock``: time
+        follows ``/clock``, which is silent so far.
         """
         self._publishers.clear()
         lost, texts = self._bearings[bearing].lost_ages(), []

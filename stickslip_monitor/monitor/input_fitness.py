@@ -79,9 +79,9 @@ class _Changes:
             self.messages = self.messages[done:]
 
     def _judge_blocks(self, blocks: int) -> None:
-        """Set ``clause`` by the latest slow, regular one of some first dozens; clear it after three others.
+        """Judge the first ``blocks`` > 0 dozens: set ``clause`` by the latest that is slow and regular.
 
-        ``blocks`` > 0 is how many dozens; ``misses`` counts those others in a row. The columns stay.
+        Three others in a row, which ``misses`` counts, clear it. The columns stay.
         """
         gap_ns = _split_steps(self.time_ns, blocks)
         # As a rule none of them is slow, which is known at once.
@@ -123,7 +123,7 @@ class _Changes:
 
 
 def _split_steps(column: NDArray[Any], blocks: int) -> NDArray[Any]:
-    """Return the first 12 ``blocks`` steps between the values of a longer column, shape (blocks, 12)."""
+    """Return the steps between the first ``12 * blocks + 1`` values of a column, shape (blocks, 12)."""
     return np.asarray(np.diff(column[: blocks * _CHANGES + 1]).reshape(blocks, _CHANGES))
 
 
@@ -204,7 +204,7 @@ class FitnessWatch:
         self._pairs = _Pairs()
 
     def take_values(self, place: int, time_ns: IntArray, si: FloatArray) -> None:
-        """Take valid values of one input in order of arrival, shape (n,) [ns] and SI units."""
+        """Take valid values of speed or load (``place``) in order of arrival, shape (n,) [ns] and [SI]."""
         if si.size:
             self._changes[place].take(time_ns, si)
 
@@ -214,5 +214,5 @@ class FitnessWatch:
             self._pairs.take(time_ns, speed, load)
 
     def clause(self, place: int) -> str:
-        """Return what is wrong with an input and what to do, to follow its name; '' for nothing."""
+        """Return what is wrong with speed or load and what to do, to follow its name; '' for nothing."""
         return self._changes[place].clause or (self._pairs.clause if place == Input.LOAD else '')

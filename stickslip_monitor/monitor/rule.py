@@ -200,7 +200,7 @@ def sample_time(s: State, place: int, stamp: int, arrival: int) -> int:
 
     It is the stamp where that is at most a second before the arrival, else the arrival, and never before
     the input's last sample. Where the arrivals step back by more, ``s.shift`` makes up for it, all stamps are
-    forgotten, and ``s.now`` and ``s.began`` move on to the time that is returned.
+    forgotten, ``s.now`` moves on to the time that is returned, and ``s.began`` by as much.
     """
     last = s.came[place] if s.came[place] != NEVER else s.point
     time = arrival + s.shift

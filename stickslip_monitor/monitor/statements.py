@@ -544,7 +544,7 @@ def _clear_speed(b: Standing, point: Assessment) -> float:
 def calls_for_caution(config: BearingConfig, point: Assessment) -> bool:
     """Return whether an operating point by itself calls for caution or worse.
 
-    By the probability of stick-slip where the bearing has tolerances or a calibration, else by the margin.
+    By the probability of stick-slip where the bearing has tolerances and no calibration, else by the margin.
     False without contact, at rest, or where an input is not finite.
     """
     if point.outcome in (Outcome.NO_CONTACT, Outcome.AT_REST, Outcome.NOT_FINITE):

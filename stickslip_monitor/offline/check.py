@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks a recording in one pass: runs the monitor over every bearing, and passes the verdicts on.
 
-Each stretch of a recording goes once through the rule. Its verdicts are added up here and
-passed to sinks, which write messages or clips or keep what they need; so memory does not grow with
-the recording unless a sink's does. :func:`to_json` makes the record of the result, from which JSON, text
-and report are made.
+Each stretch of a recording goes once through the rule. Its verdicts are added up here and passed to sinks,
+which write messages or clips or keep what they need; so memory does not grow with the recording unless a
+sink's does. :func:`to_json` makes the record of the result, from which JSON, text and report are made.
 """
 
 from __future__ import annotations

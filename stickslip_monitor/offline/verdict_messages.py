@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes messages of the verdicts on a recording, as the node would have published them.
 
-The numbers are columns of the pass over the recording. A state of the bearings, every second and
-at every change, is that after all samples that had arrived by then: a second scan follows the
-first, and stops there.
+The numbers are columns of the pass over the recording. A state of the bearings, every second and at every
+change, is that after all samples that had arrived by then: a second scan follows the first, and stops there.
 """
 
 from __future__ import annotations
@@ -110,7 +109,7 @@ class VerdictWriter(StretchSink):
     def begin(self, bag: Recording, config: MonitorConfig, start_ns: int | None) -> None:
         """Define the topics in the file and start reading the inputs.
 
-        ``start_ns`` is its start on the clock of the samples [ns], ``None`` if it is empty.
+        ``start_ns`` is the recording's start on the clock of the samples [ns], ``None`` if it is empty.
 
         Raises:
             BagError: The definition of an input, or the first message, cannot be read; or the disk does not

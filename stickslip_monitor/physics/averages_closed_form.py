@@ -13,8 +13,7 @@ what else is in the array.
 
 The functions of a law are those that :mod:`.averages_by_quadrature` has for any other. They take arrays of
 shape (n,): surface speeds ``V`` > 0 [m/s] and the damping for each unit of load, ``q = c/N`` [s/m]
-(``inf`` without load). What would warn on the way to ``inf`` and ``nan`` is for the caller to
-silence.
+(``inf`` without load). What would warn on the way to ``inf`` and ``nan`` is for the caller to silence.
 """
 
 from __future__ import annotations
@@ -125,9 +124,8 @@ def speed_for_decline(decrement: FloatArray) -> FloatArray:
 def _beyond_limit(theta: FloatArray, v: FloatArray, kappa: FloatArray, r: float) -> FloatArray:
     """Return ``S/Delta - kappa alpha/2`` at ``alpha = v/cos(theta)``; > 0 where a vibration grows.
 
-    ``S/Delta = exp(-v) I1(alpha)
-    - (2/pi) integral_0^theta (cosh(alpha cos t - v) + r) cos t dt``; the angle removes the
-    square root with which the average starts at the sliding limit.
+    ``S/Delta = exp(-v) I1(alpha) - (2/pi) integral_0^theta (cosh(alpha cos t - v) + r) cos t dt``; the angle
+    removes the square root with which the average starts at the sliding limit.
 
     Args:
         theta: The angle, 0 to below pi/2, shape (n,) [rad].

@@ -6,11 +6,10 @@ With ``x - x_e = A cos psi`` and the velocity amplitude ``a = omega A``,
     ``dA/dt = (N S(a; V) - c a/2) / (m omega)``
     ``S(a; V) = (1/pi) integral_0^pi mu(V - a cos t) cos t dt``
 
-(Krylov, Bogoliubov and Mitropolsky's first approximation; the phase average vanishes by
-symmetry). At the Hopf boundary the equilibrium loses its stability, ``N mu'(V) + c = 0``; the fold
-is the last speed (at a load) with a stick-slip cycle, where the unstable cycle meets the sliding
-limit ``a = V``. Speeds astern mirror speeds ahead. A law with several unstable speed ranges is
-described by its highest Hopf speed.
+(Krylov, Bogoliubov and Mitropolsky's first approximation; the phase average vanishes by symmetry). At the
+Hopf boundary the equilibrium loses its stability, ``N mu'(V) + c = 0``; the fold is the last speed
+(at a load) with a stick-slip cycle, where the unstable cycle meets the sliding limit ``a = V``. Speeds astern
+mirror speeds ahead. A law with several unstable speed ranges is described by its highest Hopf speed.
 
 Conventions of every function: inputs broadcast; a 0-d result comes back as ``float``; ``nan`` says
 that there is no such boundary, ``inf`` that no finite speed or load bounds it.

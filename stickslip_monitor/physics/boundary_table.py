@@ -192,8 +192,7 @@ def _linear_pieces(speed: FloatArray) -> FloatArray:
     """Return straight lines between speeds at places 0, 1, ... of a table, shape (n - 1, 4).
 
     Each row has a piece's coefficients for the share of the step passed, lowest power first. ``nan`` counts
-    as 0. A piece towards an infinite speed is level; one from there to a finite speed is
-    ``nan``.
+    as 0. A piece towards an infinite speed is level; one from there to a finite speed is ``nan``.
     """
     speed = np.where(np.isnan(speed), 0.0, speed)
     pieces = np.zeros((speed.size - 1, 4))

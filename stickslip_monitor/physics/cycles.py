@@ -7,12 +7,11 @@ breaks away at ``x_0 = (mu_s N - c V)/k`` and slips by
     m x'' + c x' + k x = N mu(V - x')
 
 until ``x' = V`` again. There the set-valued law decides: it sticks while the belt can hold it,
-``|k x + c V| <= mu_s N``, and overtakes the belt otherwise. Every stick-slip cycle passes through
-``x_0``, so there is one at most, and whether there is one takes one slip phase. The fold is where
-that slip phase only grazes the belt. A lining that overtakes the belt closes where its round has a
-fixed point. A cycle about steady sliding is a balance of energy over a turn, followed back in time,
-where an unstable cycle attracts; its Floquet multiplier is ``exp`` of the integral of the flow's
-divergence.
+``|k x + c V| <= mu_s N``, and overtakes the belt otherwise. Every stick-slip cycle passes through ``x_0``, so
+there is one at most, and whether there is one takes one slip phase. The fold is where that slip phase only
+grazes the belt. A lining that overtakes the belt closes where its round has a fixed point. A cycle about
+steady sliding is a balance of energy over a turn, followed back in time, where an unstable cycle attracts;
+its Floquet multiplier is ``exp`` of the integral of the flow's divergence.
 
 Conventions of every function: inputs broadcast; a 0-d result comes back as a number; ``nan`` says
 that there is no such cycle, and the kind says why. Speeds astern mirror speeds ahead.

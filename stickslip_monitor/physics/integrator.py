@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion of the lining under speed and load that vary in time, from event to event.
 
-``m x'' + c x' + k x = N(t) mu(V(t) - x')``, with friction set-valued at zero relative speed: the
-lining sticks (``x' = V``) until the friction it needs, ``m V' + c V + k x``, exceeds ``mu_s N``;
-it slips forward while the belt is faster (``v = V - x' > 0``) and backward while it is slower.
-The law is never smoothed: every change of phase is located to rounding. A step is a power series of
-the time (:mod:`.slip_series`).
+``m x'' + c x' + k x = N(t) mu(V(t) - x')``, with friction set-valued at zero relative speed: the lining
+sticks (``x' = V``) until the friction it needs, ``m V' + c V + k x``, exceeds ``mu_s N``; it slips forward
+while the belt is faster (``v = V - x' > 0``) and backward while it is slower. The law is never smoothed:
+every change of phase is located to rounding. A step is a power series of the time (:mod:`.slip_series`).
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inner loops of the integrator: from event to event through a drive.
 
-Speeds are in m/s, and with the natural frequency times are in ``1/omega``, displacements
-``e = omega x`` in m/s and forces in units of ``m omega``. While the lining slips it takes the
-steps of :mod:`.slip_series`, as seen from its side of the belt; while it sticks ``x' = V``, and the
-friction that this needs is a parabola. Either way a step is a power series of the time, and ends at
-the first event in it. numba may compile these functions; without it they run on lists of floats,
-with the same operations in the same order.
+Speeds are in m/s, and with the natural frequency times are in ``1/omega``, displacements ``e = omega x`` in
+m/s and forces in units of ``m omega``. While the lining slips it takes the steps of :mod:`.slip_series`, as
+seen from its side of the belt; while it sticks ``x' = V``, and the friction that this needs is a parabola.
+Either way a step is a power series of the time, and ends at the first event in it. numba may compile these
+functions; without it they run on lists of floats, with the same operations in the same order.
 """
 
 from __future__ import annotations

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbits of the slipping lining, each followed to its end by the steps of :mod:`.slip_series`.
 
-Lengths are in units of ``V/omega`` and times of ``1/omega``, with the displacement ``e`` beyond a
-reference point and the relative speed ``z`` beyond a reference speed, so that small motions keep
-their digits:
+Lengths are in units of ``V/omega`` and times of ``1/omega``, with the displacement ``e`` beyond a reference
+point and the relative speed ``z`` beyond a reference speed, so that small motions keep their digits:
 
     e' = drift - z        z' = e + offset - 2 zeta z + N/(m omega V) (mu(reference) - mu)
 
-A lining turns where ``z`` passes ``drift``. Behind the belt it can meet it (``z`` = 0) only after
-two turns, and only before the displacement at which the belt could just hold it: there, with the
-law continued below ``z`` = 0, the sign of ``z`` separates hit from miss, so no step can jump over a
-contact.
+A lining turns where ``z`` passes ``drift``. Behind the belt it can meet it (``z`` = 0) only after two turns,
+and only before the displacement at which the belt could just hold it: there, with the law continued below
+``z`` = 0, the sign of ``z`` separates hit from miss, so no step can jump over a contact.
 
 An orbit is written once, in plain numbers. Few orbits run as they stand; in long work the same
 functions run compiled, to the same bits.
