@@ -35,9 +35,6 @@ def plural(number: int, noun: str) -> str:
     return f'{number} {noun}{"" if number == 1 else "s"}'
 
 
-# What YAML takes for a truth value or for nothing, and the beginning of what it takes for a date.
-_YAML_WORDS = frozenset(('y', 'n', 'yes', 'no', 'on', 'off', 'true', 'false', 'null'))
-_DATE = re.compile(r'\d{4}-\d')
 MAX_NAMED = 10
 """Topics, files or texts that a sentence lists: more fill a terminal, and show nothing new."""
 MAX_SHOWN = 60
@@ -59,14 +56,9 @@ def listed(texts: Sequence[str]) -> str:
     return join_names([f"'{text}'" for text in texts])
 
 
-def quoted_if_needed(text: str) -> str:
-    """Return a text as a line of a configuration has it: in quotation marks where YAML reads something else.
-
-    >>> [quoted_if_needed(text) for text in ('MV Star', 'yes', '{shaft}')]
-    ['MV Star', "'yes'", "'{shaft}'"]
-    """
-    is_plain = re.fullmatch(r'[^\W_][\w./%-]*( [\w./%-]+)*', text) and text.lower() not in _YAML_WORDS
-    return text if is_plain and not _DATE.match(text) else "'" + text.replace("'", "''") + "'"
+def quote_for_yaml(text: str) -> str:
+    """Return a text in quotation marks as YAML reads them: it might take the bare text for something else."""
+    return "'" + text.replace("'", "''") + "'"
 
 
 def did_you_mean(given: object, candidates: Iterable[str]) -> str:

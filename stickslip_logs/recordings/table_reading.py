@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
-from stickslip_logs.errors import BagError, cause, join_names, listed, plural, quoted_if_needed
+from stickslip_logs.errors import BagError, cause, join_names, listed, plural, quote_for_yaml
 from stickslip_logs.recordings.columns import LogColumn, SourceColumn
 from stickslip_logs.recordings.recording import Fault, Progress, Request, Scratch, Series
 from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
@@ -311,7 +311,7 @@ class TableReading:
             texts, how = list(self._numbered.texts[place]), 'at the same times, with values far apart'
         else:
             return
-        key, text = quoted_if_needed(names[place]), quoted_if_needed(texts[0])
+        key, text = quote_for_yaml(names[place]), quote_for_yaml(texts[0])
         raise BagError(
             f"log '{self._recording.path}': column '{names[place]}' has {listed(texts)} {how}:"
             f' choose one beside each input, as in where: {{{key}: {text}}}'

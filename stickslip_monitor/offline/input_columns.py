@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from stickslip_logs.errors import listed, quoted_if_needed
+from stickslip_logs.errors import listed, quote_for_yaml
 from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.dialect import FORCE_WORDS, parse_heading, unit_of
@@ -138,9 +138,7 @@ class ColumnBinding:
             return column
         heading, texts = key
         pairs = {heading: texts[0], **source.where_texts}
-        line = ', '.join(
-            f'{quoted_if_needed(name)}: {quoted_if_needed(text)}' for name, text in pairs.items()
-        )
+        line = ', '.join(f'{quote_for_yaml(name)}: {quote_for_yaml(text)}' for name, text in pairs.items())
         raise BagError(
             f"log '{self._path}': the lines of '{column.heading}' are of several things, told apart by column"
             f" '{heading}' ({listed(texts)}): write {bearing.name}.{quantity}.where:"
@@ -299,7 +297,7 @@ class ColumnBinding:
             heading, texts = marks
             yield (
                 f"has beside it column '{heading}' with {listed(texts)}: write the lines that count, as in"
-                f' where: {{{quoted_if_needed(heading)}: {quoted_if_needed(texts[0])}}}'
+                f' where: {{{quote_for_yaml(heading)}: {quote_for_yaml(texts[0])}}}'
             )
         # Reports of each hour or noon: a coast-down takes minutes.
         if interval >= 1800.0 and not source.hold_ns:

@@ -110,7 +110,7 @@ def test_unknown_words_of_a_quality_raise_a_question(tmp_path: Path, stickslip: 
     path.write_text('time [s],Drehzahl [rpm],Drehzahl Qualität,load [N]\n' + ''.join(rows))
     result = stickslip('check', path, '--config', CONFIG)
     assert result.code == 1
-    assert "with 'gut', 'schlecht': write the lines that count, as in where: {Drehzahl Qualit" in result.out
+    assert "with 'gut', 'schlecht': write the lines that count, as in where: {'Drehzahl Qualit" in result.out
     config.write_text(CONFIG.read_text().replace('unit: rpm', 'unit: rpm, where: {Drehzahl Qualität: gut}'))
     assert 'schlecht' not in stickslip('check', path, '--config', config).out
 
