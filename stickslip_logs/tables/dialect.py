@@ -7,8 +7,6 @@ Nothing is asked for: the head and the tail of the file show it.
 from __future__ import annotations
 
 import csv
-import itertools
-import json
 import re
 import shlex
 from collections import Counter
@@ -31,10 +29,14 @@ COMMENTS = '#', '%', '//', '*'
 """What a line begins with that is a comment."""
 _MARKS_OF_COMMENTS = ''.join(COMMENTS) + ' '
 _MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
-# Of a standard's package of JSON, the rows that this program reads.
-_JQ = (
-    'jq -r \'.Package.TimeSeriesData[].TabularData[] | (["TimeStamp"] + .DataChannelID),'
-    " (.DataSet[] | [.TimeStamp] + .Value) | @csv'"
+# Programs of jq that write CSV: of a package of ISO 19848, and of objects with the members of the first one.
+_JQ_OF_PACKAGE = (
+    '.Package.TimeSeriesData[].TabularData[] | (["TimeStamp"] + .DataChannelID),'
+    ' (.DataSet[] | [.TimeStamp] + .Value) | @csv'
+)
+_JQ_OF_OBJECTS = (
+    '[paths(type != "object" and type != "array")] as $keys | ($keys | map(map(tostring) | join("."))),'
+    ' ((., inputs) | [getpath($keys[])]) | @csv'
 )
 # How frames of NMEA 2000 are logged, by candump, gateways, and canboat, and what makes values of them.
 _FRAMES = {
@@ -113,10 +115,6 @@ def _bare_unit(name: str, words: Sequence[str]) -> str | None:
 
     The first that applies: '%' anywhere; a known unit behind the last comma, or with '/' behind the last
     blank; below a word of force a last 'N', and any unit of force; rpm, kn or hz as a word of its own.
-
-    Args:
-        name: The heading without brackets.
-        words: Its words, in upper and lower case as written.
     """
     if '%' in name:
         return '%'
@@ -200,10 +198,6 @@ def csv_reader(lines: Iterator[str], delimiter: str) -> Any:
 def detect_dialect(path: Path, extent: Extent) -> Dialect:
     """Return the layout of a text: encoding, delimiter, decimal sign and headings, or the kind of bus log.
 
-    Args:
-        path: The file, for errors.
-        extent: Its head and its tail.
-
     Raises:
         BagError: It is no table, of another format, or may be read in two ways.
     """
@@ -227,14 +221,11 @@ def detect_dialect(path: Path, extent: Extent) -> Dialect:
 
 
 def remedy_for_format(path: Path, lines: Sequence[str]) -> str:
-    """Return the clause that lines are in a format that is not read, and how to convert it; else empty.
-
-    Args:
-        path: The file, which the commands name.
-        lines: Its first lines.
-    """
-    if ''.join(lines).lstrip().startswith('{'):
-        return f'is JSON: write it as CSV; {_jq_command(path, lines) or f"a package of ISO 19848 with {_JQ}"}'
+    """Return the clause that lines are in a format that is not read, and how to convert it; else empty."""
+    text = ''.join(lines)
+    if text.lstrip().startswith('{'):
+        program = _JQ_OF_PACKAGE if '"TimeSeriesData"' in text else _JQ_OF_OBJECTS
+        return f"is JSON: write it as CSV with jq -r '{program}' {shlex.quote(str(path))} > NEW.csv"
     forms = {
         form: f'has frames of NMEA 2000: convert it with canboat, {command} > {{1}}.json'
         for form, command in _FRAMES.items()
@@ -248,55 +239,10 @@ def remedy_for_format(path: Path, lines: Sequence[str]) -> str:
     return forms[form].format(path, path.stem) if counts[form] > 0.5 * len(lines) else ''
 
 
-def _jq_command(path: Path, lines: Sequence[str]) -> str:
-    """Return the clause with the shell command that writes lines of JSON as CSV.
-
-    It takes the first 12 values. An empty text where the first two lines are not both JSON, or the first has
-    no values.
-
-    Args:
-        path: The file, which the command names.
-        lines: Its first lines.
-    """
-    try:
-        first, _ = (json.loads(line) for line in [line for line in lines if line.strip()][:2])
-    except (ValueError, RecursionError):
-        return ''
-    keys = list(_keys_of(first))[:12]
-    wanted = ','.join('.' + '.'.join(map(json.dumps, key)) for key in keys)
-    head, program, file = map(
-        shlex.quote, (','.join('.'.join(key) for key in keys), f'[{wanted}]|@csv', str(path))
-    )
-    return f'lines with (echo {head}; jq -r {program} {file}) > NEW.csv' if keys else ''
-
-
-def _keys_of(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the paths of keys to the numbers, texts and booleans in nested JSON objects.
-
-    Lists and null are skipped. A value that is no object yields nothing.
-
-    Args:
-        value: A decoded JSON value.
-        above: The keys that lead to it, with which each path begins.
-    """
-    for key, member in value.items() if isinstance(value, dict) else ():
-        if isinstance(member, dict):
-            yield from _keys_of(member, (*above, key))
-        elif isinstance(member, str | int | float):
-            yield *above, key
-
-
 def _table_dialect(
     path: Path, encoding: str, delimiter: str, rows: list[list[str]], tail: list[list[str]]
 ) -> Dialect:
     """Return the layout of a table whose encoding and delimiter are known.
-
-    Args:
-        path: The file, for errors.
-        encoding: The encoding of its text.
-        delimiter: What stands between its cells.
-        rows: The rows of its head.
-        tail: The rows of its tail.
 
     Raises:
         BagError: No row has a time and a number, or the decimal sign is not certain.
@@ -406,12 +352,7 @@ def find_delimiter(lines: Sequence[str]) -> str:
 
 
 def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
-    """Return the row of headings above the first row of numbers; an empty list where there is none.
-
-    Args:
-        rows: The rows of the head of a file.
-        width: How many cells most of them have.
-    """
+    """Return the row of headings above the first row of numbers; an empty list where there is none."""
     decimal = ',' if any(_COMMA.fullmatch(cell) for row in rows for cell in row) else '.'
     first = _find_first_row(rows, decimal, width)
     return _find_headings(rows[:first], width)[0] if first else []
@@ -432,11 +373,6 @@ def _is_value(cell: str) -> bool:
 
 def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
     """Return the decimal sign of the cells of rows, '.' or ','; '.' where no number has any.
-
-    Args:
-        path: The file, for the error.
-        rows: The rows of the usual width.
-        delimiter: The delimiter of their cells, which is evidence too.
 
     Raises:
         BagError: The sign may as well be a separator of thousands.
@@ -467,12 +403,7 @@ def _has_decimal_comma(cell: str) -> bool:
 
 
 def _may_be_thousands(rows: Sequence[Cells], decimal: str) -> bool:
-    """Return whether the decimal sign may separate thousands in all cells that have it, at least in one.
-
-    Args:
-        rows: The rows of numbers.
-        decimal: The decimal sign that was detected.
-    """
+    """Return whether the decimal sign may separate thousands in all cells that have it, at least in one."""
     cells = [cell.strip() for row in rows for cell in row if decimal in cell]
     plain = [cell.translate(_SWAP) if decimal == ',' else cell for cell in cells]
     numbers = [cell for cell in plain if _NUMBER.fullmatch(cell)]
@@ -483,11 +414,6 @@ def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | No
     """Return the place of the first row of numbers of the table, below headings and a preamble.
 
     None where no row is one of numbers.
-
-    Args:
-        rows: The rows of the head of a file.
-        decimal: The decimal sign.
-        width: How many cells most rows have.
     """
     is_data = [_is_data(row, decimal, width) for row in rows]
     return _skip_preamble(rows, is_data, is_data.index(True), width) if any(is_data) else None
@@ -498,12 +424,6 @@ def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, w
 
     Numbers of a preamble or of a statistic stand behind a word. Where no headings follow them, ``first`` is
     returned.
-
-    Args:
-        rows: The rows of the head of a file.
-        is_data: Whether each is a row of numbers.
-        first: The place of the first row of numbers.
-        width: How many cells most rows have.
     """
     is_headed = len(_find_headings(rows[:first], width)[0]) >= width
     is_preamble, is_next = True, False
@@ -542,10 +462,6 @@ def _lines_of_other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
 
     Each is a text of up to 60 characters, its cells joined by blanks. An empty list where there are fewer
     than two.
-
-    Args:
-        above: The rows above the headings.
-        delimiter: The delimiter by which they were split.
     """
     # An open quotation mark makes one cell of many lines.
     lines = '\n'.join(delimiter.join(row) for row in above).split('\n')
@@ -562,17 +478,10 @@ def _fit_headings(
 ) -> tuple[list[str], list[str]]:
     """Return headings and units, filled up to the number of columns of the rows below them.
 
-    A missing heading is an empty text at the end; where the first column holds names of the rows, the missing
-    one is the first, and behind a date that of its time. Where the last column has numbers and no heading,
-    none are returned. Surplus headings that are units are joined to the ones before if the number is right
-    then, and all units are empty; else they stay. No headings stay an empty list. The list of units may be
-    longer than the columns.
-
-    Args:
-        heading: The row of headings; empty where there is none.
-        units: The units of a row of them, or empty texts.
-        rows: The rows of numbers.
-        width: How many cells these have.
+    A missing heading is an empty text at the end, and behind a date that of its time. Where the last column
+    has numbers and no heading, none are returned: which number has which is not known. Surplus headings that
+    are units are joined to the ones before if the number is right then, and all units are empty; else they
+    stay. No headings stay an empty list. The list of units may be longer than the columns.
     """
     if len(heading) > width:
         # A cell that is a unit belongs to the one before, as in 'Speed, rpm'.
@@ -594,20 +503,13 @@ def _fit_headings(
             heading, units = (
                 [*cells[: dates[0] + 1], '', *cells[dates[0] + 1 :]] for cells in (heading, units)
             )
-        elif _has_row_names(heading, whole_rows):
-            # R numbers its rows, and does not name the column of these.
-            heading, units = ['', *heading], ['', *units]
         elif 2 * sum(_is_value(row[-1]) for row in whole_rows) > len(whole_rows):
-            return [], units  # which number has which heading is not known
+            return [], units
     return heading and [*heading, *[''] * (width - len(heading))], units
 
 
 def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[str]]:
     """Find the row of headings above the numbers, and a row of units below or above it.
-
-    Args:
-        above: The rows above the first row of numbers.
-        width: How many cells the rows of numbers have.
 
     Returns:
         The headings, an empty list where there are none; and a unit for each column, an empty text where
@@ -632,10 +534,6 @@ def _rows_without_marks(above: Sequence[Cells], width: int) -> list[Cells]:
     Two cells must not be empty. If all of them are comments, those of the full width are returned without
     their marks. A cell that is only the mark of a
     comment is dropped from a row that is too wide.
-
-    Args:
-        above: The rows above the first row of numbers.
-        width: How many cells the rows of numbers have.
     """
     wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
     bare = [row for row in wide if not (row[0].startswith(COMMENTS) and row[0].strip(_MARKS_OF_COMMENTS))]
@@ -649,10 +547,6 @@ def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
 
     So ``Time;Value;Time;Value`` of a trend, below ``rpm;;load;``, becomes ``Time;rpm;Time;load``. Other
     headings are returned unchanged.
-
-    Args:
-        names: The headings.
-        above: All rows above the numbers, one of which may have the names of the signals.
     """
     width = len(names)
     period = next((p for p in range(2, width) if [*names[p:]] == [*names[:-p]]), 0)
@@ -668,34 +562,8 @@ def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
     return [*names]
 
 
-def _has_row_names(heading: Cells, rows: Sequence[Cells]) -> bool:
-    """Return whether the first cells of rows are names or numbers of the rows, so that a heading is missing.
-
-    False where they may be times, or most rows have an empty last cell.
-
-    Args:
-        heading: The headings, one too few.
-        rows: The rows.
-    """
-    if sum(row[-1] != '' for row in rows) <= 0.5 * len(rows):
-        return False
-    numbers = [parse_number(row[0]) for row in rows]
-    if not any(_is_value(row[0]) for row in rows):
-        return any(row[0] for row in rows)
-    steps = [b - a for a, b in itertools.pairwise(n for n in numbers if n is not None)]
-    if min(steps, default=0.0) <= 0.0 or steps.count(1.0) <= 0.5 * len(steps) or None in numbers:
-        return False
-    # Whole seconds count as rows do: then what is headed as the time has to rise too.
-    second = [parse_number(row[1]) for row in rows]
-    present = [n for n in second if n is not None]
-    return not TIME_WORDS.search(parse_heading(heading[0]).name) or present == sorted(present)
-
-
 def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
     """Find the row of units and the row of headings among rows of words above the numbers.
-
-    Args:
-        named: The rows of words, at least one.
 
     Returns:
         The lowest row of units, and the row above it (or the last row, where the units stand first) as the
@@ -716,11 +584,6 @@ def _unit_suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
     """Return the unit behind most numbers of a column, with the blank before it; empty where there is none.
 
     The first 500 rows count. An 'N' counts as newtons only below the heading of a force.
-
-    Args:
-        rows: The rows of numbers.
-        k: The place of the column.
-        heading: Its heading.
     """
     cells = [row[k] for row in rows[:500] if k < len(row) and row[k].strip()]
     counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
@@ -731,13 +594,6 @@ def _unit_suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
 
 def _bus_dialect(path: Path, encoding: str, kind: str, first: Sequence[str], last: Sequence[str]) -> Dialect:
     """Return the layout of a log of a bus.
-
-    Args:
-        path: The file, for the error.
-        encoding: The encoding of its text.
-        kind: A key of :data:`BUS_LOGS`.
-        first: Its first lines.
-        last: Its last lines.
 
     Raises:
         BagError: No line has a time and a number.

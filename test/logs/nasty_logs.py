@@ -655,9 +655,6 @@ LOGS = {
         '@0,30,900\nrestarted,,\n@1,31,901\n',
         lost="1 line without a time was not used, the first 'restarted'",
     ),
-    'R: rows have numbers, and these no heading': Log(
-        '"time" "speed" "load"\n"1" 0 30 900\n"2" 1 31 901\n', times=times_since_start(0, 1)
-    ),
     'words without a heading behind the last cell': Log(
         'time,speed,load\n0,30,900,ok\n10,31,901,ok\n', times=times_since_start(0, 10)
     ),

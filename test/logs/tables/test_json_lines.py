@@ -85,10 +85,14 @@ def test_other_fields_by_path_and_other_senders_by_name(tmp_path: Path) -> None:
 
 
 def test_lines_of_json_are_refused_with_a_command(tmp_path: Path) -> None:
-    # The command was run by jq 1.6, and its output read.
-    path = tmp_path / 'a.jsonl'
-    path.write_text('{"ts": "2026-05-04T06:00:00Z", "shaft": {"rpm": 30}, "load-N": 9, "odd": null}\n' * 3)
-    program = '[."ts",."shaft"."rpm",."load-N"]|@csv'
-    text = f"lines with (echo ts,shaft.rpm,load-N; jq -r '{program}' {path}) > NEW.csv"
-    with pytest.raises(BagError, match=re.escape(text)):
+    # The command was run by jq 1.6 on such lines, and its output read: ts, shaft.rpm, load-N, ok, odd.
+    path = tmp_path / 'a b.jsonl'
+    path.write_text(
+        '{"ts": "2026-05-04T06:00:00Z", "shaft": {"rpm": 30}, "load-N": 9, "ok": false, "odd": null}\n' * 3
+    )
+    program = (
+        '[paths(type != "object" and type != "array")] as $keys | ($keys | map(map(tostring) | join("."))),'
+        ' ((., inputs) | [getpath($keys[])]) | @csv'
+    )
+    with pytest.raises(BagError, match=re.escape(f"jq -r '{program}' '{path}' > NEW.csv")):
         open_bag(path)
