@@ -49,8 +49,11 @@ def find_key_column(
     """
     for place, filled, key, is_apart, is_numbered in _possible_keys(rows, time_ns, headings, places):
         if is_numbered:
-            values = _read_values([str(rows[k][column]) for k in filled])
-            if _are_values_apart(time_ns[filled], key, values):
+            numbered = NumberedRows([place])
+            texts = {place: [str(rows[k][place]).strip() for k in filled]}
+            values = [_read_number(str(rows[k][column])) for k in filled]
+            numbered.add(time_ns[filled], texts, [np.array(values)])
+            if numbered.place is not None:
                 return place
         # A state of one thing changes seldom.
         elif is_apart or np.count_nonzero(np.diff(key)) > max(2, 0.5 * len(filled)):
@@ -63,13 +66,8 @@ def find_numbered_columns(
 ) -> list[int]:
     """Return the places of the columns that number the rows of one time: things, or samples of one thing.
 
-    Which of both they are, the values of a whole file tell: :class:`NumberedRows`.
-
-    Args:
-        rows: The rows that have a value and a time.
-        time_ns: The times of the rows [ns], shape (n,).
-        headings: The headings of the columns.
-        places: The places of the candidates.
+    Which of both they are, the values of a whole file tell: :class:`NumberedRows`. The arguments are those of
+    :func:`find_key_column`.
     """
     return [
         place for place, *_, is_numbered in _possible_keys(rows, time_ns, headings, places) if is_numbered
@@ -99,9 +97,9 @@ def _possible_keys(
             yield place, filled, key, is_apart, True
 
 
-def _read_values(texts: Sequence[str]) -> FloatArray:
-    """Return the numbers of texts, with either decimal sign; 0 for a text that is none."""
-    return np.array([parse_number(text) or parse_number(text, ',') or 0.0 for text in texts])
+def _read_number(text: str) -> float:
+    """Return the number of a text, with either decimal sign; 0 for a text that is none."""
+    return parse_number(text) or parse_number(text, ',') or 0.0
 
 
 def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
@@ -109,10 +107,6 @@ def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
 
     At least two rows and a tenth of all must share the time of another thing, and at most a twentieth that
     of another row of their own: more are samples of one thing, whose times are too coarse.
-
-    Args:
-        time_ns: The times of the rows [ns], shape (n,).
-        key: The number of the thing of each row, shape (n,).
     """
     order = np.lexsort((key, time_ns))
     is_shared = np.diff(time_ns[order]) == 0
@@ -128,31 +122,8 @@ def _is_number(word: str) -> bool:
     return any(parse_number(text, sign) is not None for text in texts for sign in '.,')
 
 
-def _are_values_apart(time_ns: IntArray, key: IntArray, value: FloatArray) -> bool:
-    """Return whether values of one time differ by more than three times what one thing's value changes.
-
-    Medians are compared, of the differences within a time and of those from one value of a thing to its next:
-    samples of one thing in one second differ less. False where no two values share a time.
-
-    Args:
-        time_ns: The times [ns], shape (n,).
-        key: The number of the thing of each value, shape (n,).
-        value: The values, shape (n,).
-    """
-    beside, behind = _value_steps(time_ns, key, value)
-    return bool(
-        beside.size and np.median(beside) > _MIN_STEP_RATIO * (np.median(behind) if behind.size else 0.0)
-    )
-
-
 def _value_steps(time_ns: IntArray, key: IntArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the differences of values within a time, and those from one value of a thing to its next.
-
-    Args:
-        time_ns: The times [ns], shape (n,).
-        key: The number of the thing of each value, shape (n,).
-        value: The values, shape (n,).
-    """
+    """Return the differences of values within a time, and those from one value of a thing to its next."""
     by_time, by_key = np.lexsort((key, time_ns)), np.lexsort((time_ns, key))
     beside = np.abs(np.diff(value[by_time]))[np.diff(time_ns[by_time]) == 0]
     behind = np.abs(np.diff(value[by_key]))[np.diff(key[by_key]) == 0]

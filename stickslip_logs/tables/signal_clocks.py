@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip_logs.tables.cell_times import Cells, Times
+from stickslip_logs.tables.cell_times import Cells
 from stickslip_logs.tables.dialect import parse_number
 from stickslip_logs.tables.time_columns import (
     MAX_ROWS,
@@ -29,10 +29,6 @@ _OF_TIME = re.compile(TIME_WORDS.pattern + r'|\b(?:utc|gmt|stamp|ns|us|ms|s)\b')
 def find_clocks(path: Path, table: TableColumns) -> tuple[Clock, ...]:
     """Find the clocks of a table: one for all columns, or one for each signal, with its ``values``.
 
-    Args:
-        path: The file, for the error.
-        table: The columns.
-
     Raises:
         BagError: As for :func:`.time_columns.find_clock`.
     """
@@ -46,16 +42,16 @@ def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
     A column of numbers has to be headed as a time, and so has one that is empty in head and tail: its signal
     begins later. Nothing is yielded where the columns of the main clock are not adjacent.
     """
-    first, rows = main.columns[0], [*table.rows[:MAX_ROWS], *table.tail]
+    first = main.columns[0]
     if main.columns != tuple(range(first, first + len(main.columns))):
         return
-    main_ns, is_main = _read_rows(main, [row for row in rows if len(row) > main.columns[-1]])
+    main_ns, is_main = main.read_rows(table.rows_with(main.columns))
     direction = direction_of(main_ns[is_main])
     for k in range(len(table.names) - len(main.columns) + 1):
         clock = replace(main, columns=tuple(c - first + k for c in main.columns))
         if set(clock.columns) & set(main.columns):
             continue
-        filled = [row for row in rows if len(row) > clock.columns[-1] and row[k].strip()]
+        filled = [row for row in table.rows_with(clock.columns) if row[k].strip()]
         is_named = all(TIME_WORDS.search(table.headings[c][0]) for c in clock.columns)
         if not filled:
             if is_named:
@@ -73,14 +69,9 @@ def _goes_on(clock: Clock, rows: Sequence[Cells], direction: int) -> bool:
 
     The direction is 1 for rising times, else -1.
     """
-    time_ns, is_timed = _read_rows(clock, rows)
+    time_ns, is_timed = clock.read_rows(rows)
     back = np.count_nonzero(direction * np.diff(time_ns[is_timed]) < 0)
     return bool(is_timed.sum() > 0.5 * len(rows) and back <= 0.1 * is_timed.sum())
-
-
-def _read_rows(clock: Clock, rows: Sequence[Cells]) -> Times:
-    """Return the times of rows by a clock; each row must have a cell in its columns."""
-    return clock.read([[row[k] for row in rows] for k in clock.columns])
 
 
 def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock]) -> tuple[Clock, ...]:
@@ -89,11 +80,6 @@ def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock
     A clock that is named after a signal is that of the signal. Else a column has the clock to its left, or to
     its right where values stand before their times, if the clocks are headed alike or differ by more than a
     zone, and each has a column. Else the main clock alone is returned unchanged, for all columns.
-
-    Args:
-        table: The columns.
-        main: The clock of the rows.
-        extra_clocks: Clocks in other columns, any of which may remain unused.
     """
     clocks = sorted([main, *extra_clocks], key=lambda clock: clock.columns)
     taken = {k for clock in clocks for k in clock.columns}
@@ -115,13 +101,7 @@ def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock
 
 
 def _separate_clocks(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock]) -> list[Clock]:
-    """Return the clocks headed as the main one, else those whose times differ from its by more than a zone.
-
-    Args:
-        table: The columns.
-        main: The clock of the rows.
-        extra_clocks: Clocks in other columns.
-    """
+    """Return the clocks headed as the main one, else those whose times differ by more than a zone."""
     heading = [table.names[k] for k in main.columns]
     alike = [clock for clock in extra_clocks if [table.names[k] for k in clock.columns] == heading]
     return alike or [clock for clock in extra_clocks if _is_apart(table, main, clock)]
@@ -131,10 +111,6 @@ def _clocks_beside(clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, 
     """Return the clock to the left of each column, else the first clock, by the place of the column.
 
     The clock to its right instead, where columns begin before the first clock and end before the last one.
-
-    Args:
-        clocks: The clocks from left to right.
-        values: The places of the columns from left to right.
     """
     if values and values[0] < clocks[0].columns[0] and values[-1] < clocks[-1].columns[0]:
         return {k: next(clock for clock in clocks if clock.columns[0] > k) for k in values}
@@ -146,11 +122,6 @@ def _clocks_by_name(table: TableColumns, clocks: Sequence[Clock], values: Sequen
 
     The heading of the column has all words of that of the clock but for words of time. The clock with the
     most words is taken. Columns without such a clock are missing.
-
-    Args:
-        table: The columns.
-        clocks: The clocks.
-        values: The places of the columns that are no times.
     """
     names = [
         {*_OF_TIME.sub(' ', ' '.join(table.headings[k][0] for k in clock.columns)).split()}
@@ -175,7 +146,7 @@ def _is_apart(table: TableColumns, main: Clock, clock: Clock) -> bool:
     """
     quarter_ns = 900 * SECOND_NS
     rows = [row for row in table.rows[:MAX_ROWS] if len(row) > max(*main.columns, *clock.columns)]
-    (main_ns, is_main), (clock_ns, is_clock) = _read_rows(main, rows), _read_rows(clock, rows)
+    (main_ns, is_main), (clock_ns, is_clock) = main.read_rows(rows), clock.read_rows(rows)
     if not is_clock.any():
         return False
     main_ns, clock_ns = main_ns[is_main & is_clock], clock_ns[is_main & is_clock]

@@ -142,24 +142,14 @@ def texts_of(cells: Any) -> list[str]:
 
 
 def select_cells(cells: Any, chosen: BoolArray) -> Any:
-    """Return the chosen cells of a block, in the type in which they are: a list or an array of pyarrow.
-
-    Args:
-        cells: The n cells.
-        chosen: Which of them to return, shape (n,).
-    """
+    """Return the chosen cells of a block, in the type in which they are: a list or an array of pyarrow."""
     if isinstance(cells, list):
         return list(itertools.compress(cells, chosen.tolist()))
     return cells.take(np.flatnonzero(chosen))
 
 
 def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
-    """Return the numbers of cells, parsed one by one: NaN for a word, which is counted, and an empty cell.
-
-    Args:
-        cells: The cells.
-        decimal: The decimal sign.
-    """
+    """Return the numbers of cells, parsed one by one: NaN for a word, which is counted, and an empty cell."""
     result = Numbers(np.full(len(cells), np.nan), np.ones(len(cells), np.bool_))
     for k, cell in enumerate(cells):
         text = cell.strip()
@@ -239,9 +229,6 @@ class TextTable(NumberTable):
 
         Up to 3660 days are found. All rows without these numbers count as one day; too short ones are
         skipped.
-
-        Args:
-            columns: The places of the columns of the date.
         """
         rows = dict[str, list[str]]()
         for batch, _ in self._read_batches():
@@ -342,12 +329,7 @@ class TextTable(NumberTable):
 
 
 def _remarks_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
-    """Return the remarks of the clocks of a table; of several clocks also which columns have which of them.
-
-    Args:
-        clocks: The clocks.
-        names: The headings of the table.
-    """
+    """Return the remarks of the clocks of a table; of several clocks also the columns of each."""
     notes = list(dict.fromkeys(text for clock in clocks for text in clock.remarks))
     if len(clocks) > 1:
         pairs = [f"'{names[k]}' by #{clock.columns[0] + 1}" for clock in clocks for k in clock.values or ()]
@@ -356,12 +338,7 @@ def _remarks_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
 
 
 def _without_unit(clock: Clock, suffixes: Sequence[str]) -> Clock:
-    """Return a clock that reads times without the unit behind each, as in '12 sec'.
-
-    Args:
-        clock: The clock; one whose columns have no units is returned unchanged.
-        suffixes: The unit behind the numbers of each column of the table, empty for none.
-    """
+    """Return a clock that reads times without the unit behind each, as in '12 sec'."""
     units = [suffixes[k] for k in clock.columns] if suffixes else []
     if not any(units):
         return clock
@@ -434,13 +411,7 @@ class _TextReading:
             batch = batch[end + 1 :]
 
     def _blank_untimed(self, clock: Clock, is_timed: BoolArray, values: Sequence[list[str]]) -> None:
-        """Empty the cells of signals whose clock has no time in a row, and count the rows that had a value.
-
-        Args:
-            clock: The clock.
-            is_timed: Which rows have a time of it, shape (n,).
-            values: The cells of each wanted column.
-        """
+        """Empty the cells of signals whose clock has no time in a row; count the rows that had a value."""
         columns = [column for k, column in zip(self._wanted, values, strict=True) if clock.has_column(k)]
         lacking = [
             k for k in np.flatnonzero(~is_timed).tolist() if any(column[k].strip() for column in columns)
@@ -467,9 +438,6 @@ class _TextReading:
 
         Of equal headings, the n-th stays the n-th. Where a wanted column is missing, the places become None,
         so that rows are skipped up to the next headings.
-
-        Args:
-            row: The row of headings; for None nothing is done.
         """
         if row is None:
             return
@@ -501,10 +469,6 @@ class _TextReading:
         A row is filled up if it reaches behind the columns of the first clock and, with a single clock,
         behind half of the headings; where blanks part cells, none is. Removed rows are counted in ``short``,
         but for blank ones and remarks.
-
-        Args:
-            batch: The rows, at least one; changed.
-            width: The place of the last wanted column: rows need ``width + 1`` cells.
         """
         width, lengths = max(width, self._width - 1), [*map(len, batch)]
         if min(lengths) > width and max(lengths) <= self._max_cells:
@@ -525,12 +489,7 @@ class _TextReading:
                 del batch[k]
 
     def report_unused(self, lose: TakeSentence, note: TakeSentence) -> None:
-        """Report how many rows were not used, and how often headings were repeated.
-
-        Args:
-            lose: Takes a sentence for each kind of lost rows; not called where there are none.
-            note: Takes the sentence on repeated headings.
-        """
+        """Report how many rows were not used, and how often headings were repeated."""
         if self._untimed:
             shown = f", the first '{self._shown}'" if self._shown else ''
             lose(_not_used(self._untimed, 'without a time', shown))
@@ -543,13 +502,7 @@ class _TextReading:
 
 
 def _not_used(count: int, subject: str, more: str = '') -> str:
-    """Return the clause that some lines were not used, as '2 lines without a time were not used'.
-
-    Args:
-        count: How many lines.
-        subject: What is wrong with them, behind the word 'lines'.
-        more: The end of the clause.
-    """
+    """Return the clause that some lines were not used, as '2 lines without a time were not used'."""
     return f'{plural(count, "line")} {subject} {"was" if count == 1 else "were"} not used{more}'
 
 

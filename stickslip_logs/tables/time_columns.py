@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -111,6 +111,10 @@ class TableColumns:
     rows: tuple[Cells, ...]
     tail: tuple[Cells, ...]
 
+    def rows_with(self, columns: Collection[int]) -> list[Cells]:
+        """Return the first 500 rows and those of the tail that have a cell in all of some columns."""
+        return [row for row in (*self.rows[:MAX_ROWS], *self.tail) if len(row) > max(columns)]
+
 
 @dataclass(frozen=True, slots=True)
 class Clock:
@@ -137,6 +141,10 @@ class Clock:
     def has_column(self, column: int) -> bool:
         """Return whether the cells of a column are measured at this time."""
         return self.values is None or column in self.values
+
+    def read_rows(self, rows: Sequence[Cells]) -> Times:
+        """Return the times of rows, all of which must have a cell in the columns."""
+        return self.read([[row[k] for row in rows] for k in self.columns])
 
 
 def direction_of(time_ns: IntArray) -> int:
@@ -198,10 +206,6 @@ def find_clock(path: Path, table: TableColumns) -> Clock:
     Of several columns of times :func:`rank_stamps` chooses; dates with times come before times of the
     day, and these before numbers.
 
-    Args:
-        path: The file, for the error.
-        table: The columns.
-
     Raises:
         BagError: No column is one, or the one that is headed so, or the first, is empty.
     """
@@ -222,19 +226,19 @@ def _find_whole_times(path: Path, table: TableColumns) -> Clock:
     # Hours that an engine has run are no time of the rows.
     of_day = [k for k in times if k in named or any(is_time_of_day(row[k]) for row in rows)]
     if changing:
-        return _clock_of_stamps(table, rows, (changing[0],))
+        return _clock_of_stamps(table, (changing[0],))
     if days and of_day:
-        return _clock_of_stamps(table, rows, (days[0], of_day[0]))
-    if clock := _clock_of_parts(table, rows) or _clock_of_unit_columns(table, rows):
+        return _clock_of_stamps(table, (days[0], of_day[0]))
+    if clock := _clock_of_parts(table) or _clock_of_unit_columns(table):
         return clock
     if of_day:
         return _clock_of_day_times(table, of_day[0])
-    if clock := _clock_of_digits(table, rows, named):
+    if clock := _clock_of_digits(table, named):
         return clock
     if clock := _first_clock_of_numbers(path, table, rows, named):
-        return _clock_since_midnight(table, rows, clock, days[0]) if days else clock
+        return _clock_since_midnight(table, clock, days[0]) if days else clock
     if stamps:
-        return _clock_of_stamps(table, rows, (stamps[0],))
+        return _clock_of_stamps(table, (stamps[0],))
     if times:
         return _clock_of_day_times(table, times[0])
     raise BagError(_lack_of_times(path, table, rows, named, days))
@@ -261,8 +265,8 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
     rises in nearly all rows of equal times, and falls to the next second or minute. Head and tail
     decide. A remark of the new clock names it. Without one the clock itself is returned.
     """
-    rows = [row for row in (*table.rows[:MAX_ROWS], *table.tail) if len(row) >= len(table.names)]
-    time_ns, is_timed = clock.read([[row[k] for row in rows] for k in clock.columns])
+    rows = table.rows_with(range(len(table.names)))
+    time_ns, is_timed = clock.read_rows(rows)
     rows, time_ns = list(itertools.compress(rows, is_timed.tolist())), time_ns[is_timed]
     whole_steps = np.diff(time_ns)
     whole_ns = next((unit for unit in (60 * SECOND_NS, SECOND_NS) if not (time_ns % unit).any()), 0)
@@ -285,12 +289,7 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
 
 
 def _columns_of(is_kind: Callable[[str], bool], rows: Sequence[Cells]) -> list[int]:
-    """Return the places of the columns in which more than half of the cells are of a kind.
-
-    Args:
-        is_kind: Tells whether a cell is of the kind.
-        rows: The rows, of one width.
-    """
+    """Return the places of the columns in which more than half of the cells are of a kind."""
     counts = [sum(map(is_kind, cells)) for cells in zip(*rows, strict=False)]
     return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
 
@@ -298,15 +297,7 @@ def _columns_of(is_kind: Callable[[str], bool], rows: Sequence[Cells]) -> list[i
 def _lack_of_times(
     path: Path, table: TableColumns, rows: Sequence[Cells], named: Sequence[int], days: Sequence[int]
 ) -> str:
-    """Return the error text that no column of a table is a time, with a cell that should be one.
-
-    Args:
-        path: The file.
-        table: The columns.
-        rows: Its first rows.
-        named: The columns that are headed as times.
-        days: The columns of dates without a time of the day.
-    """
+    """Return the error text that no column of a table is a time, with a cell that should be one."""
     if days:
         return (
             f"log '{path}': column '{table.names[days[0]]}' has dates without a time of the day: nothing can"
@@ -354,22 +345,17 @@ def _clock_of_day_times(table: TableColumns, column: int) -> Clock:
     return Clock((column,), read_time_of_day, (remark,), is_of_day=True, question=question * is_short)
 
 
-def _clock_of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[int, ...]) -> Clock:
+def _clock_of_stamps(table: TableColumns, columns: tuple[int, ...]) -> Clock:
     """Return the clock of dates with times in one column, or in one of dates and one of times.
 
     The zones of a further column belong to it; what a column that is headed as a zone has else is a question.
-
-    Args:
-        table: The columns.
-        rows: Its first rows, by which, with the tail, the layout is detected.
-        columns: The places of the one column, or of the two.
     """
     zone = _HEADED_ZONE.search(' '.join(table.names[k] for k in columns))
-    layout = _layout_of(table, rows, columns, zone[0] if zone else '')
+    layout = _layout_of(table, columns, zone[0] if zone else '')
     for k in [] if layout.has_zone else [k for k in range(len(table.names)) if k not in columns]:
         is_headed = bool(_OF_ZONE.search(table.headings[k][0]))
-        cells = {row[k].strip() for row in (*rows, *table.tail) if len(row) > k} - {''}
-        with_zone = _layout_of(table, rows, (*columns, k))
+        cells = {row[k].strip() for row in table.rows_with([k])} - {''}
+        with_zone = _layout_of(table, (*columns, k))
         if with_zone.has_zone and (is_headed or all(map(is_zone, cells))):
             return _clock_of_layout((*columns, k), with_zone)
         if is_headed and cells:
@@ -381,12 +367,10 @@ def _clock_of_stamps(table: TableColumns, rows: Sequence[Cells], columns: tuple[
     return _clock_of_layout(columns, layout)
 
 
-def _layout_of(
-    table: TableColumns, rows: Sequence[Cells], columns: Sequence[int], zone: str = ''
-) -> StampLayout:
-    """Return the layout of the joined texts of columns in rows and the tail; ``zone`` is that of headings."""
-    complete_rows = [row for row in (*rows, *table.tail) if len(row) > max(columns)]
-    return StampLayout([' '.join(row[k].strip() for k in columns) for row in complete_rows], zone)
+def _layout_of(table: TableColumns, columns: Sequence[int], zone: str = '') -> StampLayout:
+    """Return the layout of the joined texts of columns; ``zone`` is that of their headings."""
+    rows = table.rows_with(columns)
+    return StampLayout([' '.join(row[k].strip() for k in columns) for row in rows], zone)
 
 
 def _clock_of_layout(columns: tuple[int, ...], layout: StampLayout) -> Clock:
@@ -398,13 +382,13 @@ def _clock_of_layout(columns: tuple[int, ...], layout: StampLayout) -> Clock:
     return Clock(columns, layout.read, remarks, question=layout.question)
 
 
-def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
+def _clock_of_parts(table: TableColumns) -> Clock | None:
     """Return the clock of adjacent columns that hold year, month, day, hour, ...; None where none do.
 
     Joined, nearly all of their cells must be dates with a year of four digits, in order. A
     last column of seconds belongs to them if it is headed so, or if the rows differ by it alone.
     """
-    rows = [row for row in (*rows, *table.tail) if len(row) >= len(table.names)]
+    rows = table.rows_with(range(len(table.names)))
     for first, count, day_count in itertools.product(range(len(table.names)), (6, 5, 4, 3), (3, 2, 1)):
         columns = tuple(range(first, first + count))
         if not rows or columns[-1] >= len(table.names):
@@ -423,33 +407,28 @@ def _clock_of_parts(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
         is_finest = table.headings[columns[-1]][0] in _SPELLED[SECOND_NS].split()
         if not is_finest and all(map(is_stamp, shorter)) and (np.diff(layout.read([shorter])[0]) > 0).all():
             continue
-
         return replace(_clock_of_layout(columns, layout), read=partial(_read_parts, layout, day_count))
     return None
 
 
-def _clock_of_unit_columns(table: TableColumns, rows: Sequence[Cells]) -> Clock | None:
+def _clock_of_unit_columns(table: TableColumns) -> Clock | None:
     """Return the clock of adjacent columns that are headed by units of time, as hour, min, sec; None without.
 
     The units have to be from large to small, and the sum of nearly all rows must be a time, in order.
     """
-    rows = [row for row in (*rows, *table.tail) if len(row) >= len(table.names)]
+    rows, width = table.rows_with(range(len(table.names))), len(table.names)
     units = [_UNITS.get(words, 0) for words, _ in table.headings]
-    for first in range(len(units) if rows else 0):
-        count = sum(
-            1
-            for _ in itertools.takewhile(
-                lambda pair: pair[0] > pair[1] > 0, itertools.pairwise(units[first:])
-            )
-        )
-        columns = tuple(range(first, first + count + 1))
+    for first in range(width if rows else 0):
+        smaller = itertools.takewhile(lambda k: units[k - 1] > units[k] > 0, range(first + 1, width))
+        columns = first, *smaller
         read = partial(_read_sum, [number_reader(units[k], 0, table.decimal) for k in columns])
-        time_ns, is_timed = read([[row[k] for row in rows] for k in columns])
-        steps = np.diff(time_ns[is_timed])
-        if count and is_timed.mean() > _NEARLY_ALL and _are_in_order(steps):
-            listed = ', '.join(f"'{table.names[k]}'" for k in columns)
-            remark = f'times are the sum of {listed}, without a date'
-            return Clock(columns, read, (remark,), is_of_day=units[first] < DAY)
+        listed = ', '.join(f"'{table.names[k]}'" for k in columns)
+        remark = f'times are the sum of {listed}, without a date'
+        clock = Clock(columns, read, (remark,), is_of_day=units[first] < DAY)
+        time_ns, is_timed = clock.read_rows(rows)
+        is_sum = len(columns) > 1 and is_timed.mean() > _NEARLY_ALL
+        if is_sum and _are_in_order(np.diff(time_ns[is_timed])):
+            return clock
     return None
 
 
@@ -476,13 +455,7 @@ def _read_sum(reads: Sequence[ReadTimes], columns: Sequence[Cells]) -> Times:
 
 
 def _read_parts(layout: StampLayout, day_count: int, columns: Sequence[Cells]) -> Times:
-    """Return the times whose parts stand in columns.
-
-    Args:
-        layout: The layout of the joined parts.
-        day_count: How many of the first columns are the date, as in :func:`_join_parts`.
-        columns: The cells of each part, the largest part first.
-    """
+    """Return the times of parts in columns, the largest part first, the first ``day_count`` of the date."""
     return layout.read([_join_parts(columns, day_count)])
 
 
@@ -509,25 +482,19 @@ def _join_parts(columns: Sequence[Cells], day_count: int) -> list[str]:
     return texts
 
 
-def _clock_of_digits(table: TableColumns, rows: Sequence[Cells], named: Sequence[int]) -> Clock | None:
+def _clock_of_digits(table: TableColumns, named: Sequence[int]) -> Clock | None:
     """Return the clock of a column of times of the day as digits, 060000, perhaps behind one of dates.
 
     None where no column in ``named`` holds such digits. Of up to four digits there is a question: 0600 may
     be the hour 6.
-
-    Args:
-        table: The columns.
-        rows: Its first rows.
-        named: The columns that are headed as times.
     """
     for k in named:
-        whole_rows = [*rows, *(row for row in table.tail if len(row) > k)]
-        cells = [row[k].strip() for row in whole_rows]
-        dates = [row[k - 1].strip() for row in whole_rows] if k else [''] * len(whole_rows)
-        if k - 1 in named and sum(
-            map(is_stamp, map(' '.join, zip(dates, cells, strict=True)))
-        ) > _MOSTLY * len(cells):
-            return _clock_of_stamps(table, rows, (k - 1, k))
+        rows = table.rows_with([k])
+        cells = [row[k].strip() for row in rows]
+        dates = [row[k - 1].strip() if k else '' for row in rows]
+        stamps = [f'{day} {cell}' for day, cell in zip(dates, cells, strict=True)]
+        if k - 1 in named and sum(map(is_stamp, stamps)) > _MOSTLY * len(cells):
+            return _clock_of_stamps(table, (k - 1, k))
         if _are_digits_of_day(cells):
             stamps = [f'{day} {_with_colons(cell)}' for day, cell in zip(dates, cells, strict=True)]
             clock = _clock_of_day_times(table, k)
@@ -545,12 +512,7 @@ def _clock_of_digits(table: TableColumns, rows: Sequence[Cells], named: Sequence
 
 
 def _read_digits(read: ReadTimes, columns: Sequence[Cells]) -> Times:
-    """Return the times of columns, the last of which has times of the day as digits, as 060000.
-
-    Args:
-        read: Reads the columns once the digits are written with colons.
-        columns: The cells of one or two columns.
-    """
+    """Return the times of one column or two, the last of which has times of the day as digits, as 060000."""
     return read([*columns[:-1], [*map(_with_colons, columns[-1])]])
 
 
@@ -593,12 +555,6 @@ def _first_clock_of_numbers(
 
     None where the numbers of none of them look like times.
 
-    Args:
-        path: The file, for the error.
-        table: The columns.
-        rows: Its first rows.
-        named: The columns that are headed as times.
-
     Raises:
         BagError: A column that is headed so, or the first, is empty, so that no other may stand for it.
     """
@@ -614,35 +570,28 @@ def _first_clock_of_numbers(
     return clock_of_numbers(table, rows, 0, is_named=False)
 
 
-def _clock_since_midnight(table: TableColumns, rows: Sequence[Cells], clock: Clock, day: int) -> Clock:
+def _clock_since_midnight(table: TableColumns, clock: Clock, day: int) -> Clock:
     """Return the clock of dates and numbers that count from midnight; the clock itself if they do not.
 
-    They do if they fall where the date changes, or the heading speaks of a day. They do not if they rise
-    there, or begin at zero. Else they are taken to, and that is a question.
-
-    Args:
-        table: The columns.
-        rows: Its first rows.
-        clock: The clock of the numbers.
-        day: The place of the dates.
+    They do if they stay behind the dates by a day where these change, or the heading speaks of a day. They do
+    not if they rise with the dates, or begin at zero. Else they are taken to, and that is a question.
     """
     columns = day, *clock.columns
-    ends = [[row for row in part if len(row) > max(columns)] for part in (rows, table.tail)]
-    layout = StampLayout([f'{row[day].strip()} 00:00:00' for part in ends for row in part])
+    rows = table.rows_with(columns)
+    layout = StampLayout([f'{row[day].strip()} 00:00:00' for row in rows])
 
     def read_days(cells: Sequence[Cells]) -> Times:
         return layout.read([[f'{cell.strip()} 00:00:00' for cell in cells[0]]])
 
-    changes, largest_ns, first_ns = list[int](), 0, DAY
-    for part in filter(None, ends):
-        time_ns = clock.read([[row[k] for row in part] for k in clock.columns])[0]
-        is_next = np.diff(read_days([[row[day] for row in part]])[0]) > 0
-        changes += np.diff(time_ns)[is_next].tolist()
-        largest_ns, first_ns = max(largest_ns, int(time_ns.max())), min(first_ns, int(time_ns.min()))
-    is_of_day = any(step_ns < 0 for step_ns in changes) or 'day' in table.headings[columns[1]][0].split()
-    if largest_ns > DAY or first_ns < 0 or not (is_of_day or (first_ns >= SECOND_NS and not changes)):
-        return clock
+    (day_ns, is_dated), (time_ns, is_timed) = read_days([[row[day] for row in rows]]), clock.read_rows(rows)
+    day_ns, time_ns = day_ns[is_dated & is_timed], time_ns[is_dated & is_timed]
+    is_next = np.diff(day_ns) > 0
     name, whole_remarks = table.names[columns[1]], _clock_of_layout(columns, layout).remarks
+    is_behind = np.diff(time_ns) <= np.diff(day_ns) - DAY
+    is_of_day = (is_next & is_behind).any() or 'day' in table.headings[columns[1]][0].split()
+    may_be_of_day = time_ns.size and (is_of_day or (not is_next.any() and time_ns.min() >= SECOND_NS))
+    if not may_be_of_day or time_ns.max() > DAY or time_ns.min() < 0:
+        return clock
     question = (
         f"has dates beside '{name}', which may count from midnight or from a start: head it 'time of day [s]'"
     )
@@ -659,16 +608,11 @@ def _clock_since_midnight(table: TableColumns, rows: Sequence[Cells], clock: Clo
 def clock_of_numbers(
     table: TableColumns, rows: Sequence[Cells], column: int, *, is_named: bool
 ) -> Clock | None:
-    """Return the clock of a column of numbers; None where they do not look like times.
+    """Return the clock of a column of numbers by some rows; None where they do not look like times.
 
-    What its numbers were taken for is in its remarks; if they may be something else, it has a question.
-
-    Args:
-        table: The columns.
-        rows: Rows by which it is judged.
-        column: The place of the column.
-        is_named: Whether it is headed as a time. Else its numbers must rise or fall throughout, differ in
-            most rows, and have no unit of the configuration.
+    What its numbers were taken for is in its remarks; if they may be something else, it has a question. If it
+    is not headed as a time, its numbers must rise or fall throughout, differ in most rows, and have no unit
+    of the configuration.
     """
     numbers = [_leading_number(row[column], table.decimal) for row in rows if column < len(row)]
     values = np.array([value for value in numbers if math.isfinite(value)])
@@ -688,12 +632,7 @@ def clock_of_numbers(
 
 
 def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> tuple[int, float, str, str]:
-    """Find the unit, zero and meaning of the numbers of a column of times.
-
-    Args:
-        words: The words of the heading.
-        written: The unit in it as it is written; None for none.
-        values: The numbers, shape (n,).
+    """Find the unit, zero and meaning of the numbers of a column by the words and the unit of its heading.
 
     Returns:
         Their unit [ns]; what is added to them, in that unit, for times since 1970 or a start; their meaning

@@ -106,20 +106,20 @@ def test_ships_one_after_the_other_in_a_long_log_are_not_a_clock_that_was_set_ba
     # The head of the file has one ship only, its tail the other.
     rows = ''.join(f'{t},{ship},{n}\n' for ship, n in (('A', 20), ('B', 136)) for t in range(3000))
     recording = open_log(tmp_path, f'time,ship,rpm\n{rows}')
-    with pytest.raises(BagError, match=r"column 'ship' has 'A', 'B' one after the other, .* \{ship: A\}"):
+    with pytest.raises(BagError, match=r"column 'ship' has 'A', 'B' one after the other, .* \{'ship': 'A'\}"):
         recording.read([Request('rpm', 'data')])
     assert set(values_of(recording, {'ship': 'B'})) == {136}
     assert recording.start_ns == 0
 
 
-def log_of_twins(noise: int, begin: int, count: int = 3000) -> str:
+def log_of_twins(noise: int, begin: int, count: int = 4000) -> str:
     """Return a log of two numbered shafts at 90 rpm, of which one is at 15 rpm from a second on.
 
     Both change by up to ``noise``.
     """
     lines = []
     for t in range(count):
-        slow = 15 if begin <= t < count - 500 else 90
+        slow = 15 if begin <= t < count - 1500 else 90
         lines.append(f'{t},1,{90 + t % (noise + 1)}\n{t},2,{slow + 7 * t % (noise + 1)}\n')
     return 'time,shaft,rpm\n' + ''.join(lines)
 
@@ -128,11 +128,11 @@ def test_shafts_that_turn_alike_at_the_ends_of_a_log_are_told_apart_by_its_middl
     recording = open_log(tmp_path, log_of_twins(noise=1, begin=1500))
     column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
     assert recording.key_of(column) is None
-    with pytest.raises(BagError, match=r"'shaft' has '1', '2' at the same times, .* where: \{shaft: 1\}"):
+    with pytest.raises(BagError, match=r"'shaft' has '1', '2' at the same times, .* where: \{'shaft': '1'\}"):
         recording.read([Request('rpm', 'data')])
     assert min(values_of(recording, {'shaft': '2'})) == 15
     assert min(values_of(recording, {'shaft': '1'})) == 90
-    assert len(values_of(recording, {'shaft': '*'})) == 6000
+    assert len(values_of(recording, {'shaft': '*'})) == 8000
 
 
 @pytest.mark.parametrize(
