@@ -323,7 +323,7 @@ class _BearingCheck:
         seconds = dict(zip(REGIMES, (known_ns * 1e-9).tolist(), strict=True))
         silent_ns = max(0, span.length_ns - int(known_ns.sum()))
         seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
-        nearest = self._extremes.found.get('fold_margin')
+        nearest = self._extremes.worst.get('fold_margin')
         questions = self._plausibility.questions(math.inf if nearest is None else 1.0 + nearest.value)
         for place, quantity in enumerate(QUANTITIES):
             questions[quantity] += filter(None, [self._fitness.clause(place)])
@@ -339,7 +339,7 @@ class _BearingCheck:
             self._events,
             self._evaluations,
             seconds,
-            self._extremes.found,
+            self._extremes.worst,
             tuple(
                 input_check.report(
                     () if request is None else faults[request],

@@ -238,7 +238,7 @@ class ClipWriter(StretchSink):
             if a <= stretch.end_ns and b >= begun_ns
         )
         inputs = self._bag.messages(self._topics, spans_here) if spans_here.spans else iter(())
-        columns = [*columns_of(inputs), *self._messages.of(stretch, spans)]
+        columns = [*columns_of(inputs), *self._messages.encode_stretch(stretch, spans)]
         for message in _sort_messages(columns):
             self._recorder.add(message)
             if message.topic == f'/{NODE}/warnings':

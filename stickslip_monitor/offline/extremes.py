@@ -272,12 +272,12 @@ class Extremes:
 
     Attributes:
         lasting_ns: How long each of :data:`REGIMES` lasted [ns].
-        found: The worst moments by name; a quantity that never had a value is absent.
+        worst: The worst moments by name; a quantity that never had a value is absent.
     """
 
     def __init__(self) -> None:
         self.lasting_ns = np.zeros(len(REGIMES), np.int64)
-        self.found: dict[str, Extreme] = {}
+        self.worst: dict[str, Extreme] = {}
         self._top: Assessments | None = None
 
     def take(self, scan: Scan) -> None:
@@ -343,22 +343,22 @@ class Extremes:
 
         ``inf`` before any margin is found, ``nan`` where the point has no boundary.
         """
-        margins = (self.found[name].value if name in self.found else math.inf for name in _MARGINS)
+        margins = (self.worst[name].value if name in self.worst else math.inf for name in _MARGINS)
         ends = zip(margins, (top.hopf_speed, top.fold_speed), strict=True)
         slow: FloatArray = np.fmax.reduce([COVER * (1.0 + value) * boundary for value, boundary in ends])
         return slow
 
     def _take_rows(self, scan: Scan, rows: IndexArray, *names: str) -> None:
-        """Update ``found`` by the named quantities in rows of a scan: least margin, greatest amplitude."""
+        """Update ``worst`` by the named quantities in rows of a scan: least margin, greatest amplitude."""
         points = scan.assessed(rows)
         for name in names:
             sign = -1 if name == 'amplitude' else 1
             values = getattr(points, 'amplitude_exact' if name == 'amplitude' else name)
             badness = np.where(np.isfinite(values), sign * values, np.inf)
-            lowest = sign * self.found[name].value if name in self.found else math.inf
+            lowest = sign * self.worst[name].value if name in self.worst else math.inf
             if badness.min(initial=math.inf) < lowest:
                 i = int(badness.argmin())
-                self.found[name] = Extreme(int(scan.time_ns[rows[i]]), float(values[i]), points.at(i))
+                self.worst[name] = Extreme(int(scan.time_ns[rows[i]]), float(values[i]), points.at(i))
 
 
 def sum_durations(codes: NDArray[np.int8], lasting: IntArray, kinds: int) -> IntArray:

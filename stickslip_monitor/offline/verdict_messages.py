@@ -127,7 +127,7 @@ class VerdictWriter(StretchSink):
         Raises:
             BagError: An input cannot be read, or the disk does not take the messages.
         """
-        columns = [*columns_of(self._messages_until(stretch.end_ns)), *self._messages.of(stretch)]
+        columns = [*columns_of(self._messages_until(stretch.end_ns)), *self._messages.encode_stretch(stretch)]
         self._writer.write_columns((column.topic, column.time_ns, column.payload) for column in columns)
 
     def _messages_until(self, end_ns: int) -> Iterator[Message]:
@@ -193,7 +193,7 @@ class VerdictMessages:
         self._ticked_ns = self._received_ns = self._start_ns - 1
         self._due: list[Event] = []
 
-    def of(self, stretch: Stretch, spans: TimeSpans = ALWAYS) -> Iterator[MessageColumn]:
+    def encode_stretch(self, stretch: Stretch, spans: TimeSpans = ALWAYS) -> Iterator[MessageColumn]:
         """Yield the messages of a stretch, one column for each topic that has any.
 
         The bearings are followed as the columns are taken: take all before the next stretch.

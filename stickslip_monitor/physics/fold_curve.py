@@ -72,7 +72,7 @@ class FoldCurve:
         return last_speeds(self.averaged[:2], load, self.smooth)
 
     def averaged_sticking_end(self, load: FloatArray) -> FloatArray:
-        """Return the last speeds with one that sticks under averaging, as :meth:`averaged_fold`."""
+        """Return the last speeds that stick under averaging at loads [N], shape (n,) [m/s]; or ``nan``."""
         return last_speeds(self.averaged[::2], load, self.smooth)
 
     def exact_fold(self, load: FloatArray) -> FloatArray:

@@ -155,5 +155,5 @@ def test_skipped_points_change_neither_regimes_nor_least_margins(law: FrictionLa
     points = assess(bearing, speed, load, table=table)
     for name, margins in (('hopf_margin', points.hopf_margin), ('fold_margin', points.fold_margin)):
         finite = margins[(speed != 0.0) & np.isfinite(margins)]
-        values = [extremes.found[name].value] if name in extremes.found else []
+        values = [extremes.worst[name].value] if name in extremes.worst else []
         assert values == ([finite.min()] if finite.size else [])

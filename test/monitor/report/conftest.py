@@ -32,7 +32,7 @@ def course() -> Callable[..., Course]:
         extremes.take(scan)
         totals = dict(zip(REGIMES, (extremes.lasting_ns * 1e-9).tolist(), strict=True))
         item = BearingReport(
-            'aft_stern', scan.events, scan.time_ns.size, totals, extremes.found, (), outline=scan
+            'aft_stern', scan.events, scan.time_ns.size, totals, extremes.worst, (), outline=scan
         )
         return Course(CONFIG.bearings[0], item, parts)
 
