@@ -493,7 +493,7 @@ class Annunciator:
         return [self._give_to_people(alarm, change) if after is AlarmState.UNACKNOWLEDGED else change]
 
     def _give_to_people(self, alarm: LiveAlarm, change: AlarmChange) -> AlarmChange:
-        """Give an unacknowledged alarm to people; silence it for ten minutes if it or a worse one was lately.
+        """Give an unacknowledged alarm to people, silent for ten minutes if one no milder was given lately.
 
         The alarms of the ladder count together, and ten minutes are lately. Alarms that latch, stick-slip and
         the amplitude limit, are silenced only where one sounded lately, and marked as ``recurring`` then. A

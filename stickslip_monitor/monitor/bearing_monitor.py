@@ -66,7 +66,7 @@ class BearingMonitor(Standing):
         self.counts = np.zeros((len(Input), len(Status)), dtype=np.int64)
 
     def await_inputs(self) -> None:
-        """Set all times in the memory back to none, so that every input is waited for; the rest stays.
+        """Set the latest time, and those of all inputs, to none, so that each is waited for; the rest stays.
 
         The water has its configured temperature again, and no value is repeated.
         """
@@ -130,7 +130,7 @@ class BearingMonitor(Standing):
         return self.state.came[place] == NEVER or INPUTS[place] in self.lost_ages()
 
     def discount_stall(self, held_ns: int) -> None:
-        """Subtract a stall of this process [ns] from the age of speed and load, by moving their times on."""
+        """Subtract a stall of this process [ns] from the age of speed and load, or from the wait for them."""
         state = self.state
         for place in (Input.SPEED, Input.LOAD):
             if state.came[place] != NEVER:

@@ -104,7 +104,7 @@ def receive_sample(
 ) -> tuple[int, int, float]:
     """Judge a sample, and where it is accepted let time pass up to it.
 
-    A valid level or temperature is stored at once; a valid speed or load is left to
+    A valid level or temperature is stored at once, and no time passes; a valid speed or load is left to
     :func:`take_value`. Time also passes up to a repeat that counts (:func:`has_repeats`).
 
     Args:
