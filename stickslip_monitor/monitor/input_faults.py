@@ -280,6 +280,7 @@ _RATE_LOOKS = 10
 """Checks over which the rate of an input is counted."""
 _BATCH = 256
 """Values of an input that are judged at once: numpy costs as much for one."""
+_JUDGED = range(LEVEL + 1)  # the inputs that :mod:`.input_fitness` judges
 _NUMBERS = re.compile(r'[\d.]+')
 
 
@@ -517,7 +518,7 @@ class InputWatch:
         self._fitness = {name: FitnessWatch() for name in bearings}
         # What came since it was judged: arrivals [ns] and values of each input
         self._values: dict[tuple[str, int], tuple[list[int], list[float]]] = {
-            (name, place): ([], []) for name in bearings for place, _ in enumerate(QUANTITIES)
+            (name, place): ([], []) for name in bearings for place in _JUDGED
         }
         self._publishers: dict[tuple[str, int], Sequence[Publisher] | None] = {}
         self._seen: dict[str, str] = {}  # who published on a topic when somebody last did
@@ -529,8 +530,8 @@ class InputWatch:
     ) -> SourceFault | None:
         """Take a sample: a valid one stores its times, an invalid one nothing.
 
-        A valid speed or load of a sensor is taken by the watch of its source; the value is also kept for the
-        checks of :mod:`.input_fitness`, unless the source sends changes only.
+        A valid speed or load of a sensor is taken by the watch of its source. It, and a level, is also kept
+        for the checks of :mod:`.input_fitness`, unless the source sends changes only.
 
         Args:
             bearing: Name of the bearing.
@@ -546,11 +547,12 @@ class InputWatch:
         track, live = self._tracks[bearing][place], self._bearings[bearing].settings.live
         if valid:
             track.arrived_ns, track.behind_ns = now_ns, behind_ns
-            # A level that jumps between two values is what is looked for, and an assumed load has no sensor.
             source = self._bearings[bearing].config.inputs[INPUTS[place]]
-            if place < LEVEL and not source.is_assumed:
+            if place in _JUDGED and not source.is_assumed:  # an assumed load has no sensor
                 si = si_value(live, place, value)
-                track.source.take(now_ns, si)
+                # A level that jumps between two values is what is looked for.
+                if place != LEVEL:
+                    track.source.take(now_ns, si)
                 # What stands until the next change is known to come slowly.
                 if not source.hold_ns:
                     times, values = self._values[bearing, place]
@@ -559,20 +561,20 @@ class InputWatch:
         return track.source.standing_fault(now_ns)
 
     def _judge_fitness(self, name: str) -> None:
-        """Hand the values of a bearing to its fitness watch once speeds and loads are 256 together.
+        """Hand the values of a bearing to its fitness watch once there are 256 of all inputs together.
 
         They are forgotten then. Each load with a speed of the batch before it makes an operating point there.
         """
-        speed, load = (self._values[name, place] for place, _ in enumerate(QUANTITIES))
-        if len(speed[0]) + len(load[0]) < _BATCH:
+        columns = [self._values[name, place] for place in _JUDGED]
+        if sum(len(times) for times, _ in columns) < _BATCH:
             return
         watch, arrays = self._fitness[name], []
-        for place, (times, values) in enumerate((speed, load)):
+        for place, (times, values) in enumerate(columns):
             arrays.append((np.array(times, np.int64), np.array(values)))
             watch.take_values(place, *arrays[-1])
             times.clear()
             values.clear()
-        (speed_ns, speeds), (load_ns, loads) = arrays
+        (speed_ns, speeds), (load_ns, loads), _ = arrays
         if speed_ns.size:
             latest = np.searchsorted(speed_ns, load_ns, 'right') - 1
             has_speed = latest >= 0
@@ -674,7 +676,7 @@ class InputWatch:
             other_names=self._graph.other_names(source.topic),
             stuck=place == LEVEL and monitor.unknown is Unknown.STUCK,
             source='' if source_fault is None else fault_text(source_fault, source),
-            unfit='' if place >= LEVEL else self._fitness[bearing].clause(place),
+            unfit=self._fitness[bearing].clause(place) if place in _JUDGED else '',
             quantity=INPUTS[place],
         )
 

@@ -2,8 +2,9 @@
 """Finds inputs that cannot do their job: values that are held or slow, and a load computed from the speed.
 
 Evidence is the values themselves, live and offline: a dozen new values that come at a slow regular
-pace, and a load that follows the speed alone at two visits of the same speeds. Nothing here
-changes a verdict; each finding is a clause that follows the name of the input and says what to do.
+pace, a dozen slow values of a level, and a load that follows the speed alone at two visits of the same
+speeds. Nothing here changes a verdict; each finding is a clause that follows the name of the input and
+says what to do.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from stickslip_monitor.monitor.signals import QUANTITIES, Input
 
 # Each with the measurement that chose it: docs/rule.md, "Why these numbers".
 MIN_SLOW = 3.0
-"""From this interval between new values on a swell, and short stick-slip, fall between them [s]."""
+"""From this interval between new values on a swell, and short stick-slip, fall between them; of a level two
+values, which each count for half of it at most, then show no vibration in that time [s]."""
 _CHANGES = 12
 """New values whose intervals are judged together."""
 _REGULAR, _MIN_REGULAR = 0.15, 10
@@ -61,9 +63,7 @@ class _Changes:
 
         Each dozen of new values sets ``clause``, on how slowly they come, leaves it, or clears it to ''.
         """
-        is_new = np.empty(value.size, np.bool_)
-        np.not_equal(value[1:], value[:-1], out=is_new[1:])
-        is_new[0] = not (self.value.size and value[0] == self.value[-1])
+        is_new = self._find_new(value)
         new = np.arange(value.size) if is_new.all() else np.flatnonzero(is_new)
         if new.size < value.size:
             time_ns, value = time_ns[new], value[new]
@@ -78,6 +78,13 @@ class _Changes:
             self.time_ns, self.value = self.time_ns[done:], self.value[done:]
             self.messages = self.messages[done:]
 
+    def _find_new(self, value: FloatArray) -> BoolArray:
+        """Return which of the next values, shape (n,), n > 0, differ from the one before."""
+        is_new = np.empty(value.size, np.bool_)
+        np.not_equal(value[1:], value[:-1], out=is_new[1:])
+        is_new[0] = not (self.value.size and value[0] == self.value[-1])
+        return is_new
+
     def _judge_blocks(self, blocks: int) -> None:
         """Judge the first ``blocks`` > 0 dozens: set ``clause`` by the latest that is slow and regular.
 
@@ -90,7 +97,7 @@ class _Changes:
             slow = np.flatnonzero(gap_ns.min(axis=1) >= MIN_SLOW * 1e9)
         if slow.size:
             gap, change = gap_ns * 1e-9, _split_steps(self.value, blocks)
-            slow = slow[_is_regular(gap[slow], np.abs(change[slow]))]
+            slow = slow[self._is_evidence(gap[slow], np.abs(change[slow]))]
         if not slow.size:
             self.misses += blocks
         else:
@@ -99,6 +106,10 @@ class _Changes:
             self.clause = self._clause_of(gap[latest], change[latest], latest * _CHANGES)
         if self.misses >= _MAX_MISSES:
             self.clause = ''
+
+    def _is_evidence(self, gap: FloatArray, step: FloatArray) -> BoolArray:
+        """Return which rows of slow intervals and steps, shape (n, 12), count; see :func:`_is_regular`."""
+        return _is_regular(gap, step)
 
     def _clause_of(self, gap: FloatArray, step: FloatArray, first: int) -> str:
         """Return the clause on a slow dozen of intervals [s] and steps; '' where the values are steady.
@@ -119,6 +130,28 @@ class _Changes:
         return (
             f'has a value only every {usual:.3g} s and changes by {share:.0%} between them, so that a swell'
             ' seems to last for minutes: have its sender pass on at least one a second'
+        )
+
+
+@dataclass(slots=True)
+class _LevelPace(_Changes):
+    """The intervals at which a level comes, changed or not: no vibration shows before two values of it."""
+
+    def _find_new(self, value: FloatArray) -> BoolArray:
+        """Return that each of the next values counts."""
+        return np.ones(value.size, np.bool_)
+
+    def _is_evidence(self, gap: FloatArray, step: FloatArray) -> BoolArray:
+        """Return that each row of slow intervals counts, regular or not: a level on change is as slow."""
+        del step
+        return np.ones(len(gap), np.bool_)
+
+    def _clause_of(self, gap: FloatArray, step: FloatArray, first: int) -> str:
+        """Return the clause on a slow dozen of intervals [s]."""
+        del step, first
+        return (
+            f'has a value only every {np.median(gap):.3g} s, and a vibration shows by two of them: have its'
+            ' sender pass on at least one a second'
         )
 
 
@@ -197,10 +230,10 @@ def explained_share(rows: FloatArray) -> float | None:
 
 
 class FitnessWatch:
-    """Judges the speed and load of a bearing."""
+    """Judges speed, load and level of a bearing."""
 
     def __init__(self) -> None:
-        self._changes = tuple(_Changes() for _ in QUANTITIES)
+        self._changes = (*(_Changes() for _ in QUANTITIES), _LevelPace())
         self._pairs = _Pairs()
 
     def take_values(self, place: int, time_ns: IntArray, si: FloatArray) -> None:

@@ -29,7 +29,7 @@ from stickslip_monitor.monitor.input_fitness import FitnessWatch
 from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, count_statuses, join_scans
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED
-from stickslip_monitor.monitor.signals import QUANTITIES, Stream
+from stickslip_monitor.monitor.signals import INPUTS, LEVEL, Stream
 from stickslip_monitor.monitor.statements import Event, duration_text
 from stickslip_monitor.offline.binding import bind_at_least_one
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, sum_durations
@@ -325,10 +325,10 @@ class _BearingCheck:
         seconds[Regime.UNDETERMINED] += silent_ns * 1e-9
         nearest = self._extremes.worst.get('fold_margin')
         questions = self._plausibility.questions(math.inf if nearest is None else 1.0 + nearest.value)
-        for place, quantity in enumerate(QUANTITIES):
-            questions[quantity] += filter(None, [self._fitness.clause(place)])
+        for place in range(LEVEL + 1):
+            questions.setdefault(INPUTS[place], []).extend(filter(None, [self._fitness.clause(place)]))
         if self._end.unknown is not None:
-            questions['level'] = [f'says nothing at the end: {self._end.unknown.sentence}']
+            questions['level'] += [f'says nothing at the end: {self._end.unknown.sentence}']
         if self._end.water_doubt:
             questions['water_temperature'] = [f'is in doubt at the end: {self._end.water_doubt}']
         for quantity, text in self._questions.items():

@@ -367,7 +367,7 @@ class InputCheck:
             series: The samples of this input as recorded.
             stream: The samples of all inputs of the bearing.
             scan: The verdicts on them.
-            fitness: Updated by speed and load, unless assumed or held.
+            fitness: Updated by speed, load and level, unless assumed or held.
         """
         self._messages += series.value.size
         if series.value.size:
@@ -382,10 +382,11 @@ class InputCheck:
             is_used = is_own & (scan.status == Status.ACCEPTED)
             numbers = stream.value[is_own & ~np.isin(scan.status, (Status.NO_VALUE, Status.NOT_FINITE))]
             value, arrival_ns = stream.value[is_used], stream.arrival_ns[is_used]
-        # A level may jump between two values: that is a vibration. An assumed load has no sensor.
-        if self._place < LEVEL and not self._source.is_assumed:
+        if self._place <= LEVEL and not self._source.is_assumed:  # an assumed load has no sensor
             si = self._to_si(value)
-            self._sources += self._watch.take_column(arrival_ns, si)
+            # A level may jump between two values: that is a vibration.
+            if self._place < LEVEL:
+                self._sources += self._watch.take_column(arrival_ns, si)
             # What stands until the next change is known to come slowly.
             if not self._source.hold_ns:
                 fitness.take_values(self._place, arrival_ns, si)

@@ -14,7 +14,7 @@ from stickslip_monitor.monitor.input_faults import Graph, InputWatch
 from stickslip_monitor.monitor.input_fitness import FitnessWatch, _is_regular, explained_share
 from stickslip_monitor.monitor.signals import Input
 
-SPEED, LOAD = Input.SPEED, Input.LOAD
+SPEED, LOAD, LEVEL = Input.SPEED, Input.LOAD, Input.LEVEL
 SECOND = 10**9
 TIMES = np.arange(0.0, 1200.0, 0.1)
 """Twenty minutes at 10 Hz [s]."""
@@ -61,6 +61,21 @@ def test_a_slow_sensor_has_a_regular_pace_and_uneven_steps(off: int, even: int, 
     gap = np.array([[1.5] * off + [1.0] * (10 - off) + [2.0] * 2])
     step = np.where(np.arange(12) < (even or 12), 1.0, 1.5)[None]
     assert _is_regular(gap, step).tolist() == [is_regular]
+
+
+@pytest.mark.parametrize('part', [1, 5, 1000])
+@pytest.mark.parametrize(('gap', 'named'), [(60.0, '60'), (3.0, '3'), (2.9, ''), (0.5, '')])
+@pytest.mark.parametrize('swing', [0.0, 1.0])
+def test_a_level_that_comes_slowly_is_named(gap: float, named: str, swing: float, part: int) -> None:
+    # Thirteen values end a dozen intervals, whatever they are: a quiet level may stand still.
+    time = gap * np.arange(13)
+    level = -40.0 + swing * np.sin(time)
+    clause = (
+        f'has a value only every {named} s, and a vibration shows by two of them: have its sender pass on at'
+        ' least one a second'
+    )
+    assert clause_of(time, level, LEVEL, part) == (clause if named else '')
+    assert clause_of(time[:12], level[:12], LEVEL, part) == ''
 
 
 RANDOM = np.random.default_rng(7)
@@ -156,6 +171,22 @@ def test_a_slow_load_is_reported_live_and_no_verdict_changes() -> None:
     assert texts[0].startswith('The load on /')
     assert 'has a new value only every 10 s' in texts[0]
     assert bearing.condition == 'normal'
+
+
+def test_a_slow_level_is_reported_live() -> None:
+    monitor = Monitor(configured(level__topic='/level'))
+    watch, texts = InputWatch(monitor.bearings, Graph()), list[str]()
+    for k in range(900):
+        for place, value in ((SPEED, 0.5), (LOAD, 1000.0), (LEVEL, 0.01 + 1e-6 * k))[: 2 + (k % 60 == 0)]:
+            monitor.bearings['aft'].update(place, k * SECOND, value)
+            watch.take('aft', place, value, k * SECOND, 0, valid=True)
+        faults = watch.check_inputs(k * SECOND, without_clock=False)
+        texts += [text for _, text, is_over in faults if 'level' in text and not is_over]
+    # Until its pace is known it is lost now and then.
+    assert [text for text in texts if text != 'No messages on /level.'] == [
+        'The level on /level has a value only every 60 s, and a vibration shows by two of them: have its'
+        ' sender pass on at least one a second.'
+    ]
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from made_logs import START
+from sending import configured
 from shared import CONFIG, ROOT
 
 from stickslip_logs.recordings.writer import BagWriter, encode_float64s, encode_stamped
@@ -303,6 +304,18 @@ def test_a_speed_that_is_held_raises_a_question(tmp_path: Path, name: str) -> No
     (question,) = bearing['inputs']['speed']['questions']
     assert question.startswith('has a new value only every 10 s, though 2 messages a second come')
     assert bearing['inputs']['load']['questions'] == []
+
+
+@pytest.mark.parametrize(('interval', 'is_named'), [(60, True), (1, False)])
+def test_a_slow_level_raises_a_question(tmp_path: Path, interval: int, is_named: bool) -> None:
+    rows = (f'{at},60,1000,{0.01 + 1e-6 * at if at % interval == 0 else ""}\n' for at in range(900))
+    (tmp_path / 'a.csv').write_text('time [s],shaft speed [rpm],load [N],level [m/s²]\n' + ''.join(rows))
+    record = to_json(check_recording(tmp_path / 'a.csv', configured(level__topic='/level')))
+    questions = record['bearings']['aft']['inputs']['level']['questions']
+    assert [text for text in questions if text.startswith('has a value only every 60 s, and a vib')] == (
+        questions[:1] if is_named else []
+    )
+    assert bool(questions) == is_named
 
 
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
