@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from shared import DEADLINE
 
 from stickslip_monitor import state_file
 from stickslip_monitor.errors import AlarmStateError, RosError
@@ -166,10 +167,10 @@ def test_a_full_disk_is_reported_and_tried_again(tmp_path: Path, monkeypatch: py
     writer = StateWriter(str(tmp_path / 'state.json'))
     writer.write({'time': 1})
     # The third attempt has begun, so the first has been told.
-    assert all(tried.acquire(timeout=10.0) for _ in range(3))
+    assert all(tried.acquire(timeout=DEADLINE) for _ in range(3))
     assert writer.fault == 'the alarms are not kept: No space left on device'
     writer.write({'time': 2})
-    assert all(tried.acquire(timeout=10.0) for _ in range(2))
+    assert all(tried.acquire(timeout=DEADLINE) for _ in range(2))
     full.clear()
     writer.close(patience=10.0)
     assert writer.fault == ''

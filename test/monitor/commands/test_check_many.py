@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import CONFIG, ROOT, Stickslip, until
+from shared import CONFIG, DEADLINE, ROOT, Stickslip, until
 
 from stickslip_logs.recordings.folders import describe_unchecked, find_bags
 
@@ -145,7 +145,7 @@ def test_ctrl_c_ends_it_at_once_and_without_a_word(tmp_path: Path) -> None:
         assert 'bag_0: ' in program.stdout.readline()
         # A terminal sends Ctrl-C to all processes of a session.
         os.killpg(program.pid, signal.SIGINT)
-        out, err = program.communicate(timeout=30.0)
+        out, err = program.communicate(timeout=DEADLINE)
     assert (program.returncode, err) == (130, '')
     assert out.count(' messages in ') < 150
     until(lambda: not group_lives(program.pid), 'the end of all its processes')

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import CONFIG, ROOT, Program
+from shared import CONFIG, DEADLINE, ROOT, Program
 
 from stickslip_monitor.monitor.bearing_records import event_record
 from stickslip_monitor.monitor.parameter_file import load_config
@@ -45,7 +45,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., str]]:
 
 def stream_events(url: str) -> Iterator[tuple[str, dict[str, Any]]]:
     """Kind and content of every event of a stream."""
-    with urllib.request.urlopen(f'{url}events', timeout=30.0) as stream:
+    with urllib.request.urlopen(f'{url}events', timeout=DEADLINE) as stream:
         kind = ''
         for line in stream:
             if line.startswith(b'event: '):
@@ -83,7 +83,7 @@ def test_with_a_token_others_may_come(start: Callable[..., str], tmp_path: Path)
     request = urllib.request.Request(
         f'{url}metrics', headers={'Authorization': 'Bearer correct-horse-battery'}
     )
-    with urllib.request.urlopen(request, timeout=10.0) as answer:
+    with urllib.request.urlopen(request, timeout=DEADLINE) as answer:
         assert b'stickslip_monitor_up' in answer.read()
     with pytest.raises(urllib.error.HTTPError, match='401'):
-        urllib.request.urlopen(f'{url}metrics', timeout=10.0)
+        urllib.request.urlopen(f'{url}metrics', timeout=DEADLINE)

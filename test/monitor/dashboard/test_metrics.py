@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 import yaml
-from shared import ROOT, until
+from shared import DEADLINE, ROOT, until
 
 from benchmarks.signalk_servers import free_port
 
@@ -41,7 +41,7 @@ def find_program(name: str) -> str:
 
 
 def scrape(dashboard: Any) -> str:
-    with urllib.request.urlopen(f'{dashboard.url}metrics', timeout=10.0) as answer:
+    with urllib.request.urlopen(f'{dashboard.url}metrics', timeout=DEADLINE) as answer:
         return str(answer.read().decode())
 
 

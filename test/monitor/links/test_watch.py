@@ -96,7 +96,7 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     assert bus.alarms['10002'] == 'A'
 
     def metrics() -> str:
-        text: bytes = urllib.request.urlopen(f'{page}metrics', timeout=10.0).read()
+        text: bytes = urllib.request.urlopen(f'{page}metrics', timeout=DEADLINE).read()
         return text.decode()
 
     # The alert goes out before the record of the bearing.
@@ -112,7 +112,7 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     state_file.mkdir()
     fault = 'the alarms are not kept: Is a directory'
     ship.until(bus.sails('20.0', lambda: fault in ship.output))
-    with urllib.request.urlopen(f'{page}events', timeout=10.0) as stream:
+    with urllib.request.urlopen(f'{page}events', timeout=DEADLINE) as stream:
         assert fault in next(line.decode() for line in stream if line.startswith(b'data: '))
     state_file.rmdir()
     assert 'is in use by another monitor' in refusal_of_watch(path)

@@ -16,7 +16,7 @@ from typing import Any
 import kit
 import pytest
 import yaml
-from shared import Bus
+from shared import DEADLINE, Bus
 
 from stickslip_monitor import build_config
 from stickslip_monitor.monitor.signals import Input
@@ -33,14 +33,14 @@ class Page:
 
     def state(self) -> dict[str, Any]:
         """Return the state that the page shows, the first event of a stream."""
-        with urllib.request.urlopen(f'{self.url}events', timeout=10.0) as stream:
+        with urllib.request.urlopen(f'{self.url}events', timeout=DEADLINE) as stream:
             for line in stream:
                 if line.startswith(b'data: '):
                     return dict(json.loads(line[6:]))
         raise AssertionError('the stream has ended')
 
     def metrics(self) -> dict[str, float]:
-        with urllib.request.urlopen(f'{self.url}metrics', timeout=10.0) as answer:
+        with urllib.request.urlopen(f'{self.url}metrics', timeout=DEADLINE) as answer:
             lines = answer.read().decode().splitlines()
         pairs = (line.rpartition(' ') for line in lines if not line.startswith('#'))
         return {name: float(value) for name, _, value in pairs}
@@ -58,7 +58,7 @@ class Page:
             f'{self.url}act', json.dumps(document).encode(), {'Content-Type': 'application/json'}
         )
         try:
-            with urllib.request.urlopen(request, timeout=10.0) as answer:
+            with urllib.request.urlopen(request, timeout=DEADLINE) as answer:
                 return answer.status, json.load(answer)['text']
         except urllib.error.HTTPError as error:
             return error.code, json.load(error)['text']
