@@ -17,7 +17,7 @@ COMMAND = [
     *('--disable-dev-shm-usage', '--disable-background-networking', '--hide-scrollbars'),
     *('--remote-debugging-port=0', 'about:blank'),
 ]
-PATIENCE = 30.0
+PATIENCE = 120.0
 
 
 @contextmanager
