@@ -283,7 +283,7 @@ def test_without_ros_one_sentence_says_so(run: Any) -> None:
 
 @pytest.mark.slow
 def test_after_a_stall_of_the_node_no_input_is_blamed(start: Any) -> None:
-    monitor = start(kit.node_parameters({'speed.timeout': 2.0, 'load.timeout': 2.0}))
+    monitor = start(kit.node_parameters({'speed.timeout': 3.0, 'load.timeout': 3.0}))
     peer, warnings, diagnostics = monitor.peer, monitor.warnings(), monitor.diagnostics()
     speed, load = monitor.talk('shaft/speed'), monitor.talk('aft/load')
 
@@ -299,22 +299,21 @@ def test_after_a_stall_of_the_node_no_input_is_blamed(start: Any) -> None:
     def reason() -> Any:
         return kit.latest_status(diagnostics).get('reason')
 
+    def stall_count() -> int:
+        """Return how often the node was held up: by this test, or by a busy machine."""
+        return int(kit.latest_status(diagnostics, 'the node').get('times held up', 0))
+
     peer.until(sending(lambda: reason() == 'normal'), 'a quiet bearing')
     warnings.clear()
-    for number in range(2):
+    for _ in range(2):
+        count = stall_count()
         monitor.process.send_signal(signal.SIGSTOP)
         end = time.monotonic() + 4.0
         peer.until(sending(lambda end=end: time.monotonic() > end), 'some seconds')
         monitor.process.send_signal(signal.SIGCONT)
-        stall_count = f"'times held up': '{number + 1}'"
-        peer.until(
-            sending(
-                lambda stall_count=stall_count: stall_count in str(kit.latest_status(diagnostics, 'the node'))
-            ),
-            'the delay',
-        )
+        peer.until(sending(lambda count=count: stall_count() > count), 'the delay')
     assert float(kit.latest_status(diagnostics, 'the node')['longest time held up [s]']) > 3.0
-    assert monitor.output.count('the node was stalled for') == 2
+    assert monitor.output.count('the node was stalled for') >= 2
     assert [event['to'] for event in kit.decode_warnings(warnings)] == []
 
 
