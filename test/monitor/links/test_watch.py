@@ -104,7 +104,7 @@ def test_a_ship_without_ros(watch: Callable[..., Program], manager: socket.socke
     ship.until(bus.sails('', lambda: stale in metrics()))
     assert 'stickslip_link_up{link="nmea_in"} 1.0' in metrics()
     assert main(['health', '--page', page]) == 0
-    assert 'aft_stern: Input speed lost: no valid value on NMEA RPM S 1 for' in ship.output
+    ship.until(lambda: 'aft_stern: Input speed lost: no valid value on NMEA RPM S 1 for' in ship.output)
     assert f'state_file {state_file} is damaged: ' in ship.output
     assert 'load may move the lining by 0.9 m: is alarm.amplitude_limit in metres?' in ship.output
     # The file cannot be written: log and page say so.

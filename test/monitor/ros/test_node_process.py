@@ -329,7 +329,7 @@ def test_systemd_hears_of_start_life_and_end(
         monitor = start(kit.node_parameters())
         assert [manager.recv(100) for _ in range(4)] == [b'READY=1', *[b'WATCHDOG=1'] * 3]
         # It is said when the node monitors, not before.
-        assert 'the monitor is active' in monitor.output
+        monitor.until(lambda: 'the monitor is active' in monitor.output)
         monitor.stop()
         last = b''
         while last != b'STOPPING=1':
