@@ -105,14 +105,9 @@ class NumberField:
         return float(value[0] if isinstance(value, bytes) else value)
 
     def _check_name(self, number: int, parent: Any, place: int) -> None:
-        """Check that an indexed element has the name that it has in the first message, and store that name.
+        """Check that an indexed element has its name of the first message; store that by its step.
 
         A message without a list of names, or with a shorter one, passes.
-
-        Args:
-            number: Number of the step in the path.
-            parent: The message that has the list.
-            place: Index of the element.
 
         Raises:
             LookupError: The name is another one.

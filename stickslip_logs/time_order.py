@@ -133,10 +133,7 @@ class TimeCourse:
     def follow(self, time_ns: IntArray, source: IntArray, place: IntArray) -> IntArray:
         """Return the corrected times of rows [ns], shape (n,); the array itself where nothing is shifted.
 
-        Args:
-            time_ns: The times as written [ns], shape (n,).
-            source: The number of the source of each row.
-            place: Where each row is in the file: numbers that rise.
+        The source of each row is its number, and its place where it is in the file: numbers that rise.
         """
         if not self.shifts or not time_ns.size:
             return time_ns
@@ -156,9 +153,8 @@ class TimeCourse:
     def notes(self, subject: str, owner: str) -> Iterator[str]:
         """Yield warnings on the order of time; nothing where there is none to report.
 
-        Args:
-            subject: What was unordered, as in 'the lines are'.
-            owner: Whose clock was set, as in 'of the recorder'.
+        The subject is what was unordered, as in 'the lines are'; the owner whose clock was set, as in 'of the
+        lines'.
         """
         if self.is_unordered:
             yield f'{subject} in no order of time: sorted by time'
@@ -202,12 +198,7 @@ class _Source:
         self.least_ns, self.most_ns = _END, -1
 
     def add(self, time_ns: IntArray, place: IntArray, offset: int) -> tuple[int, int]:
-        """Add the next rows of the source.
-
-        Args:
-            time_ns: Their times [ns], shape (n,), one at least.
-            place: Where each is in the file, less the offset.
-            offset: To add to the places.
+        """Add the next rows of the source, at least one; ``offset`` is added to their places.
 
         Returns:
             The least and the largest of the times [ns].
@@ -308,13 +299,9 @@ def _is_jump(step_ns: IntArray, jump_ns: int) -> BoolArray:
 
 
 def _join_segments(segments: IntArray, begin: IntArray) -> IntArray:
-    """Join segments, each from one of the indexes ``begin`` up to the next; return them in order.
+    """Join segments, each from one of the rising indexes ``begin`` up to the next; return them in order.
 
-    Steps and first rows are those of the first segment of each.
-
-    Args:
-        segments: The fields of a :class:`_Run` each, shape (n, 8).
-        begin: Indexes that rise from 0.
+    Steps and first rows are those of the first segment of each; the first index is 0.
     """
     result = segments[begin]
     last = np.append(begin[1:], len(segments)) - 1
@@ -337,12 +324,9 @@ class TimeOrder:
         self._sources: dict[int, _Source] = {}
 
     def add(self, time_ns: IntArray, source: IntArray, place: IntArray) -> None:
-        """Add the next rows in the order of the file; one at least.
+        """Add the next rows in the order of the file, at least one.
 
-        Args:
-            time_ns: Their times [ns], shape (n,).
-            source: The number of the source of each.
-            place: Where each is in the file: numbers that rise.
+        Their places are where they are in the file: numbers that rise.
         """
         if (source == source[0]).all():
             self.add_to(int(source[0]), time_ns, place)
@@ -352,13 +336,9 @@ class TimeOrder:
             self.add_to(key, time_ns[rows], place[rows])
 
     def add_to(self, source: int, time_ns: IntArray, place: IntArray, offset: int = 0) -> tuple[int, int]:
-        """Add the next rows of one source; return their least and largest time [ns].
+        """Add the next rows of one source, at least one; return their least and largest time [ns].
 
-        Args:
-            source: Its number.
-            time_ns: The times [ns], shape (n,), one at least.
-            place: Where each is in the file, less the offset.
-            offset: To add to the places.
+        The offset is added to their places.
         """
         if source not in self._sources:
             self._sources[source] = _Source(is_in_blocks=self._is_in_blocks)
@@ -434,15 +414,9 @@ def _begins_copy(
     """Return whether rows from a place on are a copy of earlier ones, as of files that overlap.
 
     They are where the first 100 in the span of the earlier ones have the content of one of their source and
-    time, at least three of them different: a clock that was set back does not see the same again. A copy from
-    the first row on is a loop, which goes on behind, unless it begins a file.
-
-    Args:
-        read_rows: Reads rows as written.
-        begin: The place.
-        span_ns: The first and the last time of the rows before it [ns].
-        near_ns: Times that differ by less are equal, as two recorders write them [ns].
-        files: The places at which further files begin, rising.
+    time (times that differ by less than ``near_ns`` are equal), at least three of them different: a clock
+    that was set back does not see the same again. A copy from the first row on is a loop, which goes on
+    behind, unless it begins a file.
     """
     copies = list(itertools.islice(read_rows(begin, _END, span_ns), 100))
     times_ns = [time_ns for _, time_ns, _ in copies]
@@ -502,11 +476,6 @@ def _date_runs(course: TimeCourse, key: int, source: _Source) -> list[_Run]:
     """Return the runs of a source; if the last are dates, shift those before 1973 to end where dates begin.
 
     Their clock counted from zero until it was set. Shifts and their count are added to the course.
-
-    Args:
-        course: Takes the shifts.
-        key: The number of the source.
-        source: The source.
     """
     runs = source.runs()
     if not runs or runs[-1].first_ns < DATES_FROM_NS:
@@ -551,15 +520,8 @@ def _close_excursions(
 ) -> list[_Run]:
     """Join runs around those that were ahead for a while or late; add the shifts and counts to the course.
 
-    Args:
-        course: Takes a shift for each run that was ahead.
-        key: The number of the source.
-        source: The source.
-        runs: Its runs.
-        steps: Steps of clocks: rows behind one of another source are not late.
-
-    Returns:
-        The remaining runs; a step back between two of them is still to be explained.
+    A step back between two of the returned runs is still to be explained. Rows behind one of ``steps``, by
+    which the clock of another source was set, are not late.
     """
     result: list[_Run] = []
     for number, run in enumerate(runs):
@@ -627,13 +589,8 @@ def _set_clocks(
 ) -> None:
     """Add a shift for each step back: of all sources if all that can show it step, else of that one.
 
-    Sources that are silent meanwhile, and slow ones, cannot show it.
-
-    Args:
-        course: Takes the shifts and the steps.
-        sources: All sources by number.
-        runs: The runs of each.
-        steps: The steps back in the order of the file; emptied.
+    Sources that are silent meanwhile, and slow ones, cannot show it. Shifts and steps are added to the
+    course; the list of steps is emptied.
     """
     while steps:
         same = {
@@ -688,12 +645,7 @@ def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
 
 
 def _longest_delay(before_ns: IntArray, time_ns: IntArray) -> int:
-    """Return the longest time by which a row is behind the latest of all up to it [ns]; 0 if none is.
-
-    Args:
-        before_ns: For each row the last time up to it, shape (n,).
-        time_ns: The first time of each row, shape (n,).
-    """
+    """Return the longest time by which a row is behind the last time up to it [ns]; 0 if none is."""
     return int((np.maximum.accumulate(before_ns) - time_ns).max(initial=0))
 
 

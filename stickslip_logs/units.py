@@ -126,11 +126,7 @@ def conversion(name: str, target: str) -> float | None:
 
 
 def turning_factor(name: str, diameter: float) -> float:
-    """Return the surface speed [m/s] of a journal that turns at one of a unit of turning.
-
-    Args:
-        name: Name of the unit.
-        diameter: Diameter of the journal [m].
+    """Return the surface speed [m/s] of a journal of a diameter [m] that turns at one of a unit of turning.
 
     Raises:
         KeyError: The name is not that of a unit.
@@ -143,13 +139,9 @@ def turning_factor(name: str, diameter: float) -> float:
 
 
 def find_unit(text: str, quantity: str = '') -> Unit | None:
-    """Return the unit that a text spells, in brackets or not; None for any other text.
+    """Return the unit that a text spells, as ``'[kN]'`` or ``'r / min'``; None for any other text.
 
     It is read as written, else in lower case. Some, such as 'C' or '%', count only beside their quantity.
-
-    Args:
-        text: Such as ``'[kN]'`` or ``'r / min'``.
-        quantity: Quantity that is named beside the text, if one is.
 
     >>> find_unit('[U/min]').name
     'rpm'

@@ -123,11 +123,7 @@ class StampLayout:
             self._year, self._month, self._day = self._choose_order(matches)
 
     def _choose_order(self, matches: Sequence[re.Match[str]]) -> tuple[str, str, str]:
-        """Return the names of the groups of year, month and day; set ``guess`` and ``question`` if ambiguous.
-
-        Args:
-            matches: Matches of a pattern with the groups ``a``, ``b`` and ``Y``, at least one.
-        """
+        """Return the groups that are year, month and day; set ``guess`` and ``question`` if several fit."""
         numbers = {name: {int(match[name]) for match in matches} for name in 'abY'}
         day_first, month_first, year_first = ('Y', 'b', 'a'), ('Y', 'a', 'b'), ('a', 'b', 'Y')
         orders = [day_first, month_first, *([year_first] if max(numbers['Y']) < 100 else [])]
@@ -153,9 +149,6 @@ class StampLayout:
 
     def read(self, columns: Sequence[Cells]) -> Times:
         """Return the times of a column, or of those of dates, of times of the day and of zones.
-
-        Args:
-            columns: The cells of the one column, or of each.
 
         Returns:
             The times [ns] since 1970, and which cells are in this layout and a date; others have the time 0.
@@ -267,14 +260,10 @@ def read_time_of_day(columns: Sequence[Cells]) -> Times:
 
 
 def number_reader(unit_ns: int, zero: float, decimal: str) -> ReadTimes:
-    """Return a function that reads one column of numbers as times, to the nanosecond.
+    """Return a function that reads one column of numbers of a unit [ns] as times, to the nanosecond.
 
-    A cell that is no number, or beyond MAX_TIME_NS, has the time 0 and is marked as none.
-
-    Args:
-        unit_ns: The unit of the numbers [ns].
-        zero: Added to each number, in the unit of the numbers.
-        decimal: The decimal sign.
+    The zero, in that unit, is added to each. A cell that is no number, or beyond MAX_TIME_NS, has the time 0
+    and is marked as none.
     """
     base = math.floor(zero)
     more_ns = round((zero - base) * unit_ns)

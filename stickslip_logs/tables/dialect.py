@@ -82,9 +82,7 @@ class Heading(NamedTuple):
 def unit_of(text: str, quantity: str = '') -> str | None:
     """Return the name that the configuration has for the unit that a text spells; None for no known unit.
 
-    Args:
-        text: Such as ``'[kN]'``.
-        quantity: What stands beside it, as ``'force'``, which makes ``'t'`` a unit; empty for nothing.
+    A quantity beside it, as ``'force'``, makes ``'t'`` a unit.
     """
     unit = find_unit(text, quantity)
     return unit.name if unit else None
@@ -147,11 +145,8 @@ def with_unit(name: str, unit: str) -> tuple[str, str | None]:
 def parse_number(cell: str, decimal: str = '.') -> float | None:
     """Return a cell as a number; None for a word, an empty cell, 'nan', 'inf' and what is beyond a double.
 
-    Separators of thousands and the minus sign of other locales are understood.
-
-    Args:
-        cell: The cell.
-        decimal: The decimal sign, '.' or ','; the other one may separate thousands.
+    Separators of thousands and the minus sign of other locales are understood; the decimal sign is '.' or
+    ',', and the other one may separate thousands.
     """
     text = cell.strip()
     if decimal == ',':
@@ -262,6 +257,12 @@ def _table_dialect(
     names = heading or [f'#{k + 1}' for k in range(width)]
     suffixes = [_unit_suffix(below, k, names[k]) for k in range(width)]
     headings = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
+    if any(suffixes):
+        # A row may be longer or shorter than others.
+        below, tail = (
+            [[*map(str.removesuffix, row, (*suffixes, *[''] * len(row)))] for row in part]
+            for part in (below, tail)
+        )
     remarks, losses = list[str](), list[str]()
     if len(heading) > width:
         remarks.append(f'{len(heading)} headings stand above {width} cells: they were matched from the left')

@@ -34,13 +34,10 @@ _IS_BAD: dict[str, Callable[[int], bool]] = {
 
 
 def is_quality_of(heading: str, signal: str, *, is_beside: bool) -> bool:
-    """Return whether a heading names the quality of a signal, or one that stands beside it.
+    """Return whether a heading names the quality of a signal, or one that stands behind it (``is_beside``).
 
-    Args:
-        heading: The heading.
-        signal: The heading of the signal. Beside it the quality may leave some of its words out, as
-            ``speed.Q`` behind ``speed.PV``, or all of them; but ``Q`` alone is a flow.
-        is_beside: Whether the column stands behind that of the signal.
+    There the quality may leave some words of the signal's heading out, as ``speed.Q`` behind ``speed.PV``, or
+    all of them; but ``Q`` alone is a flow.
     """
     named = _named_signal(heading)
     if named is None or heading == signal:
@@ -75,11 +72,7 @@ def _named_signal(heading: str) -> list[str] | None:
 def find_quality(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | None:
     """Return a function that is True for a mark by which a number does not count.
 
-    None where neither the heading nor the marks show what the marks mean.
-
-    Args:
-        heading: The heading of the column of the marks.
-        marks: Some of its cells.
+    None where neither the heading nor the marks of the column show what these mean.
     """
     seen = {mark.strip() for mark in marks} - {''}
     is_hex = bool(seen) and all(map(_HEX.fullmatch, seen))
@@ -115,12 +108,8 @@ def find_quality(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | 
 def _code_of(mark: str, *, is_hex: bool) -> int | None:
     """Return the code that a mark is or begins with; None for a word.
 
-    A negative code is returned as an unsigned one of 32 bits. A longer code is not shortened, so that it
-    counts as bad.
-
-    Args:
-        mark: The mark.
-        is_hex: Whether marks are eight hexadecimal digits without a prefix.
+    Without a prefix eight digits are hexadecimal if ``is_hex``. A negative code is returned as an unsigned
+    one of 32 bits. A longer code is not shortened, so that it counts as bad.
     """
     if is_hex and _HEX.fullmatch(mark):
         return int(mark, 16)

@@ -38,14 +38,8 @@ def find_key_column(
     Such a column has different words in rows of one time, or a word that changes from row to row in most
     rows; rows where it is empty are ignored. Whole numbers without a unit count as words if the values of one
     time differ by more than they change. A column has two words to 100, and at most half as many as filled
-    rows; two are enough in any case.
-
-    Args:
-        rows: The rows that have a value and a time.
-        time_ns: The times of the rows [ns], shape (n,).
-        column: The place of the values.
-        headings: The headings of the columns.
-        places: The places of the candidates, in the order in which they are tried.
+    rows; two are enough in any case. The rows have a value, in ``column``, and a time [ns]; ``places`` are
+    those of the candidates in the order in which they are tried.
     """
     for place, filled, key, is_apart, is_numbered in _possible_keys(rows, time_ns, headings, places):
         if is_numbered:
@@ -148,10 +142,8 @@ class NumberedRows:
     ) -> None:
         """Add the next rows with a value; a candidate that now has more than 100 texts is dropped.
 
-        Args:
-            time_ns: The times of the rows [ns], shape (n,).
-            texts: The texts of these rows by place of the column; those of other columns are ignored.
-            values: The values of each signal, shape (n,), NaN where a row has none.
+        The texts are by the place of their column, those of others are ignored; each signal has n values, NaN
+        where a row has none.
         """
         for place, words in [*self.texts.items()]:
             words |= dict.fromkeys(texts[place])
@@ -181,12 +173,7 @@ class NumberedRows:
 def find_end_columns(head: Sequence[Cells], tail: Sequence[Cells], width: int) -> list[int]:
     """Return the places of the columns with one text in all of the head and another one in all of the tail.
 
-    Rows that end before a column say nothing about it.
-
-    Args:
-        head: The rows of the head.
-        tail: The rows of the tail; without any there is no such column.
-        width: How many columns the table has.
+    Rows that end before a column say nothing about it; without a tail there is no such column.
     """
     if not head or not tail:
         return []
@@ -215,13 +202,9 @@ class KeySteps:
     def add(self, time_ns: IntArray, texts: Mapping[int, Sequence[str]]) -> None:
         """Add the next rows with a value to ``texts``, and count their steps back in time.
 
-        Columns whose text stays the same at a step back are dropped from ``places``.
-        A step back is one of more than a second, as smaller ones are of late rows; the last and the first row
-        of two calls are compared too.
-
-        Args:
-            time_ns: The times of the rows [ns], shape (n,), at least one.
-            texts: The texts of these rows by place of the column.
+        Columns whose text stays the same at a step back are dropped from ``places``. A step back is one of
+        more than a second, as smaller ones are of late rows; the last and the first row of two calls are
+        compared too.
         """
         steps = np.flatnonzero(np.diff(time_ns, prepend=self._last_ns) < -SECOND_NS).tolist()
         self._steps += len(steps)

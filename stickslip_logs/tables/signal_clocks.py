@@ -85,7 +85,10 @@ def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock
     taken = {k for clock in clocks for k in clock.columns}
     values = [k for k in range(len(table.names)) if k not in taken]
     named = _clocks_by_name(table, clocks, values)
-    used = sorted([main, *_separate_clocks(table, main, extra_clocks)], key=lambda clock: clock.columns)
+    main_names, *names = [[table.names[k] for k in clock.columns] for clock in (main, *extra_clocks)]
+    alike = [clock for clock, heading in zip(extra_clocks, names, strict=True) if heading == main_names]
+    separate = alike or [clock for clock in extra_clocks if _is_apart(table, main, clock)]
+    used = sorted([main, *separate], key=lambda clock: clock.columns)
     owners = _clocks_beside(used, values)
     if any(clock is not main for clock in named.values()):
         if main not in named.values():
@@ -98,13 +101,6 @@ def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock
         replace(clock, values=frozenset(k for k, owner in owners.items() if owner.columns == columns))
         for columns, clock in by_columns.items()
     )
-
-
-def _separate_clocks(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock]) -> list[Clock]:
-    """Return the clocks headed as the main one, else those whose times differ by more than a zone."""
-    heading = [table.names[k] for k in main.columns]
-    alike = [clock for clock in extra_clocks if [table.names[k] for k in clock.columns] == heading]
-    return alike or [clock for clock in extra_clocks if _is_apart(table, main, clock)]
 
 
 def _clocks_beside(clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, Clock]:

@@ -208,12 +208,11 @@ class TextTable(NumberTable):
         self.is_sent = self._dialect.delimiter in BUS_LOGS
         self.names, self.units = self._dialect.names, self._dialect.units
         self.thousands = self._dialect.thousands
-        clocks = find_clocks(path, self._dialect)
-        if any(clock.question and not clock.is_count for clock in clocks) and not self.is_sent:
+        self.clocks = find_clocks(path, self._dialect)
+        if any(clock.question and not clock.is_count for clock in self.clocks) and not self.is_sent:
             # What the ends leave open the days between them may tell.
-            tail = (*self._dialect.tail, *self._rows_of_days(clocks[0].columns))
-            clocks = find_clocks(path, replace(self._dialect, tail=tail))
-        self.clocks = tuple(_without_unit(clock, self._dialect.suffixes) for clock in clocks)
+            tail = (*self._dialect.tail, *self._rows_of_days(self.clocks[0].columns))
+            self.clocks = find_clocks(path, replace(self._dialect, tail=tail))
         self.head, self.tail = self._dialect.rows, self._dialect.tail
         self.line_count = max(extent.lines - len(self._dialect.above), 0)
         of_encoding = ('the text is not UTF-8: read as Windows-1252',)
@@ -255,10 +254,8 @@ class TextTable(NumberTable):
     def blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of some columns without the units behind numbers, once for each of their clocks.
 
-        Args:
-            wanted: The places of the columns.
-            lose: Takes, at the end, sentences on how many lines were not used.
-            note: Takes, at the end, sentences on repeated headings and on lines without a sentence.
+        At the end, lines that were not used are lost, and repeated headings and lines without a sentence
+        noted.
 
         Raises:
             OSError: The file cannot be opened; damage ends the rows without an error.
@@ -266,16 +263,10 @@ class TextTable(NumberTable):
         if self._dialect.delimiter in BUS_LOGS:
             yield from self._bus_blocks(wanted, lose, note)
             return
-        clocks = self.clocks_of(wanted)
-        reading = _TextReading(self._dialect, clocks, wanted)
-        suffixes = [self._dialect.suffixes[k] for k in wanted]
+        reading = _TextReading(self._dialect, self.clocks_of(wanted), wanted)
         for batch, swallowed in self._read_batches():
             reading.short += swallowed
-            for rows in reading.read_batch(batch):
-                if any(suffixes):
-                    pairs = zip(rows.columns, suffixes, strict=True)
-                    rows.columns = [[cell.removesuffix(suffix) for cell in cells] for cells, suffix in pairs]
-                yield rows
+            yield from reading.read_batch(batch)
         reading.report_unused(lose, note)
 
     def _read_lines(self) -> Iterator[str]:
@@ -337,29 +328,11 @@ def _remarks_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
     return notes
 
 
-def _without_unit(clock: Clock, suffixes: Sequence[str]) -> Clock:
-    """Return a clock that reads times without the unit behind each, as in '12 sec'."""
-    units = [suffixes[k] for k in clock.columns] if suffixes else []
-    if not any(units):
-        return clock
-    return replace(
-        clock,
-        read=lambda columns: clock.read(
-            [[cell.removesuffix(end) for cell in cells] for cells, end in zip(columns, units, strict=True)]
-        ),
-    )
-
-
 class _TextReading:
     """A pass over the rows of a text: finds the wanted columns, and counts what is not used.
 
     A logger that was started again, or a second one behind it in the file, writes its headings in
     the middle; what comes below them is in their order.
-
-    Args:
-        dialect: The layout of the text.
-        clocks: The clocks that are read.
-        wanted: The places of the columns that are read.
     """
 
     def __init__(self, dialect: Dialect, clocks: Sequence[Clock], wanted: Sequence[int]) -> None:
@@ -370,6 +343,7 @@ class _TextReading:
         self._above, self._clocks, self._wanted = {tuple(row) for row in dialect.above}, clocks, [*wanted]
         self._times = [k for clock in clocks for k in clock.columns]
         self._places: list[int] | None = [*self._times, *wanted]
+        self._suffixes = [(dialect.suffixes or [''] * self._max_cells)[k] for k in self._places]
         self._order: Cells = self._first
         self.short = self._untimed = self._repeated = self._foreign = 0
         self._shown = self._foreign_heading = ''
@@ -392,7 +366,10 @@ class _TextReading:
                 batch = batch[at + 1 :]
                 continue
             self._drop_uncertain_rows(batch, max(self._places))
-            columns = [[row[k] for row in batch] for k in self._places]
+            columns = [
+                [row[k].removesuffix(suffix) for row in batch] if suffix else [row[k] for row in batch]
+                for k, suffix in zip(self._places, self._suffixes, strict=True)
+            ]
             cells = iter(columns)
             times = [clock.read([*itertools.islice(cells, len(clock.columns))]) for clock in self._clocks]
             values = [*cells]
@@ -554,12 +531,7 @@ class ParquetTable(NumberTable):
     def blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of some columns, each block once for each of their clocks.
 
-        Damage ends the rows without an error.
-
-        Args:
-            wanted: The places of the columns.
-            lose: Takes a sentence on damage, and at the end one on the number of rows without a time.
-            note: Not used.
+        Damage ends the rows without an error; it and, at the end, rows without a time are lost.
         """
         del note
         untimed = 0

@@ -138,12 +138,8 @@ def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
     """Read a file, unpacked, once for its head, its tail and its number of lines.
 
     The tail is empty where the head holds all. Damage after the first bytes is put into ``problem``; an empty
-    file is no error.
-
-    Args:
-        path: The file.
-        is_whole: Whether to read all of it; else reading stops behind the head, and the tail and the counts
-            are those of what was read.
+    file is no error. If not the whole file is to be read, reading stops behind the head, and the tail and the
+    counts are those of what was read.
 
     Raises:
         BagError: Nothing of it can be read.
@@ -173,12 +169,8 @@ def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
 def text_lines(path: Path, encoding: str, *, is_plain: bool = False) -> Iterator[str]:
     """Yield the lines of a file, unpacked, with their line ends; stop without an error where it is damaged.
 
-    A line of more than 1 MiB is yielded in pieces. Bytes that are no text become U+FFFD.
-
-    Args:
-        path: The file.
-        encoding: The encoding of its text.
-        is_plain: Whether it has no zero bytes and no marks around lines; else these are removed.
+    A line of more than 1 MiB is yielded in pieces. Bytes that are no text become U+FFFD. Zero bytes and marks
+    around lines are removed, but from a file that has none (``is_plain``).
 
     Raises:
         OSError: The file cannot be opened.

@@ -186,12 +186,7 @@ class DayCounter:
 
 
 def counted_from(clock: Clock, start_ns: int) -> Clock:
-    """Return a clock that counts the times of another from a start.
-
-    Args:
-        clock: The other clock.
-        start_ns: The start, which is subtracted [ns]; earlier cells are marked as no times.
-    """
+    """Return a clock that counts the times of another from a start [ns]; earlier cells are no times."""
 
     def read(columns: Sequence[Cells]) -> Times:
         time_ns, is_timed = clock.read(columns)
@@ -218,10 +213,12 @@ def _find_whole_times(path: Path, table: TableColumns) -> Clock:
     Raises:
         BagError: As for :func:`find_clock`.
     """
-    rows = _padded_rows(table)
+    # A row may lack its last cell.
+    width = len(table.names)
+    rows = [[*row, ''][:width] for row in table.rows[:MAX_ROWS] if len(row) >= max(width - 1, 1)]
     named = [k for k, (words, _) in enumerate(table.headings) if TIME_WORDS.search(words)]
     stamps = rank_stamps(table, _columns_of(is_stamp, rows))
-    changing = [k for k in stamps if k in named or _is_changing(rows, k)]
+    changing = [k for k in stamps if k in named or len(rows) == 1 or len({row[k] for row in rows}) > 1]
     days, times = _columns_of(is_day, rows), _columns_of(is_time, rows)
     # Hours that an engine has run are no time of the rows.
     of_day = [k for k in times if k in named or any(is_time_of_day(row[k]) for row in rows)]
@@ -242,20 +239,6 @@ def _find_whole_times(path: Path, table: TableColumns) -> Clock:
     if times:
         return _clock_of_day_times(table, times[0])
     raise BagError(_lack_of_times(path, table, rows, named, days))
-
-
-def _padded_rows(table: TableColumns) -> list[list[str]]:
-    """Return the first rows with a cell for each column: a missing last one is empty, surplus ones are cut.
-
-    Rows that lack two cells or more are dropped.
-    """
-    width = len(table.names)
-    return [[*row, ''][:width] for row in table.rows[:MAX_ROWS] if len(row) >= max(width - 1, 1)]
-
-
-def _is_changing(rows: Sequence[Cells], column: int) -> bool:
-    """Return whether the cells of a column differ, or there is only one row."""
-    return len(rows) == 1 or len({row[column] for row in rows}) > 1
 
 
 def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
@@ -462,12 +445,9 @@ def _read_parts(layout: StampLayout, day_count: int, columns: Sequence[Cells]) -
 def _join_parts(columns: Sequence[Cells], day_count: int) -> list[str]:
     """Return a text for each row: a date with a time where the columns hold its parts, else some other text.
 
-    A row without a year of four digits becomes an empty text.
-
-    Args:
-        columns: The cells of each part, the largest part first.
-        day_count: How many columns are the date: 3 for year, month and day, 2 for year and day of the year, 1
-            for a whole date.
+    The largest part comes first. The first ``day_count`` columns are the date: 3 for year, month and day, 2
+    for year and day of the year, 1 for a whole date. A row without a year of four digits becomes an empty
+    text.
     """
     texts = []
     for row in zip(*columns, strict=True):
@@ -614,7 +594,7 @@ def clock_of_numbers(
     is not headed as a time, its numbers must rise or fall throughout, differ in most rows, and have no unit
     of the configuration.
     """
-    numbers = [_leading_number(row[column], table.decimal) for row in rows if column < len(row)]
+    numbers = [_number_of(row[column], table.decimal) for row in rows if column < len(row)]
     values = np.array([value for value in numbers if math.isfinite(value)])
     if values.size <= _MOSTLY * len(numbers) or np.abs(values).max() >= MAX_TIME_NS:
         return None
@@ -660,19 +640,13 @@ def _meaning_as_days(
 ) -> tuple[int, float, str, str] | None:
     """Return the meaning of numbers that may be days; None if they are none.
 
-    They are days if the heading says so, or if as seconds they would have more lines a second than a log
-    has; they are seconds with a whole number of lines a second that is no multiple of three. Else it is a
-    question.
-
-    Args:
-        values: The numbers, shape (n,).
-        step: The median step from one to the next that differs; 0 where none do.
-        elapsed: Their meaning in words if they count from a start.
-        is_stated: Whether the heading says that they are days.
+    They are days if the heading says so (``is_stated``), or if as seconds they would have more lines a second
+    than a log has; they are seconds with a whole number of lines a second that is no multiple of three. Else
+    it is a question. The step is the median of those from one value to the next that differ, 0 without any;
+    ``elapsed`` is the meaning if they count from a start.
 
     Returns:
-        As :func:`_meaning_of_numbers`: unit [ns], zero in that unit, meaning in words, and the question or an
-        empty text.
+        As :func:`_meaning_of_numbers`.
     """
     for minimum, maximum, zero, name in _DAYS_SINCE:
         if values.min() <= minimum or np.abs(values).max() >= maximum:
@@ -682,18 +656,17 @@ def _meaning_as_days(
             question = f"has times that may be {elapsed} or {name}: head them 'time [s]' or 'date'"
             return SECOND_NS, 0, f"{elapsed}, or are they {name}? Head them 'time [s]' or 'date'", question
         is_beyond = step * _MAX_RATE < 1.0
-        # Beyond the rate of any log days are certain, unless each step is a round fraction of a second.
-        rates = [1.0 / step] if is_beyond else _rates_of(values, step)
-        if not is_stated and _is_whole(rates) and not _is_whole([rate / 3.0 for rate in rates]):
-            return None
+        if not is_stated:
+            # Beyond the rate of any log days are certain, unless each step is a round part of a second. Of
+            # few decimals the rate of all values tells it, not the median one.
+            rates = [1.0 / step, (np.unique(values).size - 1) / float(np.ptp(values))][
+                : 1 if is_beyond else 2
+            ]
+            if _is_whole(rates) and not _is_whole([rate / 3.0 for rate in rates]):
+                return None
         question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
         return DAY, zero, f'{name}, without a zone: taken as UTC', '' if is_stated or is_beyond else question
     return None
-
-
-def _rates_of(values: FloatArray, step: float) -> list[float]:
-    """Return the rate of values by their median step, and by all: of few decimals only these tell it."""
-    return [1.0 / step, (np.unique(values).size - 1) / float(np.ptp(values))]
 
 
 def _is_whole(rates: Sequence[float]) -> bool:
@@ -714,16 +687,10 @@ def _unit_of_times(words: str, written: str | None) -> str:
     return next((text for text in candidates if text in _UNITS), '')
 
 
-def _leading_number(cell: str, decimal: str) -> float:
-    """Return the number before the first blank of a cell; NaN for none, or where a digit follows it.
-
-    'inf' and 'nan' count as numbers.
-    """
-    number, _, rest = cell.strip().partition(' ')
+def _number_of(cell: str, decimal: str) -> float:
+    """Return a cell as a number, which may be infinite; NaN for none."""
     try:
         # What Python takes for digits, as in '1_000', is a word in a table.
-        return (
-            math.nan if any(map(str.isdigit, rest)) else float(number.replace(decimal, '.').replace('_', 'x'))
-        )
+        return float(cell.replace(decimal, '.').replace('_', 'x'))
     except ValueError:
         return math.nan

@@ -106,10 +106,8 @@ def _split_rows(lines: Sequence[str], delimiter: str) -> tuple[list[TableRow], d
 def _find_headings(rows: Sequence[TableRow], is_heading: Callable[[list[str]], bool]) -> int:
     """Return the place of the row of headings; -1 where all rows are comments, or there are none.
 
-    Args:
-        rows: The rows of the file.
-        is_heading: Returns whether cells, without the mark of a comment, are headings. If no row is, the row
-            above the numbers is taken, or else the first row that is no comment.
+    Headings are the cells that ``is_heading`` knows, without the mark of a comment; else the row above the
+    numbers, or the first row that is no comment.
     """
     for k, row in enumerate(rows):
         if is_heading(_without_mark(row.cells)):

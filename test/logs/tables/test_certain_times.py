@@ -347,6 +347,11 @@ def test_julian_days(tmp_path: Path) -> None:
     assert question == ''
 
 
+def test_one_row_of_days_of_a_spreadsheet_is_a_time(tmp_path: Path) -> None:
+    """46156.25 is 06:00 on 14 May 2026: 46,156 days behind 1899-12-30."""
+    assert times_of(tmp_path, 'date,rpm\n46156.25,30\n') == ([epoch_ns(T0)], '')
+
+
 @pytest.mark.parametrize(('head', 'is_asked'), [('time', True), ('date,time', False)])
 def test_times_of_two_parts_raise_a_question(head: str, is_asked: bool, tmp_path: Path) -> None:
     """06:30 may be minutes and seconds, as a spreadsheet shows them."""
