@@ -78,7 +78,7 @@ def difference(path: Path) -> str:
 
     Differences that are meant, each told to the user:
 
-    - messages of a channel behind a definition that contradicts the first are not read;
+    - messages from the piece on that has a definition that contradicts the first are not read;
     - a chunk that is damaged is skipped as a whole, where MCAP's reader gives what lies before
       the damage or takes what has no checksum;
     - log times that are none are left out;

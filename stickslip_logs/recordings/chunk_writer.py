@@ -73,45 +73,23 @@ class ChunkWriter:
         self._begin_chunk()
 
     def start(self, profile: str, library: str) -> None:
-        """Write the magic bytes and the header.
-
-        Args:
-            profile: The profile of the file, as ``ros2``.
-            library: The name of the program that writes it.
-        """
+        """Write the magic bytes and the header."""
         self._file.write(MAGIC + _encode_records(Header(profile, library)))
 
     def add_metadata(self, name: str) -> None:
-        """Write a metadata record without contents at once; call it before the first message is added.
-
-        Args:
-            name: The name of the record.
-        """
+        """Write a metadata record without contents at once; call it before the first message is added."""
         offset, data = self._file.tell(), _encode_records(Metadata(name=name, metadata={}))
         self._file.write(data)
         self._metadata.append(MetadataIndex(offset=offset, length=len(data), name=name))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Append the definition of a type to the unfinished chunk; return its schema id, new in each call.
-
-        Args:
-            name: The type.
-            encoding: How the definition is written, as ``ros2msg``.
-            data: The definition.
-        """
+        """Append the definition of a type to the unfinished chunk; return its schema id, new in each call."""
         self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
         self._add_definition(self._schemas[-1])
         return len(self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
-        """Append a channel to the unfinished chunk; return its id, which is new in each call, from 1.
-
-        Args:
-            topic: The name of its topic.
-            encoding: How its messages are encoded, as ``cdr``.
-            schema: The schema id of their type.
-            metadata: What is recorded with the channel.
-        """
+        """Append a channel to the unfinished chunk; return its id, which is new in each call, from 1."""
         number = len(self._channels) + 1
         self._channels.append(Channel(number, topic, encoding, dict(metadata), schema))
         self._add_definition(self._channels[-1])

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.mcap_chunks import MAGIC
-from stickslip_logs.recordings.sqlite_recording import MAGIC as SQLITE_MAGIC
+from stickslip_logs.recordings.sqlite_file import MAGIC as SQLITE_MAGIC
 from stickslip_logs.tables.text_file import BEGIN_BYTES, PACKED, ZSTD, unpacked_begin
 
 MCAP, SQLITE, TABLE, UNKNOWN = 'mcap', 'sqlite', 'table', 'unknown'

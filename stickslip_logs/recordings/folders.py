@@ -33,8 +33,9 @@ from stickslip_logs.recordings.file_kind import (
     recording_name_of,
 )
 from stickslip_logs.recordings.mcap_file import McapFile, scan_file
-from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, Findings
-from stickslip_logs.recordings.sqlite_recording import SqliteRecording, open_database
+from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, Findings, Scratch
+from stickslip_logs.recordings.sqlite_file import MAGIC as SQLITE
+from stickslip_logs.recordings.sqlite_file import SqliteFile
 from stickslip_logs.tables.dialect import remedy_for_format
 from stickslip_logs.tables.table_file import is_number_table
 from stickslip_logs.tables.text_file import ZSTD
@@ -239,14 +240,25 @@ def _are_parts(folder: Path, names: Sequence[str]) -> bool:
         files = [folder / name for name in sorted(names, key=natural_sort_key)]
         if any(read_begin(file).startswith(ZSTD) for file in files):
             return True
-        if any(has_sqlite_name(file.name) for file in files):
-            return are_consecutive(list(map(open_database, files)))
-        return are_consecutive([scan_file(file, Findings()) for file in files])
+        return are_consecutive([scan_part(file, Findings(), Scratch()) for file in files])
     except BagError:
         return True
 
 
-def are_consecutive(files: Sequence[McapFile | SqliteRecording]) -> bool:
+def scan_part(path: Path, findings: Findings, scratch: Scratch, *, is_packed: bool = False) -> McapFile:
+    """Return the contents of a file of MCAP or SQLite; ``is_packed`` is whether each message is compressed.
+
+    Copies are made in ``scratch``, and warnings go to ``findings``.
+
+    Raises:
+        BagError: It cannot be read.
+    """
+    if has_sqlite_name(path.name) or read_begin(path).startswith(SQLITE):
+        return SqliteFile(path, findings, scratch, is_packed=is_packed)
+    return scan_file(path, findings)
+
+
+def are_consecutive(files: Sequence[McapFile]) -> bool:
     """Return whether each file begins from 1 s before to 1 h behind the end of the one before it.
 
     Files without times are left out.
@@ -292,10 +304,6 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
     """Return the files of the recording in a folder, by its metadata or else by their names.
 
     Reports files that are missing or not read, and a lack of metadata.
-
-    Args:
-        folder: The folder.
-        findings: Takes the warnings.
 
     Raises:
         BagError: The folder cannot be read, has no files of recordings or those of several, or the metadata
@@ -344,12 +352,6 @@ def _complete_metadata(folder: Path, metadata: Metadata, present: list[str], fin
 
     Files that are not listed are added where they are numbered as parts of the same recording; then all are
     in the order of their names, and ``count`` is None.
-
-    Args:
-        folder: The folder, for the error.
-        metadata: The metadata as read.
-        present: The names of the files in the folder.
-        findings: Takes the warnings.
 
     Raises:
         BagError: None of the listed files is there.

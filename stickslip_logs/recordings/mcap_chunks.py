@@ -80,7 +80,7 @@ class Block:
     ``offset`` and ``length`` say where it lies in the file [bytes], ``size`` how much it is when
     decompressed, ``index_length`` how long the message indexes behind it are.  Its log times are
     from ``start_ns`` to ``end_ns``; ``channels`` has a bit for each channel that it has messages
-    of, None where that is not known.
+    of, None where that is not known.  ``place_name`` is what ``offset`` counts.
     """
 
     path: Path
@@ -93,12 +93,13 @@ class Block:
     end_ns: int = 0
     index_length: int = 0
     channels: int | None = None
+    place_name: str = 'byte'
 
     @property
     def place(self) -> str:
         """The block as a sentence names it."""
         kind = 'chunk' if self.is_chunk else 'records'
-        return f"file '{self.path.name}': the {kind} at byte {self.offset}"
+        return f"file '{self.path.name}': the {kind} at {self.place_name} {self.offset}"
 
 
 def decompress(data: bytes | memoryview, compression: str, size: int, is_cut: bool = False) -> bytes:
@@ -203,7 +204,7 @@ class Piece:
         log_time_ns: Its log time, negative from 2^63 on [ns].
         offset: Where the data of each message begins in the block.
         size: How long it is [bytes].
-        definitions: Records that define channels and schemas, by where they begin.
+        definitions: Records that define channels and schemas.
         unreadable_count: How many records are whole and cannot be read.
         end: The byte behind its last record.
     """
@@ -213,7 +214,7 @@ class Piece:
     log_time_ns: IntArray
     offset: IntArray
     size: IntArray
-    definitions: dict[int, bytes]
+    definitions: list[bytes]
     unreadable_count: int
     end: int
 
@@ -258,7 +259,7 @@ def walk_records(data: bytes) -> Iterator[Piece]:
         # Candidates behind which the next one does not begin.
         last = np.append(np.flatnonzero(begin[1:] != ends[:-1]), len(ends) - 1)
         runs = [np.empty(0, np.int64)]
-        definitions: dict[int, bytes] = {}
+        definitions = list[bytes]()
         unreadable = 0
         while is_whole and end < stop:
             k = int(begin.searchsorted(end))
@@ -303,16 +304,16 @@ def _find_equal_run(data: bytes, begin: int) -> Piece | None:
     offset = np.arange(count) * length + (begin + PAYLOAD)
     size = np.full(count, length - PAYLOAD)
     channel, log_time_ns = column('<u2', HEAD.size).copy(), column('<i8', PAYLOAD - 16).copy()
-    return Piece(data, channel, log_time_ns, offset, size, {}, 0, begin + count * length)
+    return Piece(data, channel, log_time_ns, offset, size, [], 0, begin + count * length)
 
 
-def _skip_record(data: bytes, begin: int, definitions: dict[int, bytes]) -> tuple[int, int]:
+def _skip_record(data: bytes, begin: int, definitions: list[bytes]) -> tuple[int, int]:
     """Skip one record that is no valid message, or a run of empty ones of opcode 0.
 
     Args:
         data: The block.
         begin: Where the record begins.
-        definitions: Takes a schema or channel of up to 4 MiB, by ``begin``.
+        definitions: Takes a schema or channel of up to 4 MiB.
 
     Returns:
         The byte behind it, or ``begin`` where it is not whole; and how many unreadable records were skipped.
@@ -324,7 +325,7 @@ def _skip_record(data: bytes, begin: int, definitions: dict[int, bytes]) -> tupl
     if end > len(data):
         return begin, 0
     if kind in _DEFINITIONS and end - begin <= _MAX_DEFINITION:
-        definitions[begin] = data[begin:end]
+        definitions.append(data[begin:end])
         return end, 0
     if kind == 0 and not length:
         # Zeros may go on for long.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from mcap.records import Channel, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.errors import BagError, cause, join_names, listed, plural
+from stickslip_logs.errors import BagError, cause, join_names, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.mcap_chunks import (
     HEAD,
@@ -65,9 +65,6 @@ class McapFile:
         self.end_ns: int | None = None
         self.cut: Cut | None = None
         self._records: dict[bytes, bytes] = {}
-        # Block and byte in it from which on a channel is not read, and schemas given in two ways.
-        self._refused: dict[int, tuple[int, int]] = {}
-        self._ambiguous: set[int] = set()
 
     def find_problem(self, channel: Channel) -> str:
         """Return a clause on why messages of a channel cannot be decoded; empty where no reason is known.
@@ -89,17 +86,12 @@ class McapFile:
         schema = self.schemas.get(channel.schema_id)
         return schema.name if schema is not None else ''
 
-    def add_definition(self, block: Block | None, offset: int, record: bytes) -> bool:
-        """Add a schema or channel to those of the file; return False for a record that cannot be parsed.
+    def add_definition(self, record: bytes) -> bool | None:
+        """Add a schema or channel to those of the file; the first definition of an id counts.
 
-        So also for a channel of more than 1 MiB.
-        The first definition of an id counts. In a block, one that contradicts it is reported as a loss, and
-        the messages behind it are not read; the result is True for it, as for a record that is known.
-
-        Args:
-            block: The block of the record; None in the summary, where a contradiction is not reported.
-            offset: Where the record begins in it.
-            record: The whole record.
+        Returns:
+            Whether it is as the first of its id; None where it cannot be parsed, or is a channel of more
+            than 1 MiB.
         """
         key = record[:1] + record[HEAD.size : HEAD.size + 2]
         if self._records.get(key) == record:
@@ -107,73 +99,38 @@ class McapFile:
         stream = ReadDataStream(BytesIO(record[HEAD.size :]))
         is_schema = record[0] == Opcode.SCHEMA
         if not is_schema and len(record) > MAX_RECORD:
-            return False
+            return None
         try:
-            number, is_same = self._add_schema(stream) if is_schema else self._add_channel(stream)
+            if is_schema:
+                schema = Schema.read(stream)
+                # A longer definition is not used, and not kept.
+                schema.data = schema.data[: MAX_DEFINITION_BYTES + 1]
+                is_same = self.schemas.setdefault(schema.id, schema) == schema
+            else:
+                channel = Channel.read(stream)
+                channel.metadata = {}
+                is_same = self.channels.setdefault(channel.id, channel) == channel
         except PARSE_ERRORS:
-            return False
+            return None
         if is_same and len(record) <= MAX_DEFINITION_BYTES:
             self._records[key] = record
-        elif not is_same and block is not None:
-            users = [c.id for c in self.channels.values() if number == (c.schema_id if is_schema else c.id)]
-            for user in users:
-                place = block.offset, offset
-                self._refused[user] = min(self._refused.get(user, place), place)
-            names = listed([self.channels[user].topic for user in users]) or 'it'
-            self.findings.lose(
-                f'{block.place} defines {"schema" if is_schema else "channel"} {number} otherwise than'
-                f' before: messages of {names} from there on were not read'
-            )
-        return True
+        return is_same
 
-    def _add_schema(self, stream: ReadDataStream) -> tuple[int, bool]:
-        """Add a schema if its id is new; return the id, and whether it equals the first one of that id.
+    def load_pieces(self, block: Block, topics: Collection[str] | None = None) -> tuple[int, Iterable[Piece]]:
+        """Return the length of a block [bytes], and its records in pieces, those of some topics at least.
 
-        An id with two definitions is marked as ambiguous. Raises one of ``PARSE_ERRORS``.
+        Raises:
+            DamagedBlock: It cannot be restored.
+            BagError: The file cannot be read.
         """
-        schema = Schema.read(stream)
-        # A longer definition is not used, and not kept.
-        schema.data = schema.data[: MAX_DEFINITION_BYTES + 1]
-        is_same = self.schemas.setdefault(schema.id, schema) == schema
-        if not is_same:
-            self._ambiguous.add(schema.id)
-        return schema.id, is_same
-
-    def _add_channel(self, stream: ReadDataStream) -> tuple[int, bool]:
-        """Add a channel if its id is new; return the id, and whether it equals the first one of that id.
-
-        False also where its schema is ambiguous. Its metadata are dropped. Raises one of ``PARSE_ERRORS``.
-        """
-        channel = Channel.read(stream)
-        channel.metadata = {}
-        is_same = self.channels.setdefault(channel.id, channel) == channel
-        return channel.id, is_same and channel.schema_id not in self._ambiguous
-
-    def select_valid(self, key: int, rows: IntArray, block: Block, piece: Piece) -> IntArray:
-        """Return those messages of a channel in a piece that come before a contradicting definition.
-
-        Args:
-            key: The channel id.
-            rows: The indexes of its messages in the piece, shape (m,).
-            block: The block.
-            piece: The piece of it.
-        """
-        if key not in self._refused:
-            return rows
-        offset, place = self._refused[key]
-        end = place if block.offset == offset else piece.end if block.offset < offset else 0
-        return rows[piece.offset[rows] < end]
+        del topics  # a chunk is unpacked as a whole
+        data = load_block(block)
+        return len(data), walk_records(data)
 
     def compare_counts(
         self, stated: Mapping[int, int], counted: Mapping[int, int], keys: Iterable[int]
     ) -> None:
-        """Report as a loss the channels of which the statistics state another count than was read.
-
-        Args:
-            stated: The messages of each channel id by the statistics.
-            counted: Those that were read.
-            keys: The channel ids to compare.
-        """
+        """Report as a loss the channels of which the statistics state another count than was read."""
         texts = [
             f"{stated.get(key, 0)} messages of '{self.channels[key].topic}', and"
             f' {counted.get(key, 0)} can be read'
@@ -206,7 +163,7 @@ class McapFile:
             # What only the summary defines: the definitions in the data were lost.
             key = int.from_bytes(record[HEAD.size : HEAD.size + 2], 'little')
             if key not in (self.schemas if record[0] == Opcode.SCHEMA else self.channels):
-                self.add_definition(None, 0, record)
+                self.add_definition(record)
         for key in self.counts.keys() - self.channels.keys():
             self.findings.lose(
                 f"file '{name}': {plural(self.counts.pop(key), 'message')} of channel {key}, which"
@@ -235,7 +192,7 @@ class McapFile:
         for block in blocks:
             count, block.channels, spans = 0, 0, []
             for piece, read_groups in way.read_groups(block):
-                spans += self._widen_span(piece)
+                spans += self.widen_span(piece.log_time_ns)
                 for key, rows in read_groups:
                     count += rows.size
                     block.channels |= bool(rows.size) << key
@@ -248,15 +205,14 @@ class McapFile:
         self.counts = way.counts
         return count
 
-    def _widen_span(self, piece: Piece) -> list[tuple[int, int]]:
-        """Widen the span of the file by the log times of a piece that are above 0.
+    def widen_span(self, times: IntArray) -> list[tuple[int, int]]:
+        """Widen the span of the file by those of some log times [ns] that are above 0.
 
         Sets ``has_zero`` where a time is 0, and reports negative times as lost.
 
         Returns:
             A list with the first and last log time from 0 on [ns]; empty where there is none.
         """
-        times = piece.log_time_ns
         if (times < 0).any():
             self.findings.lose(
                 f"file '{self.path.name}': messages with an impossible log time"
@@ -281,8 +237,8 @@ class McapFile:
             False where the summary cannot be trusted: what was filled in until then must be discarded.
         """
         counts = heads.statistics
-        is_known = all(self.add_definition(None, 0, r) for r in heads.definitions)
-        if counts is None or not is_known or self._ambiguous:
+        is_known = all(self.add_definition(record) for record in heads.definitions)
+        if counts is None or not is_known:
             return False
         stated = counts.channel_message_counts
         if not stated.keys() <= self.channels.keys() or counts.channel_count != len(self.channels):
@@ -339,22 +295,18 @@ class FilePass:
     """One pass over the blocks of a file, as far as it takes no more than it may.
 
     ``counts`` are the messages of each channel that were read. With ``is_over`` the pass has
-    reached its limit of memory, and yields nothing more.
+    reached its limit of memory, or a contradiction, and yields nothing more. Messages of ``topics``
+    are needed; all when None.
     """
 
-    def __init__(self, file: McapFile) -> None:
-        self.file = file
+    def __init__(self, file: McapFile, topics: Collection[str] | None = None) -> None:
+        self.file, self._topics = file, topics
         self.counts: Counter[int] = Counter()
         self.is_over = False
         self._max_bytes = self._left_bytes = limit_bytes(file.size)
 
     def charge(self, block: Block, size: int) -> None:
-        """Charge memory to the pass; where its limit is exceeded, set ``is_over`` and report a loss.
-
-        Args:
-            block: The block that takes it.
-            size: How much it takes [bytes].
-        """
+        """Charge memory [bytes] to the pass; beyond its limit set ``is_over`` and report a loss."""
         self._left_bytes -= size
         if self._left_bytes < 0 and not self.is_over:
             self.is_over = True
@@ -369,9 +321,9 @@ class FilePass:
         Charges its size to the pass first, which can end the pass.
 
         Yields:
-            Each piece of its records, and for each channel id the indexes of its messages in the piece,
-            without those behind a contradicting definition. Nothing for a damaged block, or where the pass is
-            over.
+            Each piece of its records, and for each channel id the indexes of its messages in the piece.
+            Nothing for a damaged block, or where the pass is over, as it is from a piece on that defines a
+            schema or channel otherwise than before.
 
         Raises:
             BagError: The file cannot be read.
@@ -381,24 +333,26 @@ class FilePass:
             return
         lose = self.file.findings.lose
         try:
-            data = load_block(block)
+            length, pieces = self.file.load_pieces(block, self._topics)
         except DamagedBlock as damage:
             if not block.is_cut:
                 lose(f'{block.place} is damaged ({damage}) and was skipped')
             return
         unread = end = 0
-        for piece in walk_records(data):
-            defined = [
-                self.file.add_definition(block, at, record) for at, record in piece.definitions.items()
-            ]
-            unread, end = unread + defined.count(False) + piece.unreadable_count, piece.end
-            valid = [(key, self.file.select_valid(key, rows, block, piece)) for key, rows in piece.groups()]
-            self.counts.update({key: rows.size for key, rows in valid})
-            yield piece, valid
+        for piece in pieces:
+            defined = list(map(self.file.add_definition, piece.definitions))
+            if False in defined:
+                self.is_over = True
+                lose(f'{block.place} defines a channel or its type otherwise than before: read up to there')
+                return
+            unread, end = unread + defined.count(None) + piece.unreadable_count, piece.end
+            groups = list(piece.groups())
+            self.counts.update({key: rows.size for key, rows in groups})
+            yield piece, groups
         if unread:
             lose(f'{block.place} has {plural(unread, "record")} that cannot be read: skipped')
-        if end < len(data) and not block.is_cut:
-            rest = plural(len(data) - end, 'byte')
+        if end < length and not block.is_cut:
+            rest = plural(length - end, 'byte')
             lose(f'{block.place} has {rest} at its end, no record: not read')
 
 
@@ -406,10 +360,6 @@ def scan_file(path: Path, findings: Findings) -> McapFile:
     """Return the contents of a file: by its summary, or where that cannot be trusted, by all its records.
 
     An empty file, as of a recorder that was stopped at once, is a truncated one.
-
-    Args:
-        path: The file.
-        findings: Takes the warnings.
 
     Raises:
         BagError: The file cannot be read, or is not MCAP.

@@ -38,12 +38,7 @@ class RecordHeads:
     To ``offset``, behind the last whole record, but for ``holes``, from byte to byte.
     ``statistics`` and ``definitions`` (records with their heads, as bytes) are those of the summary,
     ``indexed`` counts the messages of each channel after the message indexes. All are empty until
-    :meth:`read_heads` fills them.
-
-    Args:
-        file: A descriptor of the open file.
-        path: The file, for errors.
-        size: Its length [bytes].
+    :meth:`read_heads` fills them. ``file`` is a descriptor of the open file.
     """
 
     def __init__(self, file: int, path: Path, size: int) -> None:

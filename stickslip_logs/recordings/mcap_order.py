@@ -7,22 +7,15 @@ import contextlib
 import functools
 import itertools
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from mcap.opcode import Opcode
 
 from stickslip_logs.arrays import BoolArray, IntArray
 from stickslip_logs.files import open_file
-from stickslip_logs.recordings.mcap_chunks import (
-    HEAD,
-    PAYLOAD,
-    Block,
-    DamagedBlock,
-    Piece,
-    load_block,
-    walk_records,
-)
+from stickslip_logs.recordings.mcap_chunks import HEAD, PAYLOAD, Block, DamagedBlock, Piece
 from stickslip_logs.recordings.mcap_file import McapFile
 from stickslip_logs.time_order import MAX_TIME_NS, Row, TimeCourse, TimeOrder
 from stickslip_logs.units import KIB, MIB
@@ -44,15 +37,11 @@ _TopicRows = tuple[int, IntArray, IntArray]
 """The number of a topic, times of its messages [ns], and at which bytes of a block they are, shape (n,)."""
 
 
+@dataclass(frozen=True)
 class CourseOfBlocks:
     """Course of the messages of some topics, block by block.
 
     Attributes:
-        notes: What is odd about their times.
-        start_ns: The first resulting time, where it is another than chunks say [ns]; else None.
-        end_ns: The last one, likewise [ns].
-
-    Args:
         course: What to add to their times.
         numbers: The number of each topic, which is its source in the course.
         spans: First and last resulting time of each block with some of the messages, by its number [ns].
@@ -60,52 +49,34 @@ class CourseOfBlocks:
         is_corrected: Whether a resulting time lies outside what its chunk says.
     """
 
-    def __init__(
-        self,
-        course: TimeCourse,
-        numbers: Mapping[str, int],
-        spans: Mapping[int, tuple[int, int]],
-        least_ns: int,
-        *,
-        is_corrected: bool,
-    ) -> None:
-        self._course, self._numbers, self._spans, self._least_ns = course, numbers, spans, least_ns
-        self.notes = tuple(course.notes('the messages are', 'of the recorder'))
-        self.start_ns = course.start_ns if is_corrected else None
-        self.end_ns = course.end_ns if is_corrected else None
+    course: TimeCourse
+    numbers: Mapping[str, int]
+    spans: Mapping[int, tuple[int, int]]
+    least_ns: int
+    is_corrected: bool
 
     def find_span(self, number: int, block: Block) -> tuple[int, int]:
         """Return the first and last time of a block by its number [ns], corrected where that is needed.
 
         Those that the block declares where none of the topics has a time in it.
         """
-        return self._spans.get(number, (block.start_ns, block.end_ns))
+        return self.spans.get(number, (block.start_ns, block.end_ns))
 
     def correct_times(self, number: int, file: McapFile, piece: Piece) -> IntArray:
         """Return the corrected log times of the messages of a piece [ns], shape (n,).
 
         Without corrections this is the array of the piece itself, else a copy. Invalid times are unchanged.
-
-        Args:
-            number: The number of its block in the recording.
-            file: Its file.
-            piece: The piece.
         """
-        if not self._course.shifts:
+        if not self.course.shifts:
             return piece.log_time_ns
-        time_ns, is_time = piece.log_time_ns.copy(), _are_times(piece.log_time_ns, self._least_ns)
-        own_ns, topic, byte = (column[is_time] for column in _rows_of(file, piece, self._numbers))
-        time_ns[is_time] = self._course.follow(own_ns, topic, (number << _BYTE_BITS) + byte)
+        time_ns, is_time = piece.log_time_ns.copy(), _are_times(piece.log_time_ns, self.least_ns)
+        own_ns, topic, byte = (column[is_time] for column in _rows_of(file, piece, self.numbers))
+        time_ns[is_time] = self.course.follow(own_ns, topic, (number << _BYTE_BITS) + byte)
         return time_ns
 
 
 class BlockTimes:
-    """The times of the messages of files, read as far as they are asked for.
-
-    Args:
-        files: The files in order.
-        least_ns: The least log time that is one [ns].
-    """
+    """The times of the messages of files, read as far as they are asked for."""
 
     def __init__(self, files: Sequence[McapFile], least_ns: int) -> None:
         self._files, self._least_ns, self._sparse_bytes = files, least_ns, 0
@@ -144,7 +115,7 @@ class BlockTimes:
                     for topic, time_ns, byte in rows_of_topics
                 )
                 spans[number] = _join_spans((int(times.min()), int(times.max())) for times in resulting)
-        return CourseOfBlocks(course, numbers, spans, self._least_ns, is_corrected=is_corrected)
+        return CourseOfBlocks(course, numbers, spans, self._least_ns, is_corrected)
 
     def _iterate_blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, list[_TopicRows]]]:
         """Yield the number of each block with timed messages of some topics, and these, topic by topic.
@@ -155,7 +126,7 @@ class BlockTimes:
             BagError: A file cannot be read; also OSError, where it cannot be opened.
         """
         self._sparse_bytes = 0
-        for file, blocks in self._select_blocks(numbers):
+        for file, blocks in select_blocks(self._files, numbers):
             keys = {key: numbers[c.topic] for key, c in file.channels.items() if c.topic in numbers}
             with open_file(file.path) as opened:
                 for number, block in blocks:
@@ -164,23 +135,6 @@ class BlockTimes:
                         rows = self._walk_block(file, block, numbers)
                     if rows := list(self._drop_untimed(rows)):
                         yield number, rows
-
-    def _select_blocks(
-        self, numbers: Mapping[str, int]
-    ) -> Iterator[tuple[McapFile, list[tuple[int, Block]]]]:
-        """Yield each file with those of its blocks, and their numbers, that may have some topics.
-
-        Blocks are numbered through all files, from 0.
-
-        Args:
-            numbers: Has the topics as keys; the numbers are not used.
-        """
-        begin = 0
-        for file in self._files:
-            mask = sum(1 << key for key, channel in file.channels.items() if channel.topic in numbers)
-            blocks = enumerate(file.blocks, begin)
-            yield file, [(k, b) for k, b in blocks if b.channels is None or b.channels & mask]
-            begin += len(file.blocks)
 
     def _read_rows(
         self,
@@ -202,14 +156,14 @@ class BlockTimes:
         Raises:
             BagError: A file cannot be read.
         """
-        for file, blocks in self._select_blocks(numbers):
+        for file, blocks in select_blocks(self._files, numbers):
             for number, block in blocks:
                 is_within = begin >> _BYTE_BITS <= number <= end >> _BYTE_BITS
                 first_ns, last_ns = spans.get(number, (1, 0))
                 if not is_within or not max(first_ns, span_ns[0]) <= min(last_ns, span_ns[1]):
                     continue
                 with contextlib.suppress(DamagedBlock):
-                    for piece in walk_records(load_block(block)):
+                    for piece in file.load_pieces(block, numbers)[1]:
                         time_ns, topic, byte = _rows_of(file, piece, numbers)
                         place = (number << _BYTE_BITS) + byte
                         rows = (topic >= 0) & (place >= begin) & (place < end)
@@ -240,7 +194,7 @@ class BlockTimes:
         parts, begin = [(_NONE, _NONE, _NONE)], 0
         if block.size <= _MAX_WALKED_BYTES and self._sparse_bytes <= _MAX_SPARSE_BYTES:
             with contextlib.suppress(DamagedBlock):
-                for piece in walk_records(load_block(block)):
+                for piece in file.load_pieces(block, numbers)[1]:
                     parts.append(_rows_of(file, piece, numbers))
                     if piece.channel.size * _SPARSE_BYTES < piece.end - begin:
                         self._sparse_bytes += piece.end - begin
@@ -249,6 +203,21 @@ class BlockTimes:
                         break
         time_ns, topic, byte = (np.concatenate(column) for column in zip(*parts, strict=True))
         return [(k, time_ns[topic == k], byte[topic == k]) for k in np.unique(topic[topic >= 0]).tolist()]
+
+
+def select_blocks(
+    files: Iterable[McapFile], topics: Collection[str]
+) -> Iterator[tuple[McapFile, list[tuple[int, Block]]]]:
+    """Yield each file with those of its blocks, and their numbers, that may have some topics.
+
+    Blocks are numbered through all files, from 0.
+    """
+    begin = 0
+    for file in files:
+        mask = sum(1 << key for key, channel in file.channels.items() if channel.topic in topics)
+        blocks = enumerate(file.blocks, begin)
+        yield file, [(k, b) for k, b in blocks if b.channels is None or b.channels & mask]
+        begin += len(file.blocks)
 
 
 def _join_spans(spans: Iterable[tuple[int, int]]) -> tuple[int, int]:
@@ -268,12 +237,8 @@ def _are_times(time_ns: IntArray, least_ns: int) -> BoolArray:
 def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_TopicRows] | None:
     """Return the messages of a block by its indexes, without decompressing it.
 
-    Those of a topic are by place in the block. None where there are no indexes, or they cannot be right.
-
-    Args:
-        file: An open file descriptor.
-        block: The block.
-        keys: The number of the topic of each wanted channel id.
+    Those of a topic are by place in the block. ``keys`` has the numbers of the topics by channel id. None
+    where there are no indexes, or they cannot be right.
     """
     if not block.is_chunk or not block.index_length:
         return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording in MCAP: one file, or the files of a rosbag2 folder in order.
+"""A recording of ROS 2: one file, or the files of a rosbag2 folder in order.
 
 The blocks of a recording are read in the order in which they begin, and the messages before the
 beginning of the next block are sorted and yielded. So memory holds only the blocks that overlap in
@@ -17,20 +17,22 @@ from pathlib import Path
 import numpy as np
 from mcap.records import Channel
 
-from stickslip_logs.arrays import IntArray
+from stickslip_logs.arrays import FloatArray, IntArray
 from stickslip_logs.errors import BagError, plural
 from stickslip_logs.recordings.log_time_scale import ask_for_time_unit
 from stickslip_logs.recordings.mcap_chunks import Block, Piece
 from stickslip_logs.recordings.mcap_file import FilePass, McapFile
-from stickslip_logs.recordings.mcap_order import BlockTimes, CourseOfBlocks
-from stickslip_logs.recordings.message_fields import FieldReader, MessageReading, TopicNumbers
+from stickslip_logs.recordings.mcap_order import BlockTimes, CourseOfBlocks, select_blocks
+from stickslip_logs.recordings.message_fields import FieldReader, TopicNumbers
 from stickslip_logs.recordings.recording import (
+    Fault,
     Findings,
     Message,
     Progress,
     Recording,
     Request,
     Scratch,
+    Series,
     TimeSpans,
     TopicInfo,
 )
@@ -85,29 +87,17 @@ class Pass:
     ) -> None:
         self._progress, self._course = progress, course
         self.numbers = {topic: number for number, topic in enumerate(topics)}
-        self._file_passes = [FilePass(file) for file in files]
-        blocks = ((block, file_pass) for file_pass in self._file_passes for block in file_pass.file.blocks)
-        jobs = [
+        self._file_passes = [FilePass(file, self.numbers) for file in files]
+        blocks_of_files = (blocks for _, blocks in select_blocks(files, self.numbers))
+        jobs = (
             Job(k, block, file_pass, *course.find_span(k, block))
-            for k, (block, file_pass) in enumerate(blocks)
-        ]
-        masks = {
-            file_pass.file.path: sum(1 << key for key in self._channel_keys(file_pass.file))
-            for file_pass in self._file_passes
-        }
+            for file_pass, blocks in zip(self._file_passes, blocks_of_files, strict=True)
+            for k, block in blocks
+        )
         self._jobs = sorted(
-            (
-                job
-                for job in jobs
-                if (job.block.channels is None or job.block.channels & masks[job.block.path])
-                and (spans is None or spans.overlap(job.start_ns, job.end_ns))
-            ),
+            (job for job in jobs if spans is None or spans.overlap(job.start_ns, job.end_ns)),
             key=operator.attrgetter('start_ns', 'number'),
         )
-
-    def _channel_keys(self, file: McapFile) -> list[int]:
-        """Return the channel ids of the wanted topics in a file."""
-        return [key for key, c in file.channels.items() if c.topic in self.numbers]
 
     def read_sorted(self, columns_of: MakeColumns, min_count: int, max_count: int) -> Iterator[Columns]:
         """Yield the columns of all wanted messages in the order of time, then of place, some at a time.
@@ -197,9 +187,9 @@ class Pass:
         """Report as losses where summaries state other counts than were read; call it when all was read."""
         for file_pass in self._file_passes:
             if file_pass.file.is_stated:
-                file_pass.file.compare_counts(
-                    file_pass.file.counts, file_pass.counts, self._channel_keys(file_pass.file)
-                )
+                channels = file_pass.file.channels.items()
+                keys = [key for key, channel in channels if channel.topic in self.numbers]
+                file_pass.file.compare_counts(file_pass.file.counts, file_pass.counts, keys)
 
 
 def _sort_columns(parts: Sequence[Columns]) -> Columns:
@@ -231,8 +221,8 @@ def _split_columns(columns: Columns, max_count: int) -> Iterator[Columns]:
         yield columns
 
 
-class McapReading(MessageReading):
-    """A pass over MCAP files for numbers of some topics; making it reads their times.
+class McapReading:
+    """A pass over files for numbers of some topics; making it reads their times.
 
     Args:
         recording: The recording.
@@ -246,8 +236,8 @@ class McapReading(MessageReading):
     def __init__(
         self, recording: McapRecording, wanted: Sequence[TopicNumbers], progress: Progress | None
     ) -> None:
-        super().__init__(wanted)
-        self._least = recording.least_ns
+        self._wanted, self._sequence, self._least = wanted, 0, recording.least_ns
+        self._width = max((topic.width for topic in wanted), default=0)
         topics = [topic.topic for topic in wanted]
         self._pass = Pass(recording.contents, recording.judge_order(topics), topics, progress)
         for topic in wanted:
@@ -262,16 +252,42 @@ class McapReading(MessageReading):
             if errors and len(errors) == len(channels):
                 raise errors[0]
 
-    def _read_stretches(self) -> Iterator[Columns]:
-        """Yield log times [ns], topics, stamps [ns], shape (n,), and values, shape (k, n).
+    def __iter__(self) -> Iterator[dict[Request, Series]]:
+        """Yield the series, without faults, of one stretch of time after the other; report losses.
 
-        A topic is its index among the wanted ones; rows that it has no number for are NaN. Reports progress,
-        and losses.
+        Raises:
+            BagError: A file cannot be read.
         """
         max_count = min(_MAX_OF_TOPIC * len(self._wanted), _MAX_OF_ALL)
+        is_empty = True
         for time, _, *arrays in self._pass.read_sorted(self._make_columns, max_count, max_count):
-            yield time, *arrays
+            is_empty = False
+            yield self._make_series(time, *arrays)
         self._pass.compare_counts()
+        if is_empty:
+            none = np.empty(0, np.int64)
+            yield self._make_series(none, none, none, np.empty((self._width, 0)))
+
+    def _make_series(
+        self, log_time_ns: IntArray, topic: IntArray, stamp_ns: IntArray, values: FloatArray
+    ) -> dict[Request, Series]:
+        """Return the series of a stretch by request, and move the sequence numbers on.
+
+        The arrays are as of :meth:`_make_columns`: shape (n,), the values (k, n).
+        """
+        result: dict[Request, Series] = {}
+        is_unstamped = np.array_equal(log_time_ns, stamp_ns)
+        for number, topic_numbers in enumerate(self._wanted):
+            rows = np.flatnonzero(topic == number)
+            times_ns = log_time_ns[rows]
+            times = times_ns, times_ns if is_unstamped else stamp_ns[rows], rows + self._sequence
+            result.update(topic_numbers.series(times, values[: topic_numbers.width].take(rows, axis=1)))
+        self._sequence += log_time_ns.size
+        return result
+
+    def faults(self) -> dict[Request, tuple[Fault, ...]]:
+        """Return the faults of the messages read so far, by request."""
+        return dict(pair for topic in self._wanted for pair in topic.faults())
 
     def _make_reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
         """Return the reader of messages of a channel; the error, not raised, where they cannot be read."""
@@ -286,11 +302,6 @@ class McapReading(MessageReading):
         A topic is its index among the wanted ones, a block its number in the recording.
         Messages without a valid time, or of another definition, are left out and counted as faults; those of
         another definition are reported as lost too. The memory of the numbers is charged to the pass.
-
-        Args:
-            job: The block.
-            piece: The piece of it.
-            chosen: Its messages of the wanted topics.
         """
         times = stamp = piece.log_time_ns
         topic, block = np.full(times.size, -1, np.int32), np.broadcast_to(np.int32(job.number), times.shape)
@@ -323,7 +334,7 @@ class McapReading(MessageReading):
 
 
 class McapRecording(Recording):
-    """The files of a recording in MCAP.
+    """The files of a recording of ROS 2, of MCAP or SQLite.
 
     Attributes:
         contents: What the files hold.
@@ -364,19 +375,15 @@ class McapRecording(Recording):
         Raises:
             BagError: A file cannot be read; also OSError, where it cannot be opened.
         """
-        course = self._times.judge_order(topics)
-        for text in course.notes:
+        blocks = self._times.judge_order(topics)
+        for text in blocks.course.notes('the messages are', 'of the recorder'):
             self._findings.note(text)
-        if course.start_ns is not None:
-            self.start_ns, self.end_ns = course.start_ns, course.end_ns
-        return course
+        if blocks.is_corrected:
+            self.start_ns, self.end_ns = blocks.course.start_ns, blocks.course.end_ns
+        return blocks
 
     def definition(self, topic: str) -> str:
-        """Return the ``ros2msg`` definition of a topic's messages, the first one if there are several.
-
-        Raises:
-            BagError: The topic is not there or cannot be decoded.
-        """
+        """Return as :meth:`.Recording.definition` the first definition of a topic's messages."""
         self._require_readable(topic)
         definitions = (
             file.schemas[channel.schema_id].data
@@ -397,18 +404,9 @@ class McapRecording(Recording):
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
-        """Return an iterator of messages by log time, then by place in the recording.
+        """Return messages as :meth:`.Recording.messages` does; judge the order of time, and raise, at once.
 
-        The order of time is judged at once, which can add warnings; blocks are read while iterating. A block
-        is in memory while its time lasts.
-
-        Args:
-            topics: Which topics; all when None.
-            spans: The log times that are wanted; all when None.
-
-        Raises:
-            BagError: A topic is not there (at once), or a file cannot be read.
-            OSError: A file is no longer there (at once).
+        Blocks are read while iterating. One is in memory while its time lasts.
         """
         names = [
             (name, self._require_topic(name).type) for name in (self.topics if topics is None else topics)

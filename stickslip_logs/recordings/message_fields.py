@@ -14,7 +14,6 @@ import io
 import math
 import struct
 import threading
-from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -131,16 +130,15 @@ def _list_tokens(
 
 
 def _gather_numbers(
-    layout: Layout, data: bytes, offset: IntArray, size: IntArray, order: str
+    layout: Layout, data: bytes, offset: IntArray, size: IntArray
 ) -> tuple[list[NDArray[Any]], BoolArray]:
-    """Gather numbers from messages by stepping through all of them at once.
+    """Gather numbers from messages, in little-endian order, by stepping through all of them at once.
 
     Args:
         layout: Their layout.
         data: What they lie in.
         offset: Where each message begins in it, shape (n,).
         size: How long it is [bytes], shape (n,).
-        order: Its byte order, as numpy writes it.
 
     Returns:
         An array of shape (n,) for each number; and for which messages they are right, shape (n,).
@@ -155,7 +153,7 @@ def _gather_numbers(
             code: The type of the number, as numpy writes it without byte order.
             place: Where it begins behind the head of the message [bytes]: one for all, or shape (n,).
         """
-        numbers = view_numbers(data, order + code, _ENCAPSULATION)
+        numbers = view_numbers(data, '<' + code, _ENCAPSULATION)
         np.logical_and(sound, place + (_ENCAPSULATION + numbers.itemsize) <= size, out=sound)
         spot = offset + place
         numbers_there: NDArray[Any] = numbers[spot if sound.all() else np.where(sound, spot, 0)]
@@ -253,12 +251,7 @@ class TopicNumbers:
             yield from ((request, series) for request in requests)
 
     def count_foreign(self, row: int, names: Iterable[str]) -> None:
-        """Count a message that lacks the element, chosen by name, of a path; keep up to some 20 of its names.
-
-        Args:
-            row: The number of the path.
-            names: The names of the elements of the message.
-        """
+        """Count a message that lacks the element, chosen by name, of a path; keep some 20 of its names."""
         self.foreign[row] += 1
         if len(self.names) < _MAX_NAMES:
             self.names.update(names)
@@ -296,10 +289,6 @@ class TopicNumbers:
 class FieldReader:
     """Reads the numbers wanted of a topic from messages of one definition, many at once.
 
-    Args:
-        wanted: The numbers; counts the messages and their faults.
-        schema: The definition.
-
     Raises:
         BagError: A path does not lead to a number, or the definition cannot be used.
     """
@@ -320,11 +309,6 @@ class FieldReader:
 
     def _check_fields(self, topic: str, type_name: str, definitions: Definitions) -> None:
         """Check that all wanted paths lead to numbers.
-
-        Args:
-            topic: The topic, for the error.
-            type_name: The type of its messages.
-            definitions: The fields of all types.
 
         Raises:
             BagError: A path does not; the first one is named.
@@ -360,25 +344,19 @@ class FieldReader:
         self._wanted.count += count
         values = np.full((self._wanted.width, count), np.nan)
         stamp_ns = log_time_ns.copy() if self._stamped else log_time_ns
-        # As a rule all, which are not copied.
-        rows: slice | IntArray = slice(None)
-        if count and size.min() < _ENCAPSULATION:
-            rows = np.flatnonzero(size >= _ENCAPSULATION)
+        rows = np.flatnonzero(size >= _ENCAPSULATION)
+        if rows.size < count:
             faults[self._undecoded] += count - rows.size
         # The two bytes of the representation: zero, and zero or one for plain CDR.
         kind = view_numbers(data, '<u2')[offset[rows]]
-        for code, order in ((_CDR_LE, '<'), (_CDR_BE, '>')):
-            is_own = kind == code
-            if is_own.any():
-                decodable = rows if is_own.all() else np.arange(count)[rows][is_own]
-                for place in self._fill_rows(
-                    values, stamp_ns, decodable, data, offset[decodable], size[decodable], order
-                ).tolist():
-                    begin = int(offset[place])
-                    self._decode_alone(data[begin : begin + int(size[place])], place, values, stamp_ns)
-            if is_own.all():
-                return values, stamp_ns
-        unknown = kind[(kind != _CDR_LE) & (kind != _CDR_BE)]
+        is_usual = kind == _CDR_LE
+        # As a rule all, which are not copied.
+        usual = slice(None) if rows.size == count and is_usual.all() else rows[is_usual]
+        alone = self._fill_rows(values, stamp_ns, usual, data, offset[usual], size[usual])
+        for place in [*alone.tolist(), *rows[kind == _CDR_BE].tolist()]:
+            begin = int(offset[place])
+            self._decode_alone(data[begin : begin + int(size[place])], place, values, stamp_ns)
+        unknown = kind[~is_usual & (kind != _CDR_BE)]
         for code, number in sorted(Counter(unknown.byteswap().tolist()).items()):
             faults[f'are in the encapsulation 0x{code:04x}, which is not decoded'] += number
         return values, stamp_ns
@@ -391,9 +369,8 @@ class FieldReader:
         data: bytes,
         offset: IntArray,
         size: IntArray,
-        order: str,
     ) -> IntArray:
-        """Write the numbers and stamps of messages in one byte order into two arrays.
+        """Write the numbers and stamps of messages, in little-endian order, into two arrays.
 
         Args:
             values: Takes the numbers, shape (k, n).
@@ -402,14 +379,13 @@ class FieldReader:
             data: What they lie in.
             offset: Where each of them begins in it.
             size: How long each is [bytes].
-            order: Their byte order, as numpy writes it.
 
         Returns:
             The indexes among the n of those that have to be decoded one by one.
         """
         if self._layout is None:
             return np.arange(len(stamp_ns))[rows]
-        gathered, sound = _gather_numbers(self._layout, data, offset, size, order)
+        gathered, sound = _gather_numbers(self._layout, data, offset, size)
         for row, numbers in zip(values, gathered, strict=False):
             row[rows] = numbers
         if self._stamped:
@@ -456,57 +432,3 @@ def _begins_with_header(definitions: Definitions, root: str) -> bool:
         return all(find_primitive(definitions, root, p) in ('int32', 'uint32') for p in _STAMP)
     except SchemaError:
         return False
-
-
-class MessageReading(ABC):
-    """A pass over messages for numbers of some topics.
-
-    Args:
-        wanted: The numbers of each topic; counts what was read and what failed.
-    """
-
-    def __init__(self, wanted: Sequence[TopicNumbers]) -> None:
-        self._wanted, self._sequence = wanted, 0
-        self._width = max((topic.width for topic in wanted), default=0)
-
-    @abstractmethod
-    def _read_stretches(self) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Yield log times [ns], topics, stamps [ns], shape (n,), and values, shape (k, n).
-
-        A topic is its index among the wanted ones; rows that it has no number for are NaN.
-        """
-
-    def __iter__(self) -> Iterator[dict[Request, Series]]:
-        """Yield the series, without faults, of one stretch of time after the other.
-
-        Raises:
-            BagError: A file cannot be read.
-        """
-        none = np.empty(0, np.int64)
-        is_empty = True
-        for stretch in self._read_stretches():
-            is_empty = False
-            yield self._make_series(*stretch)
-        if is_empty:
-            yield self._make_series(none, none, none, np.empty((self._width, 0)))
-
-    def _make_series(
-        self, log_time_ns: IntArray, topic: IntArray, stamp_ns: IntArray, values: FloatArray
-    ) -> dict[Request, Series]:
-        """Return the series of a stretch by request, and move the sequence numbers on.
-
-        The arrays are those of :meth:`_read_stretches`, shape (n,), the values (k, n).
-        """
-        result: dict[Request, Series] = {}
-        is_unstamped = np.array_equal(log_time_ns, stamp_ns)
-        for number, topic_numbers in enumerate(self._wanted):
-            rows = np.flatnonzero(topic == number)
-            times_ns = log_time_ns[rows]
-            times = times_ns, times_ns if is_unstamped else stamp_ns[rows], rows + self._sequence
-            result.update(topic_numbers.series(times, values[: topic_numbers.width].take(rows, axis=1)))
-        self._sequence += log_time_ns.size
-        return result
-
-    def faults(self) -> dict[Request, tuple[Fault, ...]]:
-        """Return the faults of the messages read so far, by request."""
-        return dict(pair for topic in self._wanted for pair in topic.faults())

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -11,7 +10,6 @@ from functools import cache
 from pathlib import Path
 
 from stickslip_logs.fields import NAMES, ByName, FieldPath
-from stickslip_logs.files import read_file
 from stickslip_logs.recordings.recording import short_name
 from stickslip_logs.units import KIB
 
@@ -220,10 +218,7 @@ def _take_element(member: Field, steps: list[str | int | ByName], members: Mappi
 
 
 def definition_of(kind: str) -> str | None:
-    """Return the ``ros2msg`` text of a type with the types that it uses; None where one is not known.
-
-    The texts are those of this package, or else of a sourced ROS 2.
-    """
+    """Return the ``ros2msg`` text of a type with the types that it uses; None where one is not built in."""
     parts: dict[str, str] = {}
     if not _collect_texts(short_name(kind), parts):
         return None
@@ -238,7 +233,7 @@ def _collect_texts(name: str, parts: dict[str, str]) -> bool:
         name: The short name of the type.
         parts: Takes the texts by short name; incomplete where False is returned.
     """
-    text = _load_built_in().get(name) or _read_installed_type(name)
+    text = _load_built_in().get(name)
     if text is None:
         return False
     parts[name] = text
@@ -254,23 +249,3 @@ def _load_built_in() -> dict[str, str]:
     """Return the texts of the types that this package brings, by short name."""
     _, *parts = re.split(r'^MSG: (.*)\n', _BUILT_IN.read_text('utf-8'), flags=re.MULTILINE)
     return dict(zip(parts[::2], parts[1::2], strict=True))
-
-
-def _read_installed_type(name: str) -> str | None:
-    """Return the text of a type from the packages of a sourced ROS 2; None where none has it.
-
-    A file that cannot be read, or has more than 256 KiB, is skipped.
-
-    Args:
-        name: The short name, as ``std_msgs/Float64``; None is returned for any other text.
-    """
-    if not re.fullmatch(r'\w+/\w+', name):
-        return None
-    package, short_name = name.split('/')
-    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
-        path = Path(prefix) / 'share' / package / 'msg' / f'{short_name}.msg'
-        try:
-            return read_file(path, MAX_DEFINITION_BYTES).decode('utf-8', 'replace').rstrip() + '\n'
-        except OSError:
-            continue
-    return None

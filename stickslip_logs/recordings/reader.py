@@ -17,18 +17,15 @@ from stickslip_logs.recordings.file_kind import (
     TABLE,
     find_stored_path,
     has_recording_name,
-    has_sqlite_name,
     read_begin,
     read_content,
     recording_name_of,
 )
-from stickslip_logs.recordings.folders import are_consecutive, folder_files, has_other_parts
+from stickslip_logs.recordings.folders import are_consecutive, folder_files, has_other_parts, scan_part
 from stickslip_logs.recordings.mcap_chunks import MAGIC, limit_bytes
-from stickslip_logs.recordings.mcap_file import McapFile, scan_file
 from stickslip_logs.recordings.mcap_recording import McapRecording
 from stickslip_logs.recordings.recording import METADATA_NAME, Findings, Recording, Scratch
-from stickslip_logs.recordings.sqlite_recording import MAGIC as SQLITE
-from stickslip_logs.recordings.sqlite_recording import SqliteRecording, open_database
+from stickslip_logs.recordings.sqlite_file import MAGIC as SQLITE
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.text_file import ZSTD, open_unpacked
 from stickslip_logs.units import MIB
@@ -79,7 +76,7 @@ def _open_files(
 
     Args:
         path: The file or folder by which the recording is named.
-        files: The files in order, all of SQLite or all of MCAP.
+        files: The files in order.
         packed: 'message' where each message of a database is compressed; else empty.
         findings: Takes the warnings.
         is_one: Whether the files are known to be parts of one recording; else their times decide.
@@ -89,20 +86,12 @@ def _open_files(
     """
     scratch = Scratch()
     whole = [_unpack_file(file, scratch, findings) for file in files]
-    contents: list[McapFile] = []
-    databases: list[SqliteRecording] = []
-    is_sqlite = any(has_sqlite_name(file.name) or read_begin(file).startswith(SQLITE) for file in whole)
-    if not is_sqlite:
-        contents = [scan_file(file, findings) for file in whole]
-    elif not is_one:
-        databases = list(map(open_database, whole))
-    if not is_one and not are_consecutive([*contents, *databases]):
+    contents = [scan_part(file, findings, scratch, is_packed=packed == 'message') for file in whole]
+    if not is_one and not are_consecutive(contents):
         raise BagError(
             f"folder '{path}' holds {len(files)} recordings that overlap in time or lie more than"
             ' an hour apart: name one of them'
         )
-    if is_sqlite:
-        return SqliteRecording(path, whole, packed == 'message', findings, scratch)
     return McapRecording(path, contents, findings, scratch)
 
 
@@ -159,30 +148,18 @@ def spool_stream(stream: IO[bytes], show: Callable[[str, int, int | None], None]
     with tempfile.TemporaryDirectory(prefix='stickslip-') as folder:
         piece = stream.read(_PIECE)
         ending = '.mcap' if MAGIC.startswith(piece[: len(MAGIC)]) else ''
-        is_recorded = bool(ending) or piece.startswith((SQLITE, ZSTD))
+        is_known = bool(ending) or piece.startswith((SQLITE, ZSTD))
         path = Path(folder) / f'standard_input{ending}'
         try:
             with path.open('wb') as file:
                 while piece:
                     file.write(piece)
                     show('reading standard input', file.tell(), None)
+                    file.flush()
                     # What is no recording may have no end; its reader says what it is.
-                    is_known = is_recorded or file.tell() > _PIECE or _is_table_so_far(file, path)
+                    with contextlib.suppress(BagError):
+                        is_known = is_known or read_content(path).kind == TABLE
                     piece = stream.read(_PIECE) if is_known else b''
         except OSError as error:
             raise BagError(f"bag '-' cannot be read: {cause(error)}") from None
         yield path
-
-
-def _is_table_so_far(file: IO[bytes], path: Path) -> bool:
-    """Flush a file; return whether what was written of it so far can be opened as a table.
-
-    Args:
-        file: The file, open for writing.
-        path: Its path.
-    """
-    file.flush()
-    try:
-        return isinstance(open_bag(path), TableRecording)
-    except BagError:
-        return False

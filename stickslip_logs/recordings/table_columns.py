@@ -223,9 +223,6 @@ class ColumnRecording(Recording):
         """Return a function that is True for a mark by which a number does not count.
 
         None where the marks of the column, in head and tail, have no known meaning.
-
-        Args:
-            status: The place of the column of marks.
         """
         marks = {str(row[status]) for row in self._ends if len(row) > status}
         return find_quality(self.table.names[status], marks)
@@ -234,9 +231,6 @@ class ColumnRecording(Recording):
         """Yield the rows of head and tail, then, where these may lack names, an empty row with each name.
 
         They may, too, where the table is unordered. The file is read for these names.
-
-        Args:
-            name: The place of the column of names.
         """
         yield from (row for row in self._ends if len(row) > name)
         if self._may_lack_names or self.is_unordered:

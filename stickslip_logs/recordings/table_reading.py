@@ -7,6 +7,7 @@ import contextlib
 import itertools
 import pickle
 import tempfile
+import weakref
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError, cause, join_names, listed, plural, quote_for_yaml
 from stickslip_logs.recordings.columns import LogColumn, SourceColumn
-from stickslip_logs.recordings.recording import Fault, Progress, Request, Scratch, Series
+from stickslip_logs.recordings.recording import Fault, Progress, Request, Series
 from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
 from stickslip_logs.source_admission import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
@@ -51,23 +52,17 @@ class _PartBuffer:
     """Buffer for the numbers of a table until its order is known: 64 MB in memory, the rest in a file."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._scratch = path, Scratch()
-        self._in_memory: list[Part] = []
-        self._bytes = 0
+        self._path, self._file = path, tempfile.SpooledTemporaryFile(_MAX_KEPT_BYTES)  # noqa: SIM115
+        weakref.finalize(self, self._file.close)
 
     def add(self, part: Part) -> None:
-        """Append a part.
+        """Append a part, before any is read.
 
         Raises:
             BagError: The temporary file cannot be written, as its disk is full.
         """
-        self._bytes += sum(array.nbytes for array in part)
-        if self._bytes <= _MAX_KEPT_BYTES:
-            self._in_memory.append(part)
-            return
         try:
-            with (self._scratch.folder / 'parts').open('ab') as file:
-                pickle.dump(part, file, pickle.HIGHEST_PROTOCOL)
+            pickle.dump(part, self._file, pickle.HIGHEST_PROTOCOL)
         except OSError as error:
             raise BagError(
                 f"log '{self._path}' cannot be read: {cause(error)} in the folder of temporary files"
@@ -75,12 +70,11 @@ class _PartBuffer:
             ) from None
 
     def __iter__(self) -> Iterator[Part]:
-        """Yield the parts in the order in which they were added."""
-        yield from self._in_memory
-        if self._bytes > _MAX_KEPT_BYTES:
-            with (self._scratch.folder / 'parts').open('rb') as file, contextlib.suppress(EOFError):
-                while True:
-                    yield pickle.load(file)
+        """Yield the parts in the order in which they were added; one iterator at a time."""
+        self._file.seek(0)
+        with contextlib.suppress(EOFError):
+            while True:
+                yield pickle.load(self._file)
 
 
 def _filled_columns(is_there: BoolArray, bits: Sequence[int]) -> IntArray:
@@ -160,9 +154,6 @@ class TableReading:
         """Return the search for a column of keys, and the places of all columns to read, each once.
 
         Candidates for keys have one text in the head of the file and another in its tail.
-
-        Args:
-            statuses: The places of columns of quality marks.
         """
         table = self._recording.table
         keys = [place for pairs in self._keys.values() for place, _ in pairs]

@@ -23,11 +23,7 @@ class TableRecording(ColumnRecording):
     """A table as the recording that it stands for."""
 
     def definition(self, topic: str) -> str:
-        """Return the definition of a ``Float64``, which the sensors would have sent.
-
-        Raises:
-            BagError: There is no such topic or column.
-        """
+        """Return the definition of a ``Float64``, which the sensors would have sent."""
         self._find_column(topic)
         return 'float64 data\n'
 
@@ -64,15 +60,7 @@ class TableRecording(ColumnRecording):
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
-        """Yield what the sensors would have sent as messages, in order of time, then of column.
-
-        Args:
-            topics: Which topics; all that are delivered when None.
-            spans: The times that are wanted; all when None.
-
-        Raises:
-            BagError: As for :meth:`reading`; raised at the first message.
-        """
+        """Yield as :meth:`.Recording.messages` what the sensors would have sent, by time, then by column."""
         names = list(self.by_topic if topics is None else topics)
         for part in self.reading([Request(name, 'data') for name in names]):
             rows: list[tuple[int, str, int, bytes]] = []
