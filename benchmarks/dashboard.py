@@ -41,8 +41,8 @@ def run(quick: bool) -> Table:
             rows.append(absent(label, len(COLUMNS), f'Chromium is {NOT_INSTALLED}'))
     return Table(
         'The page in a browser',
-        'The share of a core of a tab in Chromium without a graphics processor (`TaskDuration`), and of'
-        ' the dashboard, which here runs the monitor.',
+        'The share of a core of a tab in Chromium without a graphics processor, and of the dashboard,'
+        ' which runs the monitor.',
         COLUMNS,
         rows,
     )

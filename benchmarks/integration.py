@@ -128,8 +128,8 @@ def _make_table(results: dict[str, _Result | str]) -> Table:
     return Table(
         title='Time integration',
         text=(
-            f'The reference bearing at {RPM:g} rpm and {LOAD:g} N, ten cycles from breakaway: time for a'
-            ' second of motion, and the error of the amplitude. PathSim has tolerances of 1e-6 and 1e-9.'
+            f'The reference bearing at {RPM:g} rpm and {LOAD:g} N, ten cycles from breakaway. PathSim has'
+            ' tolerances of 1e-6 and 1e-9.'
         ),
         columns=('integrator', 'per simulated second', 'error of the amplitude', 'ratio'),
         rows=rows,

@@ -14,6 +14,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -51,26 +52,25 @@ GROUPS = (
         'friction',
         'Friction',
         '`stribeck` takes static, kinetic, decay (and viscous, exponent); `coulomb` static, kinetic;'
-        ' `tabulated` speed and coefficient. Others have no effect, and are named at the start.',
+        ' `tabulated` speed and coefficient. Others are named at the start.',
     ),
     (
         'water_temperature',
         'Water temperature',
         'With `friction.at_temperature` friction goes by the'
-        ' [present water](physics.md#another-load-or-temperature), an input or a `constant`. Before the first'
-        ' value the constant counts, else the water of the measurement; after the timeout the last value.'
-        ' Both are reported, with WARN at least.',
+        ' [present water](physics.md#another-load-or-temperature). Before the first value the constant'
+        ' counts, else the water of the measurement; after the timeout the last value. Both are reported,'
+        ' with WARN at least.',
     ),
     (
         'tolerance',
         'What is not known',
-        '[Tolerances](calibration.md#tolerances) give the verdict as probabilities; 0 is exact.',
+        '[Tolerances](calibration.md#tolerances) give the verdict as probabilities.',
     ),
     (
         INPUT,
         'Inputs: speed, load, level and water temperature',
-        '`speed`, `load`, and where measured `level` ([of vibration](rule.md#measured-vibration)) and'
-        ' `water_temperature`; where they differ, in this order.',
+        'Where they differ, in this order. `level` is [of vibration](rule.md#measured-vibration).',
     ),
     ('level', 'Level of measured vibration', ''),
     ('alarm', 'Alarm', ''),
@@ -86,7 +86,7 @@ One ROS 2 parameter file serves the node (`--params-file`; launch file: `config:
 ```yaml
 /**:
   ros__parameters:
-    bearings: [aft_stern, forward_stern]  # each has a section of that name below
+    bearings: [aft_stern, forward_stern]
 
     aft_stern:
       mass: 50.0                  # kg
@@ -104,10 +104,10 @@ One ROS 2 parameter file serves the node (`--params-file`; launch file: `config:
       stiffness: 1.8e6
       journal_diameter: 0.100
       friction:
-        law: tabulated            # as measured
+        law: tabulated
         speed: [0.0, 0.05, 0.1, 0.2, 0.4, 0.8]               # m/s
         coefficient: [0.31, 0.22, 0.17, 0.13, 0.11, 0.105]
-      speed:                      # both bearings listen to the same shaft
+      speed:
         topic: /shaft/joint_states
         type: sensor_msgs/msg/JointState
         field: velocity[0]
@@ -117,27 +117,25 @@ One ROS 2 parameter file serves the node (`--params-file`; launch file: `config:
         type: geometry_msgs/msg/WrenchStamped
         field: wrench.force.z
         unit: N
-        scale: -1.0               # the sensor counts upwards
-        offset: 120.0             # N, its reading unloaded
+        scale: -1.0               # it counts upwards
+        offset: 120.0             # unloaded
 ```
 
 ## How the file is read
 
 - Sections `/**`, `/*`, and those that end with the node's name (`/ns/stickslip_monitor`) are merged in
-  order. Others, and what every ROS 2 node has (`use_sim_time`, ...), are ignored.
+  order. Others, and parameters of every ROS 2 node (`use_sim_time`, ...), are ignored.
 - `friction: {{law: coulomb}}` and `friction.law: coulomb` are the same.
 - An invalid file (unknown parameter, value out of range, key given twice, alias `*name`) is refused, with
-  exit code 2:
-
-      ERROR: ship.yaml: aft_stern.mass = -50.0 must be a finite number between 1e-06 and 1e+07 kg
-
+  exit code 2 and a sentence.
 - An input is `scale * number + offset` in its `unit`. A speed in rpm, rad/s or Hz is the shaft's, one in
   m/s the surface's. Speeds astern are negative; a load of zero or below means no contact.
 - A load that nothing measures is `load: {{constant: 30, unit: kN}}`, or from the alignment calculation
   `load: {{over_speed: [[0, 32], [60, 28], [120, 19]], unit: kN}}` (rpm and load). For the node the pairs
   are one list, `[0.0, 32.0, 60.0, 28.0, 120.0, 19.0]`.
-- *Live* parameters can be set at any time (`ros2 param set`); alarms and delays go on. *Fixed* ones are
-  read when the node starts. For the others deactivate and activate the node.
+- The lists below have default, unit or range in brackets. *Live* parameters can be set at any time
+  (`ros2 param set`); alarms and delays go on. *Fixed* ones are read when the node starts. For the others
+  deactivate and activate the node.
 """
 
 
@@ -163,13 +161,9 @@ def _format_default(row: Parameter) -> str:
     if row.default is REQUIRED:
         return '*required*'
     if row.is_optional:
-        left_out = {
-            'level.threshold': '*its rise*',
-            'speed.maximum': '*3000 rpm*',
-            'load.constant': '*none*',
-            'load.over_speed': '*none*',
-        }
-        return '*all*' if row.name.endswith('.where') else left_out.get(row.name, '*by law*')
+        left_out = {'level.threshold': '*its rise*', 'speed.maximum': '*3000 rpm*'}
+        otherwise = '*by law*' if row.name.startswith('friction.') else '*none*'
+        return '*all*' if row.name.endswith('.where') else left_out.get(row.name, otherwise)
     if isinstance(row.default, bool):
         return f'`{str(row.default).lower()}`'
     if row.default == '':
@@ -192,7 +186,7 @@ def _format_values(row: Parameter) -> str:
 
 def _format_cells(row: Parameter) -> tuple[str, ...]:
     live = 'live' if row.live else 'fixed' if row.fixed else ''
-    return (f'`{row.name}`', _format_values(row), live, row.text.replace('|', '\\|'))
+    return (f'`{row.name}`', _format_values(row), live, row.text)
 
 
 def _shared_rows() -> Iterator[tuple[Parameter, ...]]:
@@ -215,14 +209,21 @@ def _input_rows() -> Iterator[tuple[str, ...]]:
         yield (f'`{INPUT}.{name}`', *joined, text)
 
 
-def _format_table(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
-    """Return a table of parameters; where all can be set at any time a sentence says so."""
+def _format_list(rows: Iterable[Parameter | tuple[str, ...]]) -> str:
+    """Return a list of parameters; a sentence says what all have: one default, or that they are live."""
     cells = [row if isinstance(row, tuple) else _format_cells(row) for row in rows]
+    if len(cells) > 2 and len({row[1:3] for row in cells}) == 1:
+        texts = [text.split() for *_, text in cells]
+        count = len(list(takewhile(lambda words: len(set(words)) == 1, zip(*texts, strict=False))))
+        start, values = ' '.join(texts[0][:count]), ', '.join(filter(None, cells[0][1:3]))
+        names = [f'- {row[0]}: {" ".join(words[count:])}' for row, words in zip(cells, texts, strict=True)]
+        return '\n'.join([f'{start} ..., default {values}:\n', *names])
     are_all_live = {row[2] for row in cells} == {'live'}
     lines = ['All are live.\n'] if are_all_live else []
-    lines += ['| name | default | meaning |', '|---|---|---|']
     for name, values, live, text in cells:
-        lines.append(f'| {name} | {values}{f", {live}" if live and not are_all_live else ""} | {text} |')
+        parts = values.removeprefix('*none*').removeprefix(', '), '' if are_all_live else live
+        notes = ', '.join(filter(None, parts))
+        lines.append(f'- {name} ({notes}): {text}' if notes else f'- {name}: {text}')
     return '\n'.join(lines)
 
 
@@ -232,7 +233,7 @@ def _group_of(row: Parameter) -> str:
 
 def render_page() -> str:
     """Return the whole page."""
-    parts = [INTRO, '## The node\n', _format_table(NODE_PARAMETERS)]
+    parts = [INTRO, '## The node\n', _format_list(NODE_PARAMETERS)]
     parts.append('\n## A bearing\n\nIn the section of that name.')
     shared = [row for rows in _shared_rows() for row in rows]
     for group, title, text in GROUPS:
@@ -241,7 +242,7 @@ def render_page() -> str:
             parts.append(f'{text}\n')
         inputs = ('speed', 'load') if group == INPUT else (group,)
         rows = [row for row in BEARING_PARAMETERS if _group_of(row) in inputs and row not in shared]
-        parts.append(_format_table([*_input_rows(), *rows] if group == INPUT else rows))
+        parts.append(_format_list([*_input_rows(), *rows] if group == INPUT else rows))
     return '\n'.join(parts) + '\n'
 
 
@@ -255,10 +256,8 @@ def render_life() -> str:
     lines = [
         '',
         'The states, with their letters in ISA-18.2, and what each becomes; anything else changes nothing.',
-        '*Active*: the cause is there. *Suppressed*: it means nothing now. *Covered*: a worse alarm stands'
-        ' for it.',
-        '*Latching*: it latches and has been active. *Recur*: stick-slip began again while its alarm was'
-        ' active.',
+        '*Covered*: a worse alarm stands for it. *Latching*: it latches and has been active. *Recur*:'
+        ' stick-slip began again while its alarm was active.',
         '',
         *(f'- {names}: {"; ".join(rows)}.' for names, rows in becomes.items()),
         '',
@@ -267,14 +266,14 @@ def render_life() -> str:
 
 
 def with_life(page: str) -> str:
-    """Return the page on alarms with its tables made anew."""
+    """Return the page on alarms with its lists made anew."""
     return LIFECYCLE.sub(lambda _: render_life(), page, count=1)
 
 
 def with_links(page: str) -> str:
-    """Return the page on the ship's buses with its tables made anew."""
-    tables = f'\n{_format_table(LINK_PARAMETERS)}\n\n{_format_table(INPUT_PARAMETERS)}\n\n'
-    return LINKS.sub(lambda _: tables, page, count=1)
+    """Return the page on the ship's buses with its lists made anew."""
+    lists = f'\n{_format_list(LINK_PARAMETERS)}\n\n{_format_list(INPUT_PARAMETERS)}\n\n'
+    return LINKS.sub(lambda _: lists, page, count=1)
 
 
 def with_diagnostics(page: str) -> str:
@@ -386,7 +385,7 @@ def _indent_json(value: Any, depth: int = 0) -> str:
 
 
 def main() -> int:
-    """Write the page, the tables of the others, and the schemas."""
+    """Write the page, the generated parts of the others, and the schemas."""
     for name, (fields, place) in SCHEMAS.items():
         path = ROOT / 'stickslip_monitor' / 'schemas' / f'{name}.json'
         path.write_text(with_schema(path.read_text('utf-8'), fields, place), 'utf-8')

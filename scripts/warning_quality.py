@@ -72,13 +72,12 @@ _SHOWN = (
     'false_per_100h',
     'baseless_per_100h',
     'wrong_hours',
-    'far_warned',
     'sounds',
 )
 # Of voyages with spoilt sensors.
-_OF_SPOILT = ('newly_given', 'told', 'false_per_100h', 'wrong_hours')
+_OF_SPOILT = ('told', 'false_per_100h', 'wrong_hours')
 # Of manoeuvres.
-_OF_MANOEUVRES = ('episodes', 'warned', 'missed', 'false_per_100h', 'sounds', 'unheard')
+_OF_MANOEUVRES = ('episodes', 'warned', 'missed', 'false_per_100h', 'sounds')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -168,9 +167,11 @@ def _wrong_source(voyages: Sequence[Voyage]) -> Iterable[str]:
             continue
         kind = name if name in (WRONG_SOURCE, ODD_SAMPLES) else ''
         reported.setdefault(kind, []).append(voyage.rules[OURS].wrong_source)
-    for kind, counts in sorted(reported.items(), reverse=True):
-        label = f'`{kind}`' if kind else 'the other scenes'
-        yield f'- {label}: reported on {sum(counts)} of {len(counts)} voyages'
+    shares = [
+        f'{sum(counts)} of {len(counts)} voyages of {f"`{kind}`" if kind else "the other scenes"}'
+        for kind, counts in sorted(reported.items(), reverse=True)
+    ]
+    yield f'Doubtful inputs were reported on {", ".join(shares)}.'
 
 
 def judge_changed(scene: str, seed: int) -> dict[str, Quality]:
@@ -219,13 +220,17 @@ def _judged_changed(seeds: range, jobs: int) -> dict[str, Quality]:
 
 
 def _spoilt_table(by_name: Mapping[str, Quality]) -> Iterable[str]:
-    """Return a row for each way in which a level, or the stamps of speed and load, can be spoilt."""
-    yield format_row(['ordinary sensors', *(FIGURES[name][0] for name in _OF_SPOILT)])
+    """Return a row for all ways with the same figures to spoil a level, or stamps of inputs."""
+    yield format_row(['level of ordinary sensors', *(FIGURES[name][0] for name in _OF_SPOILT)])
     yield format_row(['---', *('---:' for _ in _OF_SPOILT)])
-    for kinds, input_label in ((LEVELS, 'level'), (STAMPS, 'no level')):
+    labels: dict[tuple[str, ...], list[str]] = {}
+    for kinds, prefix in ((LEVELS, ''), (STAMPS, 'none, ')):
         for name in kinds:
             figures = by_name[name].figures()
-            yield format_row([f'{input_label}: {name}', *(format_figure(f, figures[f]) for f in _OF_SPOILT)])
+            cells = tuple(format_figure(figure, figures[figure]) for figure in _OF_SPOILT)
+            labels.setdefault(cells, []).append(f'{prefix}{name}')
+    for cells, names in labels.items():
+        yield format_row(['; '.join(names), *cells])
 
 
 def _manoeuvre_calls(seeds: Iterable[int]) -> list[Call]:
@@ -237,10 +242,13 @@ def _manoeuvre_table(voyages: Sequence[Voyage]) -> Iterable[str]:
     """Return a row for each scene of manoeuvres, with ordinary sensors."""
     yield format_row(['ordinary sensors', *(FIGURES[name][0] for name in _OF_MANOEUVRES)])
     yield format_row(['---', *('---:' for _ in _OF_MANOEUVRES)])
+    unheard = 0
     for scene in dict.fromkeys(voyage.scene for voyage in voyages):
         figures = pool_qualities(v.rules[OURS] for v in voyages if v.scene == scene).figures()
         name = Path(scene).stem.replace('_', ' ')
         yield format_row([name, *(format_figure(f, figures[f]) for f in _OF_MANOEUVRES)])
+        unheard += int(figures['unheard'] or 0)
+    yield f'\nWithout a sound: {unheard}.'
 
 
 def _make_panels(voyages: Sequence[Voyage], changed: Mapping[str, Quality]) -> list[TradeOff]:

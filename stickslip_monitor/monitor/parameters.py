@@ -125,16 +125,11 @@ class InputConfig:
     )
     hold_ns: int = duration(0.0, 'How long a value stands where its source sends changes only.', live=True)
     maximum: float = parameter(
-        REQUIRED,
-        'Largest valid magnitude; larger ones are counted as implausible.',
-        within=(0.0, math.inf),
-        above_minimum=True,
-        live=True,
+        REQUIRED, 'Largest valid magnitude.', within=(0.0, math.inf), above_minimum=True, live=True
     )
     column: str = parameter(
         '',
-        'Heading of its column in a log, its name in a log of one value a line, or its number as'
-        " '#3'; empty: found by unit and name.",
+        "Its column in a log: a heading, a name where a line has one value, or '#3'; else by unit and name.",
     )
     where: tuple[str, ...] = parameter(
         (),
@@ -196,8 +191,8 @@ class LoadConfig(InputConfig):
     constant: float = parameter(math.nan, 'Load that is assumed in place of a topic.', within=(0.0, 1e9))
     over_speed: tuple[float, ...] = parameter(
         (),
-        f'The same as 2 to {MAX_LOAD_POINTS} pairs of shaft speed in rpm and load, speeds rising; linear'
-        ' between them, the end value beyond.',
+        f'The same as 2 to {MAX_LOAD_POINTS} pairs of rising shaft speed in rpm and load; linear between,'
+        ' constant beyond.',
         kind='float[]',
         in_pairs=True,
         within=(0.0, 1e9),
@@ -375,8 +370,7 @@ class MonitorConfig:
     autostart: bool = parameter(default=True, text='Configure and activate the node when it starts.')
     publish_period: float = parameter(
         0.0,
-        'Least time between two publications of a bearing, 0 for all; a change of condition is published'
-        ' at once.',
+        'Least time between two publications of a bearing; a change of condition is published at once.',
         's',
         within=(0.0, 3600.0),
         live=True,
@@ -507,8 +501,7 @@ INPUT_PARAMETERS = {
             'default': math.nan,
             'unit': 'm/s',
             'maximum': 1e3,
-            'text': 'Largest valid magnitude; larger ones are counted as implausible. Left out:'
-            f' {FASTEST_RPM:g} rpm, at most {FASTEST:g} m/s.',
+            'text': f'Largest valid magnitude. Left out: {FASTEST_RPM:g} rpm, at most {FASTEST:g} m/s.',
         },
     ),
     'load': declared_parameters(
