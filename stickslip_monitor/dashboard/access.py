@@ -117,7 +117,10 @@ class Access:
 
 
 def cookie_name(request: web.Request) -> str:
-    """Return the name of the page's cookie, which ends in our port: browsers share cookies among ports."""
+    """Return the name of the page's cookie, which ends in our port: browsers share cookies among ports.
+
+    On a connection that has gone it has no port.
+    """
     address = request.transport and request.transport.get_extra_info('sockname')
     return f'stickslip_session_{address[1]}' if address else 'stickslip_session'
 

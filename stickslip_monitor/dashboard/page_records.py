@@ -240,7 +240,10 @@ class EventLog:
         return self._store.fault if self._store is not None else ''
 
     def extend(self, entries: Iterable[Any]) -> None:
-        """Add entries, as :meth:`_add_entries`; if any was new, have the log saved, where it is kept."""
+        """Add entries, see :meth:`_add_entries`; if any was new, have the log saved, where it is kept.
+
+        An entry has ``time`` [ms since 1970] and the texts of :data:`LOG_TEXTS`, all optional.
+        """
         if self._add_entries(entries) and self._store is not None:
             self._store.write({'schema': LOG_SCHEMA, 'entries': list(self._entries.values())})
 

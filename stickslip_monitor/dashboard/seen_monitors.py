@@ -90,7 +90,7 @@ class Watched:
     off_map: bool = False  # whether the newest is of other parameters than the map
 
     def take(self, record: dict[str, Any], now: float) -> dict[str, Any]:
-        """Store a new record, which came at ``now`` [s], and add it to the history.
+        """Store a checked record, which came at ``now`` of the monitor's clock [s]; add it to the history.
 
         In the history it replaces those of its second and all later ones (after a clock step); those older
         than :data:`SPAN` are dropped. :attr:`off_map` is updated.
@@ -140,7 +140,7 @@ class Watched:
 
         It is needed where the last rows of the history, :data:`_BEYOND` of them, are all beyond the map: a
         single wrong sample does not make a map on which nothing can be seen. The first rows make a map of
-        their own size, which may be smaller.
+        their own size, which may be smaller. A view without :attr:`~BearingView.wider` stays.
         """
         wider, rows = self.view.wider, list(self.history)[-_BEYOND:]
         lately = [row for row in rows if row[1] is not None and row[2] is not None]
@@ -381,7 +381,7 @@ class WatchedMonitor(Sink):
 
 
 def _is_about(request: ActionRequest, alarm: dict[str, Any]) -> bool:
-    """Return whether a request is about an alarm: about its bearing or all, and its kind or all."""
+    """Return whether a request is about an alarm: its bearing and kind are the alarm's, or ``None``."""
     return request.bearing in (None, alarm['bearing']) and request.kind in (None, alarm['alarm'])
 
 
@@ -404,7 +404,7 @@ class DashboardState:
 
     Attributes:
         links: Whether each link to the ship's buses works, by its name; one of unknown state is absent.
-        playing: Place of a replay; ``None`` where none is played.
+        playing: Place of a replay: ``at`` and ``length`` [s], ``paused``; ``None`` where none is played.
         finished: Whether the recording is over.
         send: Called with what is new for the page: kind, document and key.
     """

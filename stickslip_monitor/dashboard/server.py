@@ -215,7 +215,10 @@ class Server:
         return listening
 
     async def close(self) -> None:
-        """Stop listening, end all streams, and wait up to two seconds for answers that are on their way."""
+        """Stop listening, end all streams, and wait up to two seconds for answers that are on their way.
+
+        Call :meth:`listen` first.
+        """
         if self._listening is not None:
             self._listening.close()
         await self._runner.cleanup()

@@ -201,14 +201,15 @@ def _split_url(name: str, value: str, example: str, schemes: Iterable[str]) -> S
 
 
 def _build_signalk(settings: Mapping[str, Any], used: bool) -> SignalKLink | None:
-    """Build the Signal K link, its address without a final slash; ``None`` where none is given or needed.
+    """Build the Signal K link, its address without a final slash; ``None`` without an address.
 
     Args:
         settings: Values by parameter, each checked by itself.
         used: Whether inputs come from it.
 
     Raises:
-        ConfigurationError: Values do not fit together, or the address would show the token.
+        ConfigurationError: The address is missing though inputs or a prefix need it, values do not fit
+            together, or the address would show the token.
     """
     link, example = build_section(SignalKLink, 'signalk.', settings), 'http://127.0.0.1:3000'
     if not link.url:
@@ -322,6 +323,12 @@ def _build_input(bearing: BearingConfig, place: Input, name: str, values: Mappin
 def _check_unit(source: InputConfig, name: str, unit: str, who: str) -> None:
     """Check that the monitor expects the unit of the bus: numbers are passed on as received.
 
+    Args:
+        source: The input as the monitor has it.
+        name: Its full name, e.g. ``aft.speed``, for the error.
+        unit: Unit on the bus.
+        who: Word for the bus or sentence, for the error.
+
     Raises:
         ConfigurationError: It expects another one.
     """
@@ -359,7 +366,10 @@ class BusInputs:
         self._received_at = {items[0]: now for items, _ in self.groups}
 
     def note_received(self, item: BusInput, now: float) -> None:
-        """Note when an input had a value, by the steady clock [s]; log a line if it was silent before."""
+        """Note when an input had a value, by the steady clock [s]; log a line if it was silent before.
+
+        ``item`` is the first input of its group.
+        """
         self._received_at[item] = now
         if item in self._reported:
             self._reported.discard(item)
@@ -368,8 +378,9 @@ class BusInputs:
     def take_silent(self, now: float) -> list[BusInput]:
         """Return the inputs that have become silent, each once until it has values again; often none.
 
-        One is silent without a value for its :attr:`~BusInput.max_silence`, counted from the first call or
-        :meth:`start_waiting` at the earliest. ``now`` is of the steady clock [s].
+        Of each group the first input stands for all. One is silent without a value for its
+        :attr:`~BusInput.max_silence`, counted from the first call or :meth:`start_waiting` at the earliest.
+        ``now`` is of the steady clock [s].
         """
         if not self._received_at:
             self.start_waiting(now)
@@ -433,7 +444,7 @@ class LiveMonitor:
 
     @property
     def damage(self) -> str:
-        """Reason why the saved alarms are lost; see :attr:`.Session.damage`."""
+        """Reason why the saved alarms are lost; '' where they are not."""
         return self._session.damage
 
     def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:

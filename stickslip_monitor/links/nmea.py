@@ -221,7 +221,7 @@ class _Alert:
 
 
 class Alerts:
-    """The alarms as alert sentences.
+    """The alarms as alert sentences, returned without their ends of line.
 
     Args:
         bearings: Names of the bearings in the order of the file, which numbers them.
@@ -253,6 +253,7 @@ class Alerts:
         """Return ALF sentences for the alarms of a list whose state changed; store their states.
 
         One that was normal has a second sentence, with its text. Alarms of unknown bearings are left out.
+        ``record`` is the list of alarms as it is published.
         """
         times = {(c['bearing'], c['alarm']): c['time'] for c in record['changes']}
         lines = []
@@ -293,7 +294,7 @@ class Alerts:
         ]
 
     def make_heartbeat(self, period: float, is_present: bool) -> str:
-        """Return an HBT sentence, and advance its number.
+        """Return an HBT sentence, and advance its number, which goes from 0 to 9.
 
         Args:
             period: Time to the next one [s].

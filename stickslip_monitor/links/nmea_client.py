@@ -79,7 +79,10 @@ class Port:
             self._set_fault(cause(error))
 
     async def run(self) -> None:
-        """Report each failure and reopen the port, until cancelled; then close it."""
+        """Report each failure, and reopen the port :data:`AGAIN` later, until cancelled; then close it.
+
+        Call :meth:`start` first.
+        """
         try:
             while True:
                 self._on_link(False, await self._wait_for_end())
@@ -93,7 +96,7 @@ class Port:
             self._close_port()
 
     def send(self, lines: Iterable[str]) -> None:
-        """Send lines, each with CR LF, without waiting; while the port is closed they are lost.
+        """Send lines in ASCII, CR LF added to each, without waiting; while the port is closed they are lost.
 
         One that cannot be sent makes :meth:`run` report, close and reopen the port.
         """
@@ -178,6 +181,8 @@ class Port:
     async def _open_socket_at(self, family: int, kind: int, address: Any) -> int:
         """Bind a socket to an address if datagrams are received, else connect it; return its descriptor.
 
+        The descriptor does not block, and the caller closes it.
+
         Raises:
             OSError: That fails, or takes longer than :data:`.UNHEARD`; on a ship's network it takes
                 milliseconds.
@@ -198,7 +203,7 @@ class Port:
             return sock.detach()
 
     async def _wait_for_end(self) -> str:
-        """Wait until the port fails, or is silent for too long from now on; return the reason."""
+        """Wait until the port fails, or is silent for too long from now on; return the reason as a clause."""
         self._heard_at = self._loop.time()
         while (left := self._heard_at + self._silent - self._loop.time()) > 0.0:
             done, _ = await asyncio.wait({self._fault}, timeout=None if left == math.inf else left)
@@ -344,7 +349,7 @@ class NmeaClient(Sink):
         """Return whether a heartbeat is due: periodically, and as soon as what it says has changed.
 
         The first one waits up to :data:`.UNHEARD` for the first record: a node beside is discovered within
-        one or two seconds.
+        one or two seconds. ``now`` is of the steady clock [s].
         """
         if self._was_present is None and not is_present:
             return now - self._begun >= UNHEARD

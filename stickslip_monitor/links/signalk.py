@@ -85,7 +85,7 @@ def _own_values(frame: object, vessel: str, kind: str = 'values') -> Iterator[tu
 
 
 def _only_dicts(items: object) -> list[dict[str, Any]]:
-    """Return the dictionaries among the items; none where it is no list."""
+    """Return the dictionaries among the items; an empty list where ``items`` is no list."""
     return [item for item in items if isinstance(item, dict)] if isinstance(items, list) else []
 
 
@@ -331,7 +331,8 @@ class Notifications:
     def _update_notification(self, alarm: _Alarm, record: Mapping[str, Any]) -> list[Update]:
         """Return the updates that bring a notification up to the record of its alarm; note them as sent.
 
-        An alarm that is raised anew becomes a new occurrence, with its own token.
+        An alarm that is raised anew becomes a new occurrence, with its own token. For one that is unchanged
+        the list is empty.
         """
         lifecycle = record['state']
         before = alarm.value['data'].get('lifecycle')
@@ -350,7 +351,10 @@ class Notifications:
         return [*cleared, alarm.update()]
 
     def is_echoed(self, frame: object, own_vessel: str) -> bool:
-        """Return whether a frame brings back a notification of this run: proof that we may write."""
+        """Return whether a frame brings back a notification of this run: proof that we may write.
+
+        ``frame`` is any JSON document, ``own_vessel`` the vessel of the server's greeting.
+        """
         return any(
             _occurrence_of(value).startswith(f'{self._run}-') for *_, value in _own_values(frame, own_vessel)
         )
@@ -456,7 +460,7 @@ def _occurrence_of(value: object) -> str:
 
 
 def _acknowledged_silenced(value: Mapping[str, Any]) -> tuple[bool, bool]:
-    """Return whether the server has a notification acknowledged, and silenced."""
+    """Return whether the server has a notification acknowledged, and silenced; false without a status."""
     status = value.get('status')
     flags = status if isinstance(status, dict) else {}
     return flags.get('acknowledged') is True, flags.get('silenced') is True

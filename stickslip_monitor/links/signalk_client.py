@@ -204,7 +204,7 @@ class SignalKClient(Sink):
             raise _Unusable(self._refusal_text(error.status)) from error
 
     def _refusal_text(self, status: int) -> str:
-        """Return the sentence on why the server refuses the stream, by its HTTP status, and what to do."""
+        """Return the error text on why the server refuses the stream, by its HTTP status, and what to do."""
         if status in (401, 403) and not self._headers:
             return f"signalk.url = '{self._link.url}' {_NEEDS_TOKEN} ({status})"
         if status in (401, 403):
@@ -362,7 +362,7 @@ class SignalKClient(Sink):
 
 
 def _explain_silence(status: int, value: str, has_token: bool) -> str:
-    """Return the reason why a path is silent, by a server's answer to a request for its value.
+    """Return why a path is silent, as a clause, by a server's answer to a request for its value.
 
     Args:
         status: HTTP status; 0 where there was no answer.

@@ -85,7 +85,7 @@ async def request_token(
         every: Time between two questions whether it is decided [s].
 
     Raises:
-        LinkError: The server cannot be asked, or the request is denied.
+        LinkError: The server cannot be asked, the request is denied, or the file of certificates has none.
     """
     url, context = link.url, make_ssl_context(link.ca_file)
     body = {'clientId': client_id, 'description': 'stickslip_monitor', 'permissions': 'readwrite'}
