@@ -414,7 +414,7 @@ LARGE: dict[str, Odd] = {
     'records of no known kind': Odd(
         lambda: _with_chunk(_grow_chunk((raw_record(0x80, b'') * 10_000, 1400)) * 4), _LIMIT, 30, 30
     ),
-    'a channel redefined in 300 chunks': Odd(_redefined_often, 'more findings are not listed', 30, 30),
+    'a channel redefined in 300 chunks': Odd(_redefined_often, _OTHERWISE, 30, 30),
     'ten million messages': Odd(_tiny_messages, 'and more than 134217728 are not restored', 30, 30),
     '400,000 message indexes': Odd(_many_indexes, _ALL, 30, 30),
     '40,000 channels': Odd(_many_channels, '40060 messages in 5.9 s', 30, 30),

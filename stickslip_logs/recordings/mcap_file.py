@@ -35,7 +35,7 @@ from stickslip_logs.recordings.mcap_chunks import (
 )
 from stickslip_logs.recordings.mcap_heads import MAX_RECORD, RecordHeads
 from stickslip_logs.recordings.message_types import MAX_DEFINITION_BYTES
-from stickslip_logs.recordings.recording import Cut, Findings, encoding_problem
+from stickslip_logs.recordings.recording import Cut, Findings
 from stickslip_logs.time_order import DATES_FROM_NS
 
 
@@ -74,11 +74,11 @@ class McapFile:
         """
         schema = self.schemas.get(channel.schema_id)
         if channel.message_encoding != MessageEncoding.CDR:
-            return encoding_problem('message', channel.message_encoding, 'cdr')
+            return f"message encoding '{channel.message_encoding}' is not cdr: export the topic as CSV"
         if schema is None:
             return 'no schema'
         if schema.encoding != SchemaEncoding.ROS2:
-            return encoding_problem('schema', schema.encoding, 'ros2msg')
+            return f"schema encoding '{schema.encoding}' is not ros2msg: export the topic as CSV"
         return ''
 
     def find_type(self, channel: Channel) -> str:

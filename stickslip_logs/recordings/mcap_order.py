@@ -55,13 +55,6 @@ class CourseOfBlocks:
     least_ns: int
     is_corrected: bool
 
-    def find_span(self, number: int, block: Block) -> tuple[int, int]:
-        """Return the first and last time of a block by its number [ns], corrected where that is needed.
-
-        Those that the block declares where none of the topics has a time in it.
-        """
-        return self.spans.get(number, (block.start_ns, block.end_ns))
-
     def correct_times(self, number: int, file: McapFile, piece: Piece) -> IntArray:
         """Return the corrected log times of the messages of a piece [ns], shape (n,).
 

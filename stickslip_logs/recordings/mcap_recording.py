@@ -90,7 +90,8 @@ class Pass:
         self._file_passes = [FilePass(file, self.numbers) for file in files]
         blocks_of_files = (blocks for _, blocks in select_blocks(files, self.numbers))
         jobs = (
-            Job(k, block, file_pass, *course.find_span(k, block))
+            # A block declares its times where none of the topics has one in it.
+            Job(k, block, file_pass, *course.spans.get(k, (block.start_ns, block.end_ns)))
             for file_pass, blocks in zip(self._file_passes, blocks_of_files, strict=True)
             for k, block in blocks
         )

@@ -299,29 +299,20 @@ class FieldReader:
         self._undecoded = f'cannot be decoded as {schema.name}'
         try:
             definitions = parse_schema(schema.name, schema.data)
-            self._check_fields(wanted.topic, schema.name, definitions)
+            for path, (request, *_) in wanted.requests.items():
+                try:
+                    find_primitive(definitions, schema.name, path)
+                except SchemaError as error:
+                    raise BagError(
+                        f"field '{request.field}' of topic '{wanted.topic}' ({schema.name}) is not a number:"
+                        f' {error}'
+                    ) from None
             self._stamped = _begins_with_header(definitions, schema.name)
             self._decode = _find_decoder(schema)
         except SchemaError as error:
             raise BagError(f"topic '{wanted.topic}' ({schema.name}) cannot be read: {error}") from None
         paths = (*self._paths, *(_STAMP if self._stamped else ()))
         self._layout = compile_layout(definitions, schema.name, paths)
-
-    def _check_fields(self, topic: str, type_name: str, definitions: Definitions) -> None:
-        """Check that all wanted paths lead to numbers.
-
-        Raises:
-            BagError: A path does not; the first one is named.
-        """
-        for path in self._paths:
-            try:
-                find_primitive(definitions, type_name, path)
-            except SchemaError as error:
-                steps = (f'.{s}' if isinstance(s, str) else f'[{s}]' for s in path)
-                raise BagError(
-                    f"field '{''.join(steps).removeprefix('.')}' of topic '{topic}' ({type_name})"
-                    f' is not a number: {error}'
-                ) from None
 
     def read(
         self, data: bytes, offset: IntArray, size: IntArray, log_time_ns: IntArray

@@ -350,17 +350,6 @@ def short_name(name: str) -> str:
     return f'{parts[0]}/{parts[-1]}'
 
 
-def encoding_problem(of: str, encoding: str, supported: str) -> str:
-    """Return a clause on messages or definitions in an encoding that is not supported.
-
-    Args:
-        of: What is encoded: 'message' or 'schema'.
-        encoding: Its encoding.
-        supported: The one that is read.
-    """
-    return f"{of} encoding '{encoding}' is not {supported}: export the topic as CSV"
-
-
 def missing_topic(topics: Collection[str], name: str) -> str:
     """Return the error text on a missing topic, with up to ten that are there, similar names first."""
     close = difflib.get_close_matches(name, topics, MAX_NAMED, cutoff=0.5)

@@ -150,7 +150,8 @@ class SqliteFile(McapFile):
             self.counts.update(counts_by_channel)
             times = [time for _, is_time, time, key in rows if is_time and key in self._numbers]
             spans = self.widen_span(np.array(times, np.int64))
-            first, end = rows[0][0], rows[-1][0] + 1
+            # Of a damaged tree they need not rise.
+            first, end = min(row[0] for row in rows), max(row[0] for row in rows) + 1
             block = Block(self.path, first, end - first, 0, False, place_name='row')
             block.channels = sum(1 << number for number in counts_by_channel)
             if spans:

@@ -17,9 +17,8 @@ import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError, cause, join_names, listed, plural, quote_for_yaml
-from stickslip_logs.recordings.columns import LogColumn, SourceColumn
 from stickslip_logs.recordings.recording import Fault, Progress, Request, Series
-from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
+from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording, LogColumn, SourceColumn
 from stickslip_logs.source_admission import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.cell_times import DAY

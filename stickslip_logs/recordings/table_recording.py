@@ -12,9 +12,8 @@ from collections.abc import Collection, Iterable, Iterator
 import numpy as np
 
 from stickslip_logs.errors import BagError
-from stickslip_logs.recordings.columns import FLOAT64, SourceColumn
 from stickslip_logs.recordings.recording import Message, Progress, Request, TimeSpans, missing_topic
-from stickslip_logs.recordings.table_columns import ColumnRecording
+from stickslip_logs.recordings.table_columns import FLOAT64, ColumnRecording, SourceColumn
 from stickslip_logs.recordings.table_reading import TableReading
 from stickslip_logs.recordings.writer import encode_float64s
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from stickslip_logs.errors import listed, quote_for_yaml
-from stickslip_logs.recordings.columns import FLOAT64, LogColumn, SourceColumn
+from stickslip_logs.recordings.table_columns import FLOAT64, LogColumn, SourceColumn
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_logs.tables.dialect import FORCE_WORDS, parse_heading, unit_of
 from stickslip_logs.time_order import MAX_TIME_NS

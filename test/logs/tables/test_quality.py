@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from nasty_logs import open_log
 
-from stickslip_logs.recordings.columns import SourceColumn
 from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.table_columns import SourceColumn
 from stickslip_logs.tables.quality import find_quality
 
 

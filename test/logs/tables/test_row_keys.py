@@ -9,8 +9,8 @@ import pytest
 from nasty_logs import open_log
 
 from stickslip_logs.errors import BagError
-from stickslip_logs.recordings.columns import SourceColumn
 from stickslip_logs.recordings.recording import Request
+from stickslip_logs.recordings.table_columns import SourceColumn
 from stickslip_logs.recordings.table_recording import TableRecording
 
 
