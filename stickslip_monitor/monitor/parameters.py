@@ -453,8 +453,7 @@ LUBRICATION_PARAMETERS = (
         'friction.at_temperature',
         'float',
         math.nan,
-        'Temperature of the water when friction was measured; with a water_temperature friction depends on'
-        ' speed times viscosity.',
+        'Temperature of the water when friction was measured.',
         'C',
         MIN_TEMPERATURE,
         MAX_TEMPERATURE,
