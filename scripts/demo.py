@@ -39,7 +39,7 @@ from std_msgs.msg import String
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.writer import BagWriter
-from stickslip_monitor.ros.inputs import write_definition
+from stickslip_monitor.ros.inputs import compose_definition
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORDING = ROOT / 'bags' / 'coast_down'
@@ -68,7 +68,7 @@ def write_inputs() -> None:
     speed, load = (series[request] for request in inputs)
     rows = zip(speed.stamp_ns.tolist(), speed.value.tolist(), load.value.tolist(), strict=True)
     with BagWriter(BAG) as writer:
-        writer.add_topic(TOPIC, TYPE, write_definition(TYPE))
+        writer.add_topic(TOPIC, TYPE, compose_definition(TYPE))
         for stamp_ns, rpm, newtons in rows:
             message = JointState(velocity=[rpm * math.pi / 30.0], effort=[newtons])
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)

@@ -315,7 +315,7 @@ class Lane:
     def fetch(self, arrival: Callable[[int], int] | None, late: bool) -> Iterator[Waiting]:
         """Take and yield the messages that wait in the middleware, still encoded; count the missing ones.
 
-        At most :data:`_QUEUE_DEPTH` are taken.
+        At most :data:`_QUEUE_DEPTH` are taken. Call :meth:`subscribe` first.
 
         Args:
             arrival: Converts a time of the middleware to ROS time [ns]; ``None`` where both are the same.
@@ -424,8 +424,8 @@ def _fields_of_type(name: str) -> dict[str, str]:
     return dict(import_message_type(f'{package}/msg/{message}').get_fields_and_field_types())
 
 
-def write_definition(name: str) -> str:
-    """Write the concatenated ``ros2msg`` definition of a type such as ``sensor_msgs/msg/JointState``.
+def compose_definition(name: str) -> str:
+    """Return the concatenated ``ros2msg`` definition of a type such as ``sensor_msgs/msg/JointState``.
 
     It comes from the Python class, as not every installation has the ``.msg`` files; constants and
     default values, which that leaves out, have no part in how a message is encoded.

@@ -117,7 +117,7 @@ def build_changed_config(
         The configuration, whether more than live parameters changed, and what changed.
 
     Raises:
-        ConfigurationError: A value breaks its rule, or may not change while the node is active.
+        ConfigurationError: A value breaks its rule or may not change now; a parameter is unknown or deleted.
     """
     parameters, rebuilt, changed = parameter_values(node), False, Changed()
     rows = parameters_of(bearing_names(parameters))
@@ -154,7 +154,7 @@ def check_overrides(node: Node, config: MonitorConfig) -> list[str]:
     """Check the overrides of quality of service, of which rclpy names neither the parameter nor the rule.
 
     Returns:
-        A sentence on each that nothing of the node reads; an empty list if all are read.
+        A clause on each that nothing of the node reads; an empty list if all are read.
 
     Raises:
         ConfigurationError: A policy does not have that value.
@@ -365,7 +365,7 @@ class MonitorNode(LifecycleNode):
         return self._store(config)
 
     def _put_on_record(self, topic: str, text: str) -> None:
-        """Add a text to the notes of ``~/alarms``; do nothing while the node is not configured."""
+        """Add a text about ``topic`` to the notes of ``~/alarms``; do nothing while not configured."""
         if self._configured is not None:
             self._configured.session.note(topic, text)
 

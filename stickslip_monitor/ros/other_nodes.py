@@ -85,7 +85,7 @@ class RosGraph(Graph):
         return topic in self.lanes and self.lanes[topic].undecodable
 
     def other_names(self, topic: str) -> tuple[str, ...]:
-        """Return the elements, sorted, that messages of a topic named and that are for no input."""
+        """Return the sorted elements that messages of a topic named and no input reads; () for none."""
         return tuple(sorted(self.lanes[topic].names)) if topic in self.lanes else ()
 
     def _asked_quality(self, name: str) -> QoSProfile:
@@ -227,7 +227,7 @@ class Watcher:
                 self._hand_over(listener.take_record, record)
 
     def _on_alarms(self, listener: Sink, monitor: str, message: String) -> None:
-        """Pass on the list of alarms in a message, of any schema; ``None`` where it is not JSON."""
+        """Pass on the list of alarms in a monitor's message, of any schema; ``None`` where it is not JSON."""
         self._hand_over(listener.take_alarms, self._parse_message(monitor, message))
 
     def _parse_message(self, monitor: str, message: String) -> Any:

@@ -35,7 +35,7 @@ from stickslip_monitor.monitor.clip_recorder import ClipMessage, ClipRecorder, C
 from stickslip_monitor.monitor.parameters import BearingConfig, ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.statements import Event, Verdict
-from stickslip_monitor.ros.inputs import import_message_type, write_definition
+from stickslip_monitor.ros.inputs import compose_definition, import_message_type
 from stickslip_monitor.ros.other_nodes import ALARMS_KEPT, RosGraph, reliable_qos
 from stickslip_monitor.state_file import Background, StateWriter
 
@@ -340,7 +340,7 @@ class Clips(ClipRecorder):
             RosError: The type is not installed.
         """
         if kind not in self._known:
-            self._known[kind] = write_definition(kind)
+            self._known[kind] = compose_definition(kind)
         self.add(ClipMessage(time_ns, topic, kind, data))
 
     def close(self, patience: float = 10.0) -> None:

@@ -114,7 +114,7 @@ class Player:
     def _run_clock(self, begin: float, first: int, target: int, rate: float) -> None:
         """Block until a message is due, and publish /clock up to its time meanwhile.
 
-        Raises as :meth:`_publish_clock`.
+        Raises RosError or KeyboardInterrupt, see :meth:`_publish_clock`.
 
         Args:
             begin: When the first message was due, by ``time.monotonic`` [s].

@@ -128,7 +128,7 @@ def _make_node(args: Sequence[str], store: Callable[[ClipConfig], ClipStore] | N
 
 
 def _parameter_slip(args: Sequence[str]) -> str:
-    """Return the sentence on what is wrong with how parameters were given; '' where nothing is.
+    """Return the error text on how parameters were given; '' where nothing is wrong.
 
     None were given, an option is out of place, a file cannot be read or is not for this node, or a list is
     empty or nested. The files are read.
@@ -164,7 +164,7 @@ def _parameter_slip(args: Sequence[str]) -> str:
 
 
 def _list_fault(key: str, listed: object) -> str:
-    """Return the sentence on a list that rcl cannot read; '' for any other value of a parameter.
+    """Return the error text on a list that rcl cannot read; '' for any other value of a parameter.
 
     It cannot read an empty list, nor one of lists.
     """

@@ -39,8 +39,8 @@ from stickslip_monitor.ros.inputs import (
     Lane,
     _msg_type_text,
     check_inputs,
+    compose_definition,
     number_reader,
-    write_definition,
 )
 from stickslip_monitor.ros.other_nodes import RosGraph, node_name
 
@@ -387,7 +387,7 @@ def test_a_definition_has_the_fields_of_the_published_one(kind: str) -> None:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    written: dict[str, Any] = get_types_from_msg(write_definition(kind), kind)
+    written: dict[str, Any] = get_types_from_msg(compose_definition(kind), kind)
     published = get_types_from_msg(store.generate_msgdef(kind, ros_version=2)[0], kind)
     assert set(written) == set(published)
     for name, (_, fields) in written.items():

@@ -217,13 +217,13 @@ def test_stamped_messages_give_the_same_events_to_the_nanosecond(
     from sensor_msgs.msg import JointState
 
     from stickslip_monitor.ros import player
-    from stickslip_monitor.ros.inputs import write_definition
+    from stickslip_monitor.ros.inputs import compose_definition
 
     monitor = host(kit.stamped_parameters(DELAYS))
     warnings, topic, path = monitor.warnings(), monitor.input('shaft'), tmp_path / 'bag'
     stamps = []
     with BagWriter(path) as writer:
-        writer.add_topic(topic, kit.JOINT, write_definition(kit.JOINT))
+        writer.add_topic(topic, kit.JOINT, compose_definition(kit.JOINT))
         for time, rpm, load in zip(*coast_down(40.0, 10.0), strict=True):
             message = JointState(velocity=[rpm], effort=[load])
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(int(time), 10**9)
