@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         output.print_json({'schema': SCHEMA, **record})
         return code
     out = output.console()
-    out.print(printable(_write_summary(record)), markup=False)
+    out.print(printable(_summary_clause(record)), markup=False)
     values = isinstance(bag, TableRecording) and {name: topic.value for name, topic in bag.topics.items()}
     table = output.make_table('', f'topic; type; messages; {"value" if values else "problem"}', (0, 1, 3))
     # Columns stand as in the file.
@@ -62,8 +62,8 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def _write_summary(record: Mapping[str, Any]) -> str:
-    """Return a sentence: how many messages there are, and from when to when."""
+def _summary_clause(record: Mapping[str, Any]) -> str:
+    """Return a clause on a recording: its path, how many messages there are, and from when to when."""
     text = f'{record["path"]}: {plural(record["messages"], "message")}'
     if record['duration'] is None:
         return text

@@ -202,7 +202,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def ask(answer: Callable[[str], str]) -> dict[str, Given]:
-    """Ask for one value of each line of :data:`NEEDS`, and return the answers by name.
+    """Ask until there is one value of each line of :data:`NEEDS`, and return the values by name.
 
     An empty answer moves on to the alternative. A refused value is reported by ``answer``, and asked again.
 
@@ -226,9 +226,10 @@ def ask(answer: Callable[[str], str]) -> dict[str, Given]:
 
 
 def ask_more(answer: Callable[[str], str], args: argparse.Namespace) -> None:
-    """Ask for gear and table of loads, and store the answers in ``args``; an empty answer leaves ``None``.
+    """Ask for gear and table of loads, each unless ``args`` has it, and store the answers there.
 
-    A refused value is reported by ``answer``, and asked again.
+    An empty answer leaves ``None``. ``answer`` is as for :func:`ask`; a refused value is reported by it, and
+    asked again.
     """
     for name, read, text in (
         ('gear', _read_gear, 'gear between engine and shaft, where the engine speed is measured'),
@@ -405,7 +406,10 @@ def _next_lines(ranked: Sequence[FoldShift]) -> Iterator[str]:
 
 
 def to_json(values: Sequence[Estimate], text: str) -> dict[str, Any]:
-    """Return the estimates, the load last, as the documented JSON object with the parameter file's text."""
+    """Return the estimates, the load last, as the documented JSON object with the parameter file's text.
+
+    Numbers that are not finite are ``None``.
+    """
     bearing, load = bearing_of(values), values[-1].value
     return {
         'schema': SCHEMA,

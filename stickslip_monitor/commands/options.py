@@ -269,7 +269,7 @@ def parse_speed_range(text: str | None, config: BearingConfig) -> Range | None:
     """Return the surface speeds [m/s] of a text such as ``'5rpm:45rpm'``; ``None`` for no text.
 
     Raises:
-        ConfigurationError: As :func:`parse_range`.
+        ConfigurationError: The text is not of this form, or the speeds do not rise or are below 0.
     """
     conversion = config.bearing.speed
     return parse_range(text, 'speeds', lambda part: parse_speed(part, conversion, 'speeds'))

@@ -235,7 +235,7 @@ def json_text(document: Any) -> str:
 
 
 def print_json(document: Any) -> None:
-    """Print one JSON document; raise ValueError as :func:`json_text`."""
+    """Print one JSON document; raise ValueError where a number in it is not finite."""
     sys.stdout.write(json_text(document))
 
 

@@ -313,7 +313,8 @@ async def _serve_until_signal(args: argparse.Namespace, board: DashboardState | 
     Actions on the page go to ``feed``.
 
     Raises:
-        DashboardError: The address or the port cannot be used; or as :func:`.dashboard.read_page_access`.
+        DashboardError: The address or port cannot be used, or the page would be open to others.
+        ConfigurationError: The token of the page cannot be used.
     """
     if board is not None:
         from stickslip_monitor.dashboard.server import Server
