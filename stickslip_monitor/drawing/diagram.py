@@ -292,7 +292,7 @@ def draw_diagram(
 
 
 def _draw_curves(axes: canvas.Axes, diagram: Diagram, rpm: float, highest: float) -> None:
-    """Draw the exact cycle wide, that of averaging narrow, steady sliding along zero.
+    """Draw the exact cycle wide, that of averaging narrow, steady sliding along zero, in rpm and mm.
 
     ``rpm`` is the surface speed of one rpm [m/s], ``highest`` the amplitude up to which the sliding limit
     is drawn [m].

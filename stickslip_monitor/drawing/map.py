@@ -311,7 +311,7 @@ def _exact_amplitudes(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute the amplitudes of the exact stable cycle on a grid; results are cached.
 
-    The grid leaves out the lowest speed and load, which may be 0.
+    The grid leaves out the lowest speed and load, which may be 0. Callers must not change the arrays.
 
     Returns:
         Speeds (48,) [m/s], loads (32,) [N] and amplitudes (32, 48) [mm], ``nan`` without a cycle.
@@ -480,7 +480,7 @@ def _smooth_parts(shown: FloatArray, stride: float) -> Iterator[FloatArray]:
 
 
 def _draw_arrow(axes: canvas.Axes, line: FloatArray, colour: str) -> None:
-    """Draw the direction of a part of the track, of shape (2, n), before its middle.
+    """Draw the direction of a part of the track, of shape (2, n >= 2) [rpm, kN], before its middle.
 
     On a way back that lies on the way out the arrows are elsewhere.
     """

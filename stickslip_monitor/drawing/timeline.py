@@ -38,11 +38,11 @@ class TimedNumbers(Protocol):
 
     @property
     def time_ns(self) -> IntArray:
-        """Times [ns]."""
+        """Times, shape (n,) [ns]."""
 
     @property
     def value(self) -> FloatArray:
-        """Its values then."""
+        """Its values then, shape (n,)."""
 
 
 class LiningMotion(Protocol):
@@ -54,11 +54,11 @@ class LiningMotion(Protocol):
 
     @property
     def hopf_margin(self) -> TimedNumbers:
-        """The margin to the Hopf speed."""
+        """The margin to the Hopf speed [-]."""
 
     @property
     def fold_margin(self) -> TimedNumbers:
-        """The margin to the fold."""
+        """The margin to the fold [-]."""
 
     @property
     def amplitude(self) -> TimedNumbers:

@@ -198,7 +198,7 @@ def _stick_slip_sentence(course: Course, sticking: Sequence[ConditionInterval]) 
 
 
 def _amplitude_sentence(course: Course) -> str:
-    """Write the sentence on the greatest amplitude and its limit; '' without an amplitude."""
+    """Return the sentence on the greatest amplitude and its limit; '' without an amplitude."""
     extreme = course.item.worst.get('amplitude')
     if extreme is None:
         return ''
@@ -271,7 +271,7 @@ def judge_all(parts: Sequence[tuple[str, Finding]]) -> Finding:
 
 
 def _counted_noun(parts: Sequence[tuple[str, Finding]]) -> str:
-    """Name what the report counts: recordings, bearings or both."""
+    """Return the plural of what the report counts: recordings, bearings or bearings in recordings."""
     recordings = len({name for name, _ in parts})
     if recordings == len(parts):
         return 'recordings'
@@ -282,7 +282,7 @@ def _counted_noun(parts: Sequence[tuple[str, Finding]]) -> str:
 
 
 def is_dated(time_ns: int) -> bool:
-    """Return whether a time is a date and not a count from some start."""
+    """Return whether a time [ns] is a date (:data:`.DATES_FROM_NS` or later), not a count from some start."""
     return time_ns >= DATES_FROM_NS
 
 
@@ -304,7 +304,7 @@ def clock(time_ns: int) -> str:
 
 
 def time_of_day(time_ns: int) -> str:
-    """Format the time of day in UTC to the second, for a sentence."""
+    """Format the time of day in UTC to the second; whole seconds for a time without a date."""
     return f'{_round_time(time_ns, 10**9):%H:%M:%S}' if is_dated(time_ns) else f'{time_ns * 1e-9:.0f} s'
 
 
