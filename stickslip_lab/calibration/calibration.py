@@ -62,7 +62,7 @@ class Evidence:
 
 
 def read_levels(bearing: str, evidence: Sequence[Evidence]) -> list[Evidence]:
-    """Return the evidence with the reports and knocks that its levels give, all by one threshold.
+    """Return the evidence, in its order, with the reports and knocks of its levels, all by one threshold.
 
     Evidence without a level comes back as it is.
 
@@ -197,7 +197,7 @@ class Calibration:
     def boundaries(self) -> list[list[float]]:
         """Return rows of load [N], then Hopf speeds, then fold speeds [m/s], three each at :data:`QUANTILES`.
 
-        The loads, up to five, are evenly spaced over :attr:`loads`. Hopf speeds are about
+        The loads, up to five, rise evenly over :attr:`loads`. Hopf speeds are about
         1e-9 m/s where there is none, fold speeds 0.
 
         Raises:
@@ -211,7 +211,7 @@ class Calibration:
 
     @cached_property
     def doubts(self) -> list[tuple[End, float]]:
-        """Ends and bounds that are probably wrong reports, each with that probability (above one half)."""
+        """Ends and bounds that are probably wrong reports, by time, each with that probability (> 0.5)."""
         log_r, log_q = self.factors
         count, probabilities = len(self.edges.ends), []
         for k, end in enumerate(self.edges.ends):
@@ -222,7 +222,7 @@ class Calibration:
 
     @property
     def warnings(self) -> list[str]:
-        """Sentences on what makes the result less reliable; empty if nothing does."""
+        """Clauses on what makes the result less reliable; empty if nothing does."""
         texts, seen = [], self.edges.seen
         if not self.episodes:
             texts.append('no episode was seen: quiet bounds the Hopf speed, and says little of the fold')
@@ -273,7 +273,7 @@ class Calibration:
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on the evidence that are no warnings; empty without any.
+        """Clauses on the evidence that are no warnings; empty without any.
 
         They name the offset of the ends from the configured fold, repeated recordings, the knocks that were
         left out, and a narrow range of loads.

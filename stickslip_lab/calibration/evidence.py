@@ -161,7 +161,7 @@ def sort_reports(reports: Iterable[VibrationReport]) -> list[VibrationReport]:
     """Return reports sorted by bearing and time.
 
     Raises:
-        CalibrationError: Two of one bearing overlap.
+        CalibrationError: Two of one bearing overlap; one may begin when another ends.
     """
     ordered = sorted(reports, key=lambda r: (r.bearing, r.start_ns, r.end_ns))
     for one, two in pairwise(ordered):

@@ -219,7 +219,7 @@ def to_json(
                 name: finite_or_none(getattr(test, name)) if test else None
                 for name in ('slope', 'f_value', 'p_value')
             },
-            'sentence': viscous_slope_sentence(fit, args.viscous),
+            'sentence': viscous_slope_clause(fit, args.viscous),
         },
         'outliers': [
             {'line': int(fit.curve.line[k])} | {name: float(points[name][k]) for name in _POINT}
@@ -273,8 +273,8 @@ def yaml_fragment(source: str, fit: StribeckFit) -> str:
     )
 
 
-def viscous_slope_sentence(fit: StribeckFit, option: str) -> str:
-    """Return a sentence on why the law has a viscous slope or not, by F-test and option ``--viscous``."""
+def viscous_slope_clause(fit: StribeckFit, option: str) -> str:
+    """Return a clause on why the law has a viscous slope or not, by F-test and option ``--viscous``."""
     used, test = 'viscous' in fit.names, fit.viscous_test
     if test is None:
         return 'no viscous slope: too few points to test one'
@@ -306,12 +306,12 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results:
         table.add_row('load exponent', f'{fit.exponent:.3g}', f'{fit.exponent_error:.2g}', interval, '')
     out.print(table)
     if isinstance(fit, PooledFit):
-        out.print(_reference_sentence(fit))
+        out.print(_reference_clause(fit))
     pairs = [(i, j) for j in range(len(names)) for i in range(j)]
     texts = [f'{names[i]}-{names[j]} {fit.correlation[i, j]:.3f}' for i, j in pairs]
     out.print(f'correlation: {", ".join(texts)}')
     out.print(f'scatter of a point: {fit.scale:.3g}; degrees of freedom: {fit.degrees_of_freedom:.1f}')
-    out.print(viscous_slope_sentence(fit, args.viscous))
+    out.print(viscous_slope_clause(fit, args.viscous))
     _print_outliers(out, fit)
     for text in fit.warnings:
         out.print(f'[yellow]warning:[/] {escape(text)}')
@@ -326,8 +326,8 @@ def print_fit(out: Console, args: argparse.Namespace, fit: StribeckFit, results:
     out.print(escape(yaml_fragment(args.curve, fit)), end='')
 
 
-def _reference_sentence(fit: PooledFit) -> str:
-    """Return a sentence: at which load and water the law holds as it stands, and what the load does to it."""
+def _reference_clause(fit: PooledFit) -> str:
+    """Return a clause: at which load and water the law holds as it stands, and what the load does to it."""
     conditions = [f'{fit.load:.4g} N'] * (fit.load == fit.load)
     conditions += [f'{fit.temperature:.3g} C'] * (fit.temperature == fit.temperature)
     return f'the law is that at {" and ".join(conditions)}{f"; {fit.sentence}" if fit.sentence else ""}'

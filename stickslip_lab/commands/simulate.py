@@ -40,12 +40,12 @@ def run(args: argparse.Namespace) -> int:
             written = write_bag(scene, args.output, lambda done: bar.show('simulating', done, scene.duration))
         except SceneError as error:
             raise SceneError(f'{args.scene}: {error}') from error
-    output.console().print(escape(_summary_sentence(args.output, scene, written)))
+    output.console().print(escape(_summary_clause(args.output, scene, written)))
     return 0
 
 
-def _summary_sentence(path: str, scene: Scene, written: Mapping[str, int]) -> str:
-    """Return one sentence on the bag: its length, cuts, and numbers of messages of telemetry and of truth.
+def _summary_clause(path: str, scene: Scene, written: Mapping[str, int]) -> str:
+    """Return a clause on the bag: path, length, cuts, and numbers of messages of telemetry and of truth.
 
     ``written`` has the number of messages by topic.
     """

@@ -206,11 +206,11 @@ class StribeckFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences on doubts about the fit; empty without any."""
+        """Clauses on doubts about the fit; empty without any."""
         return tuple(_fit_warnings(self))
 
     def _law_gradient(self, speed: FloatArray) -> FloatArray:
-        """Return derivatives of the law at speeds, shape (n,) [m/s], by the free coefficients, (n, k)."""
+        """Return derivatives of the law at speeds (n,) [m/s] by the coefficients in :attr:`names`, (n, k)."""
         decay = math.exp(self.values[2])
         left = np.exp(-decay * speed)
         by_decay = -self.values[0] * speed * np.exp(decay * (self.curve.speed.min() - speed))
@@ -399,7 +399,7 @@ def _robust_scale(fit: StribeckFit) -> float:
 
 
 def lack_of_points(curve: FrictionCurve, names: tuple[str, ...]) -> str:
-    """Return the rule that too few points, or too few different speeds, break; '' if there are enough."""
+    """Return a clause on the rule that too few points or different speeds break; '' if there are enough."""
     n, k = curve.speed.size, len(names)
     coefficients = f'{k} coefficients ({", ".join(names)})'
     if n < k + SPARE_POINTS:
@@ -518,7 +518,7 @@ def _unit_questions(curve: FrictionCurve) -> list[str]:
 
 
 def _fit_warnings(fit: StribeckFit) -> Iterator[str]:
-    """Yield a sentence on each doubt about a fit that was accepted; none where there is no doubt."""
+    """Yield a clause on each doubt about a fit that was accepted; none where there is no doubt."""
     curve = fit.curve
     yield from _unit_questions(curve)
     share = fit.outliers.size / fit.weight.size
@@ -545,7 +545,7 @@ def _fit_warnings(fit: StribeckFit) -> Iterator[str]:
 
 
 def unchecked_point(fit: StribeckFit) -> str:
-    """Return a sentence on the point that no other checks, as its leverage is above 0.9; '' without one."""
+    """Return a clause on the point that no other checks, as its leverage is above 0.9; '' without one."""
     leverage = fit.leverage
     top = int(np.argmax(leverage))
     if leverage[top] <= 0.9:
@@ -557,7 +557,7 @@ def unchecked_point(fit: StribeckFit) -> str:
 
 
 def _lack_of_fit(fit: StribeckFit) -> Iterator[str]:
-    """Yield a sentence, at most one, on residuals that are not independent.
+    """Yield a clause, at most one, on residuals that are not independent.
 
     Neighbours along the speeds or in the order of measurement may be alike, or the scatter may grow
     with the slope of the law. Residuals within the rounding of the data are not judged.

@@ -97,7 +97,7 @@ class PooledFit(StribeckFit):
 
     @property
     def sentence(self) -> str:
-        """Sentence on the effect of the load on friction, with the exponent, or on why there is none.
+        """Clause on the effect of the load on friction, with the exponent, or on why there is none.
 
         '' without a column of loads.
         """

@@ -117,6 +117,9 @@ class FrictionCourse:
         Args:
             time: Time since the scene's start [s]; the start of its second counts.
             scaled: Whether the drift of the common ``factor`` counts.
+
+        Raises:
+            PhysicsError: A drift breaks a rule of the law.
         """
         step = np.array([time // STEP * STEP])
         moved = {name: course for name, course in self.drifts.items() if scaled or name != FACTOR}

@@ -229,7 +229,7 @@ def lining_motion(settings: Settings, run: SceneRun) -> None:
 
 
 def _read_knocks(settings: Settings, duration: float) -> list[tuple[float, float]]:
-    """Return time [s] and impulse [``knock_unit``] of each blow; an empty list without ``knocks``.
+    """Return rising times [s] and impulses [``knock_unit``] of blows; an empty list without ``knocks``.
 
     Raises:
         SceneError: A blow breaks a rule, or stands at the scene's end.

@@ -326,7 +326,7 @@ def clock_jump(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 
 def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float]]:
-    """Return the ``jumps`` of a clock: time [s] and size [s] of each, a size below 0 for a jump back.
+    """Return the ``jumps`` of a clock: rising times [s], each with its size [s], below 0 for a jump back.
 
     Raises:
         SceneError: There is none, one is 0 or beyond ten years, or times do not rise within the scene.

@@ -337,7 +337,7 @@ def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @channel_effect('shaft', ['speed'], 'unit', 'points', 'table')
 def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add a profile over time to the speed in ``run.shaft``, and turn the shaft by it.
+    """Add a profile over time to the speed in ``run.shaft``, and its integral to the turns of the shaft.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -347,7 +347,7 @@ def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @channel_effect('shaft', ['speed'], 'unit', 'steps', 'rise')
 def speed_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add steps over time to the speed in ``run.shaft``, and turn the shaft by them.
+    """Add steps over time to the speed in ``run.shaft``, and their integral to the turns of the shaft.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -546,7 +546,7 @@ class Sea:
 
 
 def _energy_below(gamma: float) -> FloatArray:
-    """Return the share of the variance below each frequency of ``_RANGE``, from 0 to 1, shape (n,).
+    """Return the share of a sea's variance below each frequency of ``_RANGE``, from 0 to 1, shape (n,).
 
     ``gamma`` is the peakedness, from 1 [-].
     """
