@@ -224,7 +224,7 @@ class SqliteFile(McapFile):
                     batch.extend(itertools.islice(cursor, _BATCH))
                     if not batch:
                         return
-                    begin, step = batch[-1][0] + 1, _FIRST_SKIP
+                    begin, step = max(row[0] for row in batch) + 1, _FIRST_SKIP
                     yield batch
                     batch = []
             except _ERRORS as error:
@@ -233,7 +233,7 @@ class SqliteFile(McapFile):
                     ' damaged pages were not read'
                 )
             if batch:
-                begin, step = batch[-1][0] + 1, _FIRST_SKIP
+                begin, step = max(row[0] for row in batch) + 1, _FIRST_SKIP
                 yield batch
             begin, step, skips = max(begin, 0) + step, 2 * step, skips + 1
 

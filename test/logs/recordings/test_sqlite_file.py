@@ -141,6 +141,28 @@ def test_a_damaged_page_costs_its_messages_only(tmp_path: Path) -> None:
     assert 'is damaged' in ' '.join(recording.losses)
 
 
+@pytest.mark.parametrize('is_behind_damaged', [False, True])
+def test_row_ids_of_a_damaged_tree_need_not_rise(is_behind_damaged: bool, tmp_path: Path) -> None:
+    file = change_database(tmp_path)
+    data = bytearray(file.read_bytes())
+    leaves = [page for page in range(0, len(data), 4096) if data[page] == 0x0D]
+    leaf = leaves[len(leaves) // 4 if is_behind_damaged else -1]
+    pointer = leaf + 8 + 2 * (int.from_bytes(data[leaf + 3 : leaf + 5], 'big') - 1)
+    # Behind the length of its last row, of one byte, the id of two becomes 0.
+    row = leaf + int.from_bytes(data[pointer : pointer + 2], 'big')
+    assert data[row + 1] & 0x80
+    data[row + 1 : row + 3] = b'\x80\0'
+    if is_behind_damaged:
+        behind = leaves[len(leaves) // 4 + 1]
+        data[behind : behind + 4096] = bytes(4096)
+    file.write_bytes(data)
+    recording = open_bag(file)
+    value = recording.read([SPEED])[SPEED].value
+    assert np.unique(value).size == value.size > 0.9 * COUNT
+    assert value.size == COUNT or is_behind_damaged
+    assert recording.message_count <= 2 * COUNT
+
+
 def test_a_clock_that_was_set_back(tmp_path: Path) -> None:
     # The order of the file is the order of events: 10 s become 2 s, and values go on.
     change = 'UPDATE messages SET timestamp = timestamp - 8000000000 WHERE id > 2000'
