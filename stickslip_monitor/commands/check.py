@@ -406,7 +406,7 @@ def _print_result(result: CheckResult, args: argparse.Namespace, *, listed: bool
     """Print the result of one recording: its text or JSON, or its error, and the counts of its clips.
 
     Errors and counts go to standard error, with the bearings without an operating point and the clips that
-    were not written. Where ``shown`` is given, it takes the place of the path in the result's document, too.
+    were not written. ``shown``, if not ``None``, takes the place of the path in the result's document, too.
     The JSON of one of several recordings (``listed``) is left to the list of all.
     """
     document, error = result.document, result.document.get('error')

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_port(parser: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
-    """Declare ``--port``, from 0 to 65535, with its text for ``--help``."""
+    """Declare ``--port``, 0 to 65535, which is ``default`` unless given; ``text`` is for ``--help``."""
     options.add_number(parser, '--port', 0, 65535, default=default, help=text)
 
 

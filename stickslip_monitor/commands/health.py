@@ -113,7 +113,7 @@ def _ask_page(args: argparse.Namespace) -> int:
 def _wait_for_message(results: dict[str, tuple[int, str]], node: str | None, seconds: float) -> None:
     """Wait until another thread has put a node into ``results``; return silently after ``seconds`` [s].
 
-    Without a name any node will do; then wait ``ALONE`` longer for a second one.
+    For a ``node`` of ``None`` any will do; then wait ``ALONE`` longer for a second one.
     """
     end = time.monotonic() + seconds
     while time.monotonic() < end and not (node in results if node else results):

@@ -36,7 +36,7 @@ _YAML = ('.yaml', '.yml')
 
 
 def output_ending(path: str | Path, marks: Marks) -> str:
-    """Return the ending of an output's path in lower case; '' for any other where that is allowed.
+    """Return the ending of an output's path, as ``.csv``, in lower case; '' for any other where allowed.
 
     Raises:
         OutputError: No format has this ending.

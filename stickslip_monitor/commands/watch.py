@@ -252,7 +252,7 @@ async def _watch_ship(
 ) -> None:
     """Run monitor, clients and page until one of them ends, then let the clients finish and cancel the rest.
 
-    The page, if any, gets states, actions and link states.
+    The page, unless ``board`` is ``None``, gets states, actions and link states.
 
     Raises:
         LinkError, ConfigurationError: A token, certificate or port cannot be used; see :func:`_make_clients`.
@@ -384,7 +384,7 @@ async def _report_files(
 ) -> None:
     """Poll the faults of state file, restored state and configuration forever; report changes to the page.
 
-    A new fault of the state file is logged, too.
+    A new fault of the state file, if there is one (``store``), is logged, too.
     """
     reported = ''
     while True:

@@ -135,7 +135,7 @@ class Hub:
 
 
 def encode_event(kind: str, document: dict[str, Any]) -> bytes:
-    """Encode an event of a kind, with a document as its JSON, as a server-sent event."""
+    """Encode an event of a kind, with a document of finite numbers as its JSON, as a server-sent event."""
     data = json.dumps(document, allow_nan=False, separators=(',', ':'))
     return f'event: {kind}\ndata: {data}\n\n'.encode()
 
@@ -304,7 +304,7 @@ class Server:
         """Carry out an action; answer 200 with the number of alarms that it changed.
 
         The answer is 409 where there was nothing to do or no answer came, 503 where the monitor cannot be
-        reached; see :func:`_read_request` for an invalid request.
+        reached; 400, 408, 413 or 415 to an invalid request (:func:`_read_request`).
         """
         action_request = await _read_request(request, self._parse_action)
         try:
@@ -329,7 +329,7 @@ class Server:
     async def _steer_replay(self, request: web.Request) -> web.Response:
         """Pause, resume or move the replay as a request asks; answer 200.
 
-        See :func:`_read_request` for an invalid request.
+        To an invalid request it is 400, 408, 413 or 415 (:func:`_read_request`).
         """
         assert self._player is not None
         paused, place = await _read_request(request, _parse_course)

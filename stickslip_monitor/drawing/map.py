@@ -57,7 +57,10 @@ _MARKER = {
 
 
 def _speed_scale_factor(bearing: Bearing, load: float | None = None) -> float:
-    """Return the factor of the law's own speeds at a load [N], by default that of its measurement."""
+    """Return the factor of the law's own speeds at a load [N], by default that of its measurement.
+
+    It is 1 where friction does not depend on the load or the water.
+    """
     lubrication = bearing.lubrication
     return (
         1.0 if lubrication is None else float(lubrication.scale(lubrication.load if load is None else load))

@@ -448,7 +448,7 @@ class LiveMonitor:
         return self._session.damage
 
     def take(self, bearing: str, place: Input, value: float, stamp_ns: int | None = None) -> None:
-        """Give the session a number that arrives now, measured at its sender's stamp [ns] if it has one.
+        """Give the session a number that arrives now, measured at its sender's stamp [ns]; ``None``: now.
 
         It is in the configured unit of the input, NaN if invalid. With each speed the session is given the
         load that is assumed there, too.

@@ -334,7 +334,7 @@ class Alerts:
         return [], ActionRequest(action, BY, bearing, AlarmKind(kind))
 
     def _standing_alerts(self) -> list[_Alert]:
-        """Return the alerts that are not normal."""
+        """Return the alerts that are not normal, by bearing and kind, each in its order."""
         return [alert for alert in self._alerts.values() if alert.letter != 'N']
 
     def _alert_id(self, alert: _Alert) -> str:

@@ -321,7 +321,7 @@ class NmeaClient(Sink):
         self._side.report_link(name, works, why)
 
     async def run(self) -> None:
-        """Keep the ports open until cancelled, then close them; see :meth:`Port.run`."""
+        """Keep the ports open, reopening each that fails, until cancelled; then close them."""
         await asyncio.gather(*(port.run() for port in self._ports))
 
     def take_alarms(self, record: dict[str, Any]) -> None:

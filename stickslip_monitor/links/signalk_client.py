@@ -382,7 +382,7 @@ def _explain_silence(status: int, value: str, has_token: bool) -> str:
 
 
 async def _send_update(socket: aiohttp.ClientWebSocketResponse, update: Update) -> None:
-    """Send one update as a delta; what aiohttp raises passes."""
+    """Send one update, of finite numbers, as a delta; what aiohttp raises passes."""
     await socket.send_str(json.dumps({'updates': [update]}, allow_nan=False))
 
 

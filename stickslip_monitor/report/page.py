@@ -108,7 +108,7 @@ class RecordingPart:
 def recording_part(document: Mapping[str, Any], checked: CheckReport | None = None) -> RecordingPart:
     """Make the part on a recording from its record and, if it was checked, from its outlines.
 
-    It has no bearings yet; of a recording that was not checked the finding is the record's error.
+    It has no bearings yet; without a check (``None``) the finding is the record's error.
     """
     # A path may be no text.
     anchor = f'bag-{hashlib.sha256(os.fsencode(document["path"])).hexdigest()[:12]}'
@@ -275,11 +275,11 @@ def html_page(
     without bearings to show are rows of a table.
 
     Args:
-        parts: The recordings.
+        parts: The recordings, at least one.
         config: The configuration.
         config_path: Its file, which is read again for parameters and digest.
         made: The time printed as that of the report; aware.
-        node: The node whose parameters are listed, if the file has several.
+        node: The node whose parameters are listed, if the file has several; else ``None``.
 
     Raises:
         ReportError: Jinja2 is not installed.

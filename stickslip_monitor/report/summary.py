@@ -191,7 +191,7 @@ def _on_date(day: str) -> str:
 
 
 def _stick_slip_sentence(course: Course, sticking: Sequence[ConditionInterval]) -> str:
-    """Return the sentence on the intervals of stick-slip: how long, how often and when."""
+    """Return the sentence on one interval or more of stick-slip: how long, how often and when."""
     total = duration(_total_seconds(sticking))
     often = '' if len(sticking) == 1 else f' in {len(sticking)} spells'
     return f'{course.config.name}: stick-slip was predicted for {total}{often}, {_format_times(sticking)}.'
@@ -368,7 +368,7 @@ def load(newtons: float) -> str:
 
 
 def count(number: int, noun: str) -> str:
-    """Return a number with its noun: ``1 event``, ``1 250 events``."""
+    """Return a number with its noun, which takes an s: ``1 event``, ``1 250 events``."""
     return f'{grouped(number)} {noun}{"" if number == 1 else "s"}'
 
 

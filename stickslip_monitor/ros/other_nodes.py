@@ -274,7 +274,7 @@ class Bridge:
             self._publishers[name, place] = publisher
 
     def take(self, bearing: str, place: Input, value: float) -> None:
-        """Publish one number; of a speed that two bearings share, only that of the first."""
+        """Publish a number in the input's unit; of a speed of two bearings only that of the first."""
         if (bearing, place) in self._publishers:
             self._publishers[bearing, place].publish(Float64(data=value))
 

@@ -167,7 +167,7 @@ class Configured:
             self.clips.write()
 
     def end_clips(self) -> None:
-        """Write the unfinished clips, if any: see :meth:`Clips.close`."""
+        """Write the unfinished clips, if any; log an error for those that the disk does not take in time."""
         if self.clips is not None:
             self.clips.close()
 

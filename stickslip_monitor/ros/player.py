@@ -59,7 +59,7 @@ class Player:
                 self.skipped[topic] = ' '.join(str(error).split())
 
     def wait_for_subscribers(self, seconds: float) -> bool:
-        """Wait, for up to some seconds, until there is a subscriber and no further one appears for a moment.
+        """Wait for up to ``seconds`` [s] until there is a subscriber and no further one appears for a moment.
 
         Returns:
             Whether there is a subscriber.
