@@ -535,7 +535,8 @@ def exact(points: int, bearing: Bearing, speed: float, load: float) -> MethodRes
     """Compute the exact amplitude: one slip phase from breakaway, with a set-valued law (Filippov 1988).
 
     ``points`` copies of the operating point are solved in one call, and the first is returned. A cycle that
-    :func:`.exact_cycle` leaves unresolved has not converged. Evaluations are not counted.
+    :func:`.exact_cycle` leaves unresolved has not converged. Evaluations are not counted. Speed
+    [m/s] and load [N] are above 0.
     """
     cycle = exact_cycle(bearing, speed if points == 1 else np.full(points, speed), load)
     if np.ravel(cycle.kind)[0] == CycleKind.UNRESOLVED:

@@ -392,5 +392,5 @@ def time_beyond_fold(track: ReportedCourse, end: float, reference: Reference) ->
 
 
 def _first_true(is_true: BoolArray, clock: FloatArray) -> FloatArray:
-    """Return the first time at which each row is true; ``inf`` for never."""
+    """Return the first of the times ``clock`` at which each row is true; ``inf`` for never."""
     return np.where(is_true.any(axis=1), clock[np.argmax(is_true, axis=1)], np.inf)

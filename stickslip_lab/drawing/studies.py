@@ -37,7 +37,7 @@ def draw_friction_fit(
         fit: The fit.
         footnote: Text below the axes.
         boundaries: Lower end, middle and upper end of ``hopf_speed`` and ``fold_speed`` [m/s]; one whose
-            middle is 0 is left out.
+            middle is 0 is left out; ``None`` for none.
 
     Raises:
         DrawingError: matplotlib is not installed.

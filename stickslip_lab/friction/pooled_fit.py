@@ -117,7 +117,7 @@ def fit_curve(curve: FrictionCurve, viscous: Viscous = 'auto') -> StribeckFit:
 
     Args:
         curve: The curve, or the points of all curves.
-        viscous: As for :func:`.fit_stribeck`.
+        viscous: Whether it has a viscous slope, ``'yes'``, ``'no'`` or ``'auto'``: see :func:`.fit_stribeck`.
 
     Returns:
         A :class:`PooledFit` at the geometric mean load and the mean temperature, if the curve has a load or a

@@ -394,7 +394,7 @@ def write_bag(
     Args:
         scene: The scene.
         path: A rosbag2 folder, or one file if the name ends in ``.mcap``.
-        progress: Called with the seconds simulated so far after each block.
+        progress: Called with the seconds simulated so far after each block, unless ``None``.
 
     Returns:
         Number of messages written, by topic.
