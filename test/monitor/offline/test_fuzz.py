@@ -78,7 +78,7 @@ def test_a_file_that_grows_takes_no_memory(name: str, tmp_path: Path) -> None:
         [sys.executable, '-c', LIMITED, str(ADDRESS_SPACE), str(path), '--config', str(CONFIG)],
         capture_output=True,
         text=True,
-        timeout=200,
+        timeout=1200,  # those 120 s, on a tenth of a core
         check=False,
     )
     assert recording.says in done.stdout + done.stderr
