@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks.voyages import SensorRecord
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
+from stickslip_monitor.monitor.level_comparison import compare_streams
 from stickslip_monitor.monitor.signals import LEVEL, Stream
 
 Spoil = Callable[[SensorRecord, np.random.Generator], SensorRecord]
@@ -152,6 +153,19 @@ def with_other_bearing(case: SensorRecord, _: np.random.Generator) -> SensorReco
     return _change_level(case, lambda _, level: np.hypot(level, 0.5 * np.roll(level, level.size // 2)))
 
 
+def with_both_bearings(case: SensorRecord, random: np.random.Generator) -> SensorRecord:
+    """Add that bearing, and its level to the configuration: that hears this one at half its level, too."""
+    config = case.config
+    assert config.level is not None
+    heard_here = with_other_bearing(case, random)
+    heard_there = with_other_bearing(
+        _change_level(case, lambda _, level: np.roll(level, level.size // 2)), random
+    )
+    configs = config, replace(config, name='other', level=replace(config.level, topic='/other/level'))
+    streams = compare_streams(configs, {config.name: heard_here.stream, 'other': heard_there.stream})
+    return replace(case, stream=streams[config.name])
+
+
 def half_lost(case: SensorRecord, _: np.random.Generator) -> SensorRecord:
     """Drop the level in half of each minute."""
     stream = case.stream
@@ -172,6 +186,7 @@ LEVELS: Mapping[str, Spoil] = {
     'a pump that runs for 20 to 60 s': with_pump,
     'another bearing at half its level': with_other_bearing,
 }
+SHIPS: Mapping[str, Spoil] = {'another bearing at half its level, both measured': with_both_bearings}
 STAMPS: Mapping[str, Spoil] = {
     'in bursts, once a second': lambda case, r: in_bursts(without_level(case, r), r),
     'one stamp in twenty off by 6 s': lambda case, r: oddly_stamped(without_level(case, r), r, 6.0, 0.05),

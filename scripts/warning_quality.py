@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hard_sensors import LEVELS, STAMPS
+from hard_sensors import LEVELS, SHIPS, STAMPS
 from trade_off import Curve, TradeOff, draw_trade_offs
 
 from benchmarks.score import RULES, judge_all
@@ -185,7 +185,7 @@ def judge_changed(scene: str, seed: int) -> dict[str, Quality]:
     for case in cases_of(load_scene(scene, seed, str(WITH_LEVEL)), truths):
         if case.sent.config.level is None:
             continue
-        for number, (name, spoil) in enumerate((LEVELS | STAMPS).items()):
+        for number, (name, spoil) in enumerate((LEVELS | STAMPS | SHIPS).items()):
             random = np.random.default_rng([seed, number])
             qualities.setdefault(name, []).append(_judge_sensors(spoil(case.sent, random), case))
     for case in cases_of(load_scene(scene, seed, str(ORDINARY)), truths):
@@ -224,7 +224,7 @@ def _spoilt_table(by_name: Mapping[str, Quality]) -> Iterable[str]:
     yield format_row(['level of ordinary sensors', *(FIGURES[name][0] for name in _OF_SPOILT)])
     yield format_row(['---', *('---:' for _ in _OF_SPOILT)])
     labels: dict[tuple[str, ...], list[str]] = {}
-    for kinds, prefix in ((LEVELS, ''), (STAMPS, 'none, ')):
+    for kinds, prefix in ((LEVELS, ''), (SHIPS, ''), (STAMPS, 'none, ')):
         for name in kinds:
             figures = by_name[name].figures()
             cells = tuple(format_figure(figure, figures[figure]) for figure in _OF_SPOILT)

@@ -8,14 +8,16 @@ It reads no clock. Time is that of the samples; :meth:`Monitor.advance` lets tim
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
+from stickslip_monitor.monitor.level_comparison import LevelComparison, compare_streams
 from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State, settings_of
@@ -55,10 +57,18 @@ class BearingMonitor(Standing):
         config: The bearing.
         state: Its memory from before, which goes on changing: at once its times are set back, as by
             :meth:`await_inputs`. ``None`` for a new one.
+        rival_of: Takes the arrival [ns] and the number of a level that came, and returns how far the loudest
+            level of another bearing is above its threshold [dB]; ``None`` where there is no other.
     """
 
-    def __init__(self, config: BearingConfig, state: State | None = None) -> None:
+    def __init__(
+        self,
+        config: BearingConfig,
+        state: State | None = None,
+        rival_of: Callable[[int, float], float] | None = None,
+    ) -> None:
         super().__init__(config, settings_of(config), state or State())
+        self._rival_of = rival_of
         # Of inputs that may stand the latest number, when it came and when it is repeated: on the memory's
         # own time [ns].
         self._held: dict[int, tuple[float, int, int]] = {}
@@ -216,6 +226,8 @@ class BearingMonitor(Standing):
         c = settings.live
         if rule.is_amplitude_due(state, c):
             size_cycle(self.config, state)
+        if place == Input.LEVEL and self._rival_of is not None:
+            state.rival = self._rival_of(arrival_ns, number)
         before, lost, onsets = rule.condition(state), state.lost, state.onsets
         code, time, si = rule.receive_sample(state, c, place, time_ns, arrival_ns, number)
         status = _STATUS[code]
@@ -263,8 +275,12 @@ class Monitor:
 
     def __init__(self, config: MonitorConfig, states: Mapping[str, State] | None = None) -> None:
         self.config = config
+        self._comparison = LevelComparison(config.bearings)
         saved = states or {}
-        self.bearings = {b.name: BearingMonitor(b, saved.get(b.name)) for b in config.bearings}
+        self.bearings = {
+            b.name: BearingMonitor(b, saved.get(b.name), partial(self._comparison.take, b.name))
+            for b in config.bearings
+        }
 
     def _require_bearing(self, name: str) -> BearingMonitor:
         """Return the bearing of that name.
@@ -322,6 +338,7 @@ class Monitor:
             )
         for new in config.bearings:
             self._require_bearing(new.name).retune(new)
+        self._comparison.retune(config.bearings)
         self.config = config
 
     def scan(
@@ -341,7 +358,9 @@ class Monitor:
         Raises:
             ConfigurationError: A bearing is not configured.
         """
+        configs = [self._require_bearing(name).config for name in streams]
+        streams = compare_streams(configs, streams)
         return {
-            name: BearingScan(self._require_bearing(name).config, start_ns).finish(stream, end_ns)
-            for name, stream in streams.items()
+            config.name: BearingScan(config, start_ns).finish(streams[config.name], end_ns)
+            for config in configs
         }

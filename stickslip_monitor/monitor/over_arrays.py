@@ -7,6 +7,7 @@ same verdicts, and memory does not grow with the recording. A long one runs comp
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, MutableSequence, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -59,7 +60,7 @@ def run(
     states: Sequence[State],
     numbers: Sequence[RuleNumbers],
     model: Model,
-    samples: tuple[Sequence[int], Sequence[int], Sequence[int], Numbers],
+    samples: tuple[Sequence[int], Sequence[int], Sequence[int], Numbers, Numbers],
     span: tuple[int, int, int],
     noted: Rows,
     points: tuple[Rows, Rows],
@@ -75,7 +76,8 @@ def run(
         states: The memory, as a row of one.
         numbers: The numbers of the configuration, as a row of one.
         model: The law, the tables of the boundaries and of the belief.
-        samples: Columns: index of the input, stamp [ns], arrival [ns], number.
+        samples: Columns: index of the input, stamp [ns], arrival [ns], number, excess of the loudest
+            other level where it is a level [dB].
         span: Number of the first sample in the recording; begin and end of those to take.
         noted: Columns that are filled: status and the monitor's time [ns] of each sample.
         points: Columns of :data:`_POINT` that are filled, and three probabilities.
@@ -86,7 +88,7 @@ def run(
     Returns:
         The index of the first sample not taken, how many changes there were, and how many points are made.
     """
-    places, stamps, arrivals, values = samples
+    places, stamps, arrivals, values, rivals = samples
     first, begin, end = span
     statuses, now = noted
     (time_ns, until_ns, speed, load, water, sample, rung, sticking, vibration), chances = points
@@ -97,6 +99,8 @@ def run(
             return k, count, made
         place = places[k]
         lost, onsets, until = s.lost, s.onsets, NEVER
+        if place == LEVEL:
+            s.rival = rivals[k]
         status, time, si = receive_sample(s, c, place, stamps[k], arrivals[k], values[k])
         if s.lost != lost:
             note = first + k, s.lost_since, before, condition(s), s.onsets - onsets, made
@@ -391,7 +395,8 @@ class BearingScan:
         long = self._long
         if long is None:
             long = self._taken + size >= LONG and jit.has_compiler()
-        columns: Any = (stream.inputs, stream.time_ns, stream.arrival_ns, stream.value)
+        rival = stream.rival if stream.rival.size else np.full(size, math.nan)
+        columns: Any = (stream.inputs, stream.time_ns, stream.arrival_ns, stream.value, rival)
         given: tuple[Any, ...]
         if long:
             physics = boundary_table, lubrication, probability, scalar_law

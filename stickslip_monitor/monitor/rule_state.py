@@ -133,6 +133,8 @@ class State:
     doubt: int = _span('for how long yet what is short is not used', start_at=DOUBT // 2)
     heard: int = _flag('1 once the level has vibrated in this episode')
     unseen: int = _time('since when stick-slip is predicted and not measured')
+    rival: float = _number('dB', 'how far the loudest other level is above its threshold')
+    lead: float = _number('dB', 'how much further than this one, behind a lag of 1 s', start_at=0.0)
     # The water by which friction goes.
     water: float = _number('C', 'its temperature: the latest, or as configured until one has come')
     viscosity_ratio: float = _number('', 'its viscosity over that at the measurement', start_at=1.0)
@@ -180,7 +182,7 @@ _AFRESH = (
 )
 """What begins afresh after 0.2.0, which did not have it or meant something else by it."""
 _OF_WATER = 'water', 'viscosity_ratio'
-_OF_LEVEL = 'beyond_for', 'grown_before'
+_OF_LEVEL = 'beyond_for', 'grown_before', 'rival', 'lead'
 """What a level's memory up to 0.3.0 did not have: its defaults stand."""
 _EVERY_INPUT = 'stamp', 'came', 'gap', 'pace'
 """What has one number for each input, and up to 0.3.0 none for the temperature of the water."""

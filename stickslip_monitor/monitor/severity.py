@@ -82,4 +82,5 @@ class Unknown(WordEnum):
     LOST = 'lost', 'the level is lost'
     STUCK = 'stuck', 'the level never changes: its sensor is stuck'
     LOUD = 'loud', 'the level is high where no stick-slip can exist: it shows something else'
+    OTHER = 'other', 'another bearing vibrates more: it is what is heard'
     SHORT = 'short', 'the level has not been above or below its threshold for long enough'

@@ -60,6 +60,8 @@ class Stream:
         inputs: The :class:`Input` that each is of, shape (n,) int8.
         value: Numbers in the inputs' own scales, shape (n,).
         arrival_ns: When each came, shape (n,) int64 [ns]; left out: at the times of measurement.
+        rival: Where it is a level, how far the loudest level of another bearing was above its threshold,
+            shape (n,) [dB]; left out, or ``nan``: there was none.
 
     Raises:
         ConfigurationError: The columns are not of one length.
@@ -73,10 +75,13 @@ class Stream:
     inputs: NDArray[np.int8]
     value: NDArray[np.float64]
     arrival_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    rival: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         arrival = self.arrival_ns if self.arrival_ns.size else self.time_ns
         shapes = {column.shape for column in (self.time_ns, self.inputs, self.value, arrival)}
+        if self.rival.size:
+            shapes.add(self.rival.shape)
         if len(shapes) > 1 or self.time_ns.ndim != 1:
             raise ConfigurationError(
                 f'stream columns have shapes {" and ".join(map(str, sorted(shapes)))}:'
@@ -87,6 +92,7 @@ class Stream:
             ('inputs', self.inputs, np.int8),
             ('value', self.value, np.float64),
             ('arrival_ns', arrival, np.int64),
+            ('rival', self.rival, np.float64),
         ):
             object.__setattr__(self, name, np.asarray(column).astype(kind, copy=False))
 

@@ -25,7 +25,7 @@ from stickslip_monitor.monitor.severity import (
     WordEnum,
 )
 from stickslip_monitor.monitor.signals import QUANTITIES
-from stickslip_monitor.monitor.vibration_rule import RISE, UNKNOWN, decibels, is_above_threshold
+from stickslip_monitor.monitor.vibration_rule import RISE, UNKNOWN, decibels, is_above_threshold, is_outdone
 from stickslip_monitor.physics.cycles import exact_amplitude
 
 UNSEEN = 60.0
@@ -160,7 +160,9 @@ class Standing:
             return Unknown.STUCK
         if self.is_loud or s.doubt > DOUBT:
             return Unknown.LOUD
-        return Unknown.SHORT if rule.measured_now(s, c) == UNKNOWN else None
+        if rule.measured_now(s, c) != UNKNOWN:
+            return None
+        return Unknown.OTHER if is_outdone(s, c) else Unknown.SHORT
 
     @property
     def water_doubt(self) -> str:

@@ -26,6 +26,8 @@ LASTING = 75 * SECOND_NS
 """A vibration that lasts for so long is stick-slip anywhere inside the fold [ns]."""
 BEGUN = 0.5
 """A vibration that rises after so much growth of a disturbance is stick-slip at once [e-folds]."""
+LEAD_LAG = 1.0
+"""Lag of the mean by which another bearing's level leads [s]."""
 
 
 def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
@@ -44,8 +46,9 @@ def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
     s.level = si
     # At rest a sensor shows its own floor, and 0 is no level: under way neither is what is usual.
     is_background = s.value[SPEED] != 0.0 and (c.in_db or si > 0.0) and not s.sticking
-    # What may be stick-slip yet raises no threshold before it is known.
-    is_background = is_background and not 0 < s.high_for < LASTING
+    follow_rival(s, c, gap)
+    # What may be stick-slip yet, here or elsewhere, raises no threshold before it is known.
+    is_background = is_background and not (is_outdone(s, c) or 0 < s.high_for < LASTING)
     if s.background != s.background and is_background:
         s.background = level
     if gap < 0:
@@ -59,6 +62,9 @@ def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
     if c.threshold > threshold or threshold != threshold:
         threshold = c.threshold
     high, low = level >= threshold, level < threshold - c.hysteresis
+    if is_outdone(s, c) and not low:
+        s.vibrating, s.level_count, s.high_for = UNKNOWN, 0, 0
+        return
     if high or s.high_for > 0:
         if s.high_for == 0:
             s.grown_before = s.growth
@@ -131,6 +137,26 @@ def is_above_threshold(s: State, c: RuleNumbers, raised: bool) -> bool:
     """
     limit = c.threshold - c.hysteresis if raised else c.threshold
     return bool(s.still <= DOUBT and decibels(c, s.level) >= limit)
+
+
+def follow_rival(s: State, c: RuleNumbers, gap: int) -> None:
+    """Let ``s.lead`` follow how much further above its threshold the loudest other level is than this one.
+
+    It follows 0 where no other is above its threshold, and is ``nan`` where this one has none. ``gap`` is as
+    of :func:`take_level`.
+    """
+    lead = s.rival - excess_over_threshold(c, s.level) if s.rival >= 0.0 else 0.0
+    s.lead = lagged(s.lead, lead, gap * 1e-9, LEAD_LAG) if gap >= 0 and s.lead == s.lead else lead
+
+
+def is_outdone(s: State, c: RuleNumbers) -> bool:
+    """Return whether another bearing vibrates, and leads by the hysteresis: then it is what is heard."""
+    return bool(s.lead > c.hysteresis)
+
+
+def excess_over_threshold(c: RuleNumbers, si: float) -> float:
+    """Return how far a level is above the configured threshold [dB]; ``nan`` without one."""
+    return decibels(c, si) - c.threshold
 
 
 def decibels(c: RuleNumbers, si: float) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,12 @@ from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Fault, Progress, Recording, Request, Series
 from stickslip_logs.tables.time_columns import WITHOUT_ZONE
 from stickslip_monitor import jit
-from stickslip_monitor.arrays import BoolArray
+from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.bearing_records import event_record, finite_or_none
 from stickslip_monitor.monitor.input_fitness import FitnessWatch
+from stickslip_monitor.monitor.level_comparison import LevelComparison, add_rivals
 from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, count_statuses, join_scans
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.severity import MEASURED
@@ -149,7 +150,7 @@ def check_recording(
     # When it begins and ends is known when the order of what is read has been judged.
     span = SampleSpan(bag)
     is_begun = False
-    for stretch in _judge_stretches(times.corrected(reading), times, span, bag, checks):
+    for stretch in _judge_stretches(times.corrected(reading), times, span, bag, checks, long):
         for sink in sinks:
             # The start is known when the order of what is read first has been judged.
             if not is_begun:
@@ -175,6 +176,7 @@ def _judge_stretches(
     span: SampleSpan,
     bag: Recording,
     checks: Mapping[str, _BearingCheck],
+    long: bool,
 ) -> Iterator[Stretch]:
     """Run the rule over all parts of a reading, and yield each with its verdicts.
 
@@ -187,15 +189,28 @@ def _judge_stretches(
         span: Start and end of the recording.
         bag: The recording.
         checks: What judges each bearing, by name.
+        long: Whether levels are compared by compiled code.
     """
+    comparison = LevelComparison([item.config for item in checks.values()], long=long)
+
+    def take_part(part: Mapping[Request, Series], end_ns: int | None) -> dict[str, BearingSamples]:
+        """Run the rule over a part up to a log time [ns], after its levels were compared."""
+        levels = {name: item.level_series(part) for name, item in checks.items()}
+        rivals = comparison.take_columns(
+            {name: (s.sequence, s.log_time_ns, s.value) for name, s in levels.items() if s is not None}
+        )
+        return {
+            name: item.take(part, span.start_ns, end_ns, rivals.get(name)) for name, item in checks.items()
+        }
+
     for part in reading:
         span.extend(part.values(), are_times_replaced=times.replaced)
         ends = (int(series.log_time_ns[-1]) for series in part.values() if series.value.size)
         end_ns = max(ends, default=bag.start_ns or 0)
-        yield Stretch(end_ns, {name: item.take(part, span.start_ns, end_ns) for name, item in checks.items()})
+        yield Stretch(end_ns, take_part(part, end_ns))
     last_ns = span.end_ns if times.replaced else bag.end_ns
     silence = {r: _NOTHING for item in checks.values() for r in item.requests if r}
-    standing = {name: item.take(silence, span.start_ns, last_ns) for name, item in checks.items()}
+    standing = take_part(silence, last_ns)
     if any(samples.repeats.any() for samples in standing.values()):
         yield Stretch(last_ns or 0, standing)
     yield Stretch(last_ns or 0, {name: item.finish(span.end_ns) for name, item in checks.items()})
@@ -263,8 +278,18 @@ class _BearingCheck:
         self._evaluations = 0
         self._measured_ns = np.zeros(len(MEASURED), np.int64)
 
+    def level_series(self, part: Mapping[Request, Series]) -> Series | None:
+        """Return the samples of the level in a part; ``None`` where the recording has none."""
+        requests = dict(zip(self.config.places, self.requests, strict=True))
+        request = requests.get(LEVEL)
+        return None if request is None else part[request]
+
     def take(
-        self, part: Mapping[Request, Series], start_ns: int | None, end_ns: int | None
+        self,
+        part: Mapping[Request, Series],
+        start_ns: int | None,
+        end_ns: int | None,
+        rivals: FloatArray | None = None,
     ) -> BearingSamples:
         """Run the rule over the next part, add up its verdicts and what its inputs are like, and return them.
 
@@ -272,9 +297,11 @@ class _BearingCheck:
             part: The samples read since the last part.
             start_ns: Start of the recording on the clock of the samples [ns]; used with the first part.
             end_ns: Last log time of the part [ns], up to which held values are repeated; None: no repeats.
+            rivals: Excess of the loudest other level at each level of the part [dB]; None: there is none.
         """
         series = [_NOTHING if request is None else part[request] for request in self.requests]
         stream, repeats = self._held.fill(merge_series(series, self.config.places), end_ns)
+        stream = add_rivals(stream, rivals)
         if self._scan is None:
             self._scan = BearingScan(self.config, start_ns, long=self._long)
         scan = self._scan.take(stream)
@@ -452,11 +479,12 @@ class RecordingBuffer(StretchSink):
             KeyError: No bearing has this name.
         """
         parts = [part.bearings[name].stream for part in self._parts]
-        time_ns, inputs, value, arrival_ns = (
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ('time_ns', 'inputs', 'value', 'arrival_ns')
+        return Stream(
+            **{
+                column.name: np.concatenate([getattr(part, column.name) for part in parts])
+                for column in fields(Stream)
+            }
         )
-        return Stream(time_ns, inputs, value, arrival_ns=arrival_ns)
 
     def scan(self, name: str) -> Scan:
         """Return the verdicts on a bearing in the whole recording as one scan.
