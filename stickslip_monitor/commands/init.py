@@ -369,7 +369,7 @@ def parameter_file_text(values: Sequence[Estimate], args: argparse.Namespace) ->
 def summary_text(values: Sequence[Estimate]) -> str:
     """Return lines of text: boundaries and lining frequency at the mean load, and what to measure next.
 
-    A load that the number of blades makes doubtful has a line, too.
+    A load that the number of blades makes doubtful has a line, too. There is no newline after the last one.
     """
     bearing, load = bearing_of(values), values[-1].value
     per_rpm = bearing.speed.factor('rpm')

@@ -386,7 +386,7 @@ class Notifications:
         """Store the flags of the first echo of an occurrence, with which later ones are compared.
 
         Returns:
-            Updates that send it from a fresh source where the server kept an old acknowledgement; else none.
+            Updates that send it from a fresh source where the server kept an old acknowledgement; else [].
         """
         if alarm.base is not None:
             return []
@@ -423,7 +423,7 @@ class Notifications:
 
 
 def _notification_value(record: Mapping[str, Any], token: str) -> dict[str, Any]:
-    """Return the notification's value for the record of an alarm; normal while a worse alarm covers it."""
+    """Return a notification's value, of revision 0, for an alarm; normal while a worse alarm covers it."""
     lifecycle, kind = record['state'], AlarmKind(record['alarm'])
     # One matter, one notification: what a worse alarm stands for is not given beside it.
     shown = not record.get('covered')

@@ -292,7 +292,7 @@ def _round_time(time_ns: int, step_ns: int) -> datetime:
 
 
 def date(time_ns: int) -> str:
-    """Format the date in UTC; empty for a time without one."""
+    """Format the date in UTC as ``2026-05-04``; empty for a time without one."""
     return f'{_round_time(time_ns, 1000):%Y-%m-%d}' if is_dated(time_ns) else ''
 
 

@@ -140,8 +140,8 @@ class Configured:
         """Replace clips, publishers and session for another configuration; the alarms are taken over.
 
         Raises:
-            Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; where the store of the clips
-                cannot be made, all stays as it was.
+            Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; all stays as it was only where
+                the store of the clips cannot be made.
         """
         before, outputs = self.session, self.outputs
         self._make_outputs(config)
