@@ -137,7 +137,7 @@ def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> 
 
 
 def boundary_quantiles(belief: Belief, load: float) -> Boundaries:
-    """Return the quantiles of both boundary speeds at a load [N]: 2.5, 50 and 97.5 %."""
+    """Return the quantiles of both boundary speeds [m/s] at a load [N]: 2.5, 50 and 97.5 %; 0 for none."""
     functions = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
     return {
         name: [float(speed_over_load(belief.bearing, partial(of, p=p), load)) for p in (0.025, 0.5, 0.975)]

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the bag of a scene, with progress, and print a sentence on it; return 0.
+    """Write the bag of a scene, with progress, and print a line on it; return 0.
 
     Raises:
         SceneError: The scene is invalid; the text names its file.
