@@ -246,7 +246,8 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
 
     Such a column is headed by a unit of time, is below the second or minute to which all times are written,
     rises in nearly all rows of equal times, and falls to the next second or minute. Head and tail
-    decide. A remark of the new clock names it. Without one the clock itself is returned.
+    decide. A remark of the new clock names it. Without one the clock itself is returned, with a question
+    where a column without a unit behaves as fractions of seconds do.
     """
     rows = table.rows_with(range(len(table.names)))
     time_ns, is_timed = clock.read_rows(rows)
@@ -254,10 +255,13 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
     whole_steps = np.diff(time_ns)
     whole_ns = next((unit for unit in (60 * SECOND_NS, SECOND_NS) if not (time_ns % unit).any()), 0)
     for k in range(len(table.names)) if 0 in whole_steps else ():
-        unit = _unit_of_times(*table.headings[k])
-        if k in clock.columns or _UNITS.get(unit, DAY) >= whole_ns:
+        name, (words, written) = table.names[k], table.headings[k]
+        unit = _unit_of_times(words, written)
+        is_asked = unit == '' and written is None and whole_ns == SECOND_NS
+        unit_ns = SECOND_NS if is_asked else _UNITS.get(unit, DAY)
+        if k in clock.columns or unit_ns > whole_ns:
             continue
-        read_fraction = number_reader(_UNITS[unit], 0, table.decimal)
+        read_fraction = number_reader(unit_ns, 0, table.decimal)
         fraction_ns, is_there = read_fraction([[row[k] for row in rows]])
         steps = np.diff(time_ns + fraction_ns)
         is_part = is_there.all() and fraction_ns.min() >= 0 and fraction_ns.max() < whole_ns
@@ -265,8 +269,13 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
         within = [steps[whole_steps == step_ns] for step_ns in (0, whole_ns) if step_ns in whole_steps]
         is_rising = all(((part >= 0) & (part < whole_ns)).mean() > _NEARLY_ALL for part in within)
         if is_part and is_rising and within[0].any():
+            if is_asked:
+                question = (
+                    f"has times to the second, and '{name}' may be their fractions: head it '{name} [s]'"
+                )
+                return replace(clock, question=clock.question or question)
             read = partial(_read_sum, [clock.read, read_fraction])
-            remark = f"'{table.names[k]}' has the {unit} of the times"
+            remark = f"'{name}' has the {unit} of the times"
             return replace(clock, columns=(*clock.columns, k), read=read, remarks=(*clock.remarks, remark))
     return clock
 
