@@ -193,9 +193,10 @@ class NodeLoop:
 
         For the alarms the time until ``now`` has passed all the same.
         """
-        self._session.discount_stall(held_ns)
         # The alarms' time has passed, that of the inputs has not.
         self._running_ns += self._passing.passed(now)
+        if now.time_ns and not self._passing.stands:  # else no stall counts in their age anyway
+            self._session.discount_stall(held_ns)
         if held_ns <= LONG_STALL_NS:
             return
         held = held_ns * 1e-9

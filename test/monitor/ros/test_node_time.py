@@ -131,9 +131,13 @@ class Waits(NamedTuple):
 
 
 class Turns:
-    """A ship under way on two-second time-outs, and the turns of its node, without the node."""
+    """A ship under way on two-second time-outs, and the turns of its node, without the node.
 
-    def __init__(self, **changes: Any) -> None:
+    Args:
+        stands: Whether the node is on a simulated clock that stands from now on.
+    """
+
+    def __init__(self, *, stands: bool = False, **changes: Any) -> None:
         from stickslip_monitor.ros.inputs import Number
         from stickslip_monitor.ros.node_loop import NodeLoop
 
@@ -156,7 +160,13 @@ class Turns:
 
         node, configured = Mock(), Mock(session=ship.session, health=NodeHealth(), config=ship.config)
         node.get_node_names_and_namespaces.return_value = []
-        self.running: Any = NodeLoop(node, configured, lambda function: function, lambda: ship.now, False)
+        node.get_publishers_info_by_topic.return_value = []
+        stood_ns = ship.now.time_ns
+
+        def clock() -> Moment:
+            return Moment(ship.steady_ns, stood_ns) if stands else ship.now
+
+        self.running: Any = NodeLoop(node, configured, lambda function: function, clock, stands)
         self.running._log = ship
         self.running.inputs = SimpleNamespace(
             fetch=lambda is_late: None, take_numbers=take_numbers, piled=False, lanes=[]
@@ -186,6 +196,20 @@ def test_a_turn_that_is_frozen_midway_is_excused_by_the_next() -> None:
     for _ in range(60):
         turns.turn()
     assert [event.after.value for event in turns.ship.events] == ['input_stale']
+
+
+def test_stalls_beside_a_clock_that_stands_hide_no_loss() -> None:
+    """Hold the node up for a second of every two."""
+    turns, periods = Turns(stands=True), 0
+    while not turns.ship.events and periods < 30:
+        periods += 1
+        for _ in range(20):
+            turns.turn()
+        turns.turn(after=1.0)
+    assert [event.after.value for event in turns.ship.events] == ['input_stale']
+    # A second until the clock counts as stopped, the time-out of two seconds, and half a second for late
+    # samples: without the stalls.
+    assert periods == 4
 
 
 def test_a_turn_that_comes_after_the_end_does_nothing() -> None:
