@@ -64,7 +64,7 @@ class Contact:
         self.rate = 2.0 * math.pi * max(bearing.damping_ratio, 1e-12)
         # A margin is the rate times the excess of the load: its error has to be a share of the rate. With
         # 1e-7 alone the fold at ``kappa`` 0.97 and a damping ratio of 1.5e-6 was 8 % low.
-        self.fine = min(max(1e-11 * self.rate, 1e-13), 1e-11)
+        self.fine = min(max(1e-10 * self.rate, 1e-13), 1e-11)
         # Kinks make steps short: of a table those of 1e-6 leave 8e-5 of a fold in place of 3e-5, for half.
         self.coarse = min(max(1e-4 * self.rate, self.fine), 1e-7 if self.is_smooth else 1e-6)
 

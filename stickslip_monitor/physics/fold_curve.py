@@ -21,7 +21,7 @@ from stickslip_monitor.physics import averages_closed_form, averaging
 from stickslip_monitor.physics.averages_by_quadrature import average_curve, cusp_slope
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.contact import Contact
-from stickslip_monitor.physics.folds import SLOWEST, last_sticking_speeds, least_sticking_loads
+from stickslip_monitor.physics.folds import SLOWEST, Grazing, last_sticking_speeds, least_sticking_loads
 from stickslip_monitor.physics.friction import ALMOST_REST, speed_scales
 from stickslip_monitor.physics.numerics import (
     hermite,
@@ -34,9 +34,8 @@ from stickslip_monitor.physics.numerics import (
 # Octaves of load of a curve from the onset at least: a steep law has its onset at some newtons, far
 # from Coulomb's 8 octaves above it.
 _MIN_OCTAVES = 8
-# Intervals of a curve's speeds, every 16th or 32nd of which is solved: half as many leave 3e-7 of a fold near
-# the onset of Stribeck's law in place of 1e-8.
-_INTERVALS = 2048
+# Nodes of a curve, at which it is solved first; a smooth one is then solved between them until 1e-8 is left.
+_NODES = 33
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,9 +124,14 @@ def fold_curve(bearing: Bearing) -> FoldCurve | None:
     of_use = min(2e5, 0.1 * bearing.stiffness / max(law.static, 1e-9))
     least_load = max(bearing.damping / fall, float(contact.least_loads(np.array([lowest]))[0]))
     max_load = 2.0 * max(of_use, 2.0**_MIN_OCTAVES * least_load)
-    rough = np.geomspace(lowest, max(contact.highest_speed(max_load), 4.0 * lowest), 32)
-    loads = np.nan_to_num(least_sticking_loads(contact, rough, max_load), nan=np.inf)
-    onset, octaves = float(min(np.min(averaged[1]), np.min(loads))), _MIN_OCTAVES
+    # In these places the curve is smooth. They are closest at its begin, where a fold rises faster than its
+    # load; in those of a table nearly as far apart as its speeds.
+    unit = contact.scales[0] if contact.is_smooth else max(contact.scales[0], contact.scales[-1] / 50.0)
+    highest = max(contact.highest_speed(max_load), 4.0 * lowest)
+    begin, end = math.log1p(lowest / unit), math.log1p(highest / unit)
+    place = begin + (end - begin) * np.linspace(0.0, 1.0, _NODES) ** 1.5
+    nodes = _solve_nodes(contact, place, unit, max_load)
+    onset, octaves = float(np.nanmin([np.min(averaged[1]), *nodes.load])), _MIN_OCTAVES
     if not onset < np.inf:
         return None
     if fall < math.inf:
@@ -135,7 +139,7 @@ def fold_curve(bearing: Bearing) -> FoldCurve | None:
             onset = bearing.damping / float(-law.slope(ALMOST_REST))
         octaves = max(octaves, math.ceil(math.log2(max(of_use / onset, 1.0))))
     top = onset * 2.0**octaves
-    exact, larger = _exact_curve(contact, np.stack([rough, loads]), top)
+    exact, larger = _exact_curve(contact, place, unit, nodes, top)
     return FoldCurve(contact, onset, top, averaged, exact, larger)
 
 
@@ -153,39 +157,90 @@ def _averaged_curve(contact: Contact) -> FloatArray:
         return np.stack([speed, *(contact.bearing.damping / np.maximum([peak, cusp], 0.0))])
 
 
-def _exact_curve(contact: Contact, rough: FloatArray, top: float) -> tuple[FloatArray, FloatArray]:
+def _solve_nodes(contact: Contact, place: FloatArray, unit: float, max_load: float) -> Grazing:
+    """Solve the least loads that graze at the nodes of a curve to 1e-5, later ones from those beside them.
+
+    Args:
+        contact: The bearing's contact.
+        place: Their places ``ln(1 + V/unit)``, shape (:data:`_NODES`,).
+        unit: Unit of the speed in them [m/s].
+        max_load: Where the search ends [N].
+    """
+    speed, rows, guess = unit * np.expm1(place), np.arange(0, _NODES, 8), None
+    load, slope = np.full((2, _NODES), np.nan)
+    for stride in (8, 4, 2, 1):
+        load[rows], slope[rows] = least_sticking_loads(contact, speed[rows], max_load, guess)
+        solved, rows = np.arange(0, _NODES, stride), np.arange(stride // 2, _NODES, stride)
+        below = Grazing(np.fmin(load[solved], max_load), slope[solved])
+        guess = _join_neighbours(place[solved], below, place[rows])
+    return Grazing(load, slope)
+
+
+def _join_neighbours(x: FloatArray, solved: Grazing, at: FloatArray) -> Grazing:
+    """Return guesses between loads that were solved, in the shape of ``at``.
+
+    Args:
+        x: Rising places, shape (n,).
+        solved: Loads, or ratios of loads, > 0 and slopes there.
+        at: Places.
+    """
+    if x.size < 2:
+        return Grazing(*np.full((2, at.size), np.nan))
+    log = np.log(solved.load)
+    return Grazing(np.exp(hermite(x, log, monotone_slopes(x, log), at)), np.interp(at, x, solved.slope))
+
+
+def _exact_curve(
+    contact: Contact, node_place: FloatArray, unit: float, nodes: Grazing, top: float
+) -> tuple[FloatArray, FloatArray]:
     """Solve the exact curve at some speeds, and interpolate its ratio to :func:`_base_loads`.
 
     Args:
         contact: The bearing's contact.
-        rough: Rising speeds [m/s] and the least loads that graze there, ``inf`` for none [N], shape (2, m).
+        node_place: Places of its nodes, as of :func:`_solve_nodes`.
+        unit: Unit of the speed in them [m/s].
+        nodes: The least loads that graze there, ``nan`` for none.
         top: The largest load [N].
 
     Returns:
         The fields ``exact`` and ``larger`` of :class:`FoldCurve`.
     """
+    # No last speed lies below that of the least load of all, which a table may have between two nodes. Beyond
+    # the first node above the largest load no fold rises faster than its load.
+    least_node = int(np.argmin(np.nan_to_num(nodes.load, nan=np.inf)))
+    first = min(max(least_node - 1, 0) if contact.is_smooth else 0, _NODES - 2)
+    beyond = int(np.append(first, np.flatnonzero(nodes.load <= top))[-1]) + (2 if contact.rises else 1)
+    last = min(beyond, _NODES - 1)
     # Of a scattered table of 100 points half as many would leave 1 % in place of 0.7 %.
-    every, error = (32, 1e-10) if contact.is_smooth else (16, 1e-5)
-    place, speed = _curve_speeds(contact, rough, top)
+    every, total, error = (64, 16, 1e-9) if contact.is_smooth else (16, 128, 1e-5)
+    parts = math.ceil(total / (last - first))  # from node to node
+    index = np.linspace(first, last, (last - first) * parts * every + 1)
+    place = np.exp(np.interp(index, np.arange(_NODES), np.log(node_place)))
+    speed = unit * np.expm1(place)
     rows, base = np.arange(0, speed.size, every), _base_loads(contact, speed)
-    guess, points = np.full(rows.size, np.inf), rough[:, np.isfinite(rough[1])]
-    if points.size:  # the ratio there leads to 3e-5 of half the loads of a table of 100 points
-        ratio = np.log(points[1] / _base_loads(contact, points[0]))
-        guess = base[rows] * np.exp(np.interp(np.log(speed[rows]), np.log(points[0]), ratio))
-    loads = np.full(speed.size, np.nan)
-    loads[rows] = least_sticking_loads(contact, speed[rows], 8.0 * top, guess, error)
-    exact, doubtful = _join_loads(contact, place, base, rows, loads)
+    loads, slopes = np.full((2, speed.size), np.nan)
+    loads[:: parts * every], slopes[:: parts * every] = (column[first : last + 1] for column in nodes)
+    # The ratio at nodes leads to 3e-5 of half the loads of a table of 100 points.
+    node_rows = np.flatnonzero(np.isfinite(loads))
+    ratio = _join_neighbours(
+        place[node_rows], Grazing(loads[node_rows] / base[node_rows], slopes[node_rows]), place
+    )
+    guess = Grazing(base * ratio.load, ratio.slope)
+    doubtful = rows if contact.is_smooth else rows[np.isnan(loads[rows])]
     while doubtful.size:
-        loads[doubtful] = least_sticking_loads(contact, speed[doubtful], 8.0 * top, exact[doubtful], error)
+        loads[doubtful], slopes[doubtful] = least_sticking_loads(
+            contact, speed[doubtful], 8.0 * top, Grazing(*(column[doubtful] for column in guess)), error
+        )
         rows = np.union1d(rows, doubtful)
         exact, doubtful = _join_loads(contact, place, base, rows, loads)
+        guess = Grazing(exact, np.interp(place, place[rows], slopes[rows]))
     is_solved = np.isfinite(loads[rows])
     solved = rows[is_solved]
     if is_solved[-1] and not contact.rises:
         return np.stack([speed, exact]), np.zeros((2, 0))
     # The curve ends where it is vertical: there the least and the largest load that stick meet.
     highest = float(np.max(speed[solved], initial=speed[0]))
-    end = int(rows[max(int(np.searchsorted(speed[rows], 0.8 * highest)) - 1, 0)])
+    end = max(int(np.searchsorted(speed, 0.8 * highest)) - 1, 0)
     x = np.linspace(math.log(min(float(exact[end]), top)), math.log(top), 33 if exact[end] < top else 0)
     larger = np.stack([x, last_sticking_speeds(contact.bearing, np.exp(x))])
     return np.stack([speed[: end + 1], exact[: end + 1]]), larger
@@ -230,29 +285,6 @@ def _join_loads(
     halfway = halfway[(halfway > rows[:-1]) & ~has_gap[halfway]]
     off = local_polynomials(solved_place, ratio, place[halfway], 8) - joined[halfway]
     return exact, halfway[np.abs(off) > 1e-8]
-
-
-def _curve_speeds(contact: Contact, rough: FloatArray, top: float) -> tuple[FloatArray, FloatArray]:
-    """Choose the speeds of a curve, closest at its begin, where a fold rises faster than its load.
-
-    Args:
-        contact: The bearing's contact.
-        rough: Rising speeds [m/s] and the least loads that graze there, ``inf`` for none [N], shape (2, m).
-        top: The largest load [N].
-
-    Returns:
-        Places ``ln(1 + V/V0)``, in which a curve is smooth, and the speeds ``V`` [m/s], shape (n,) each.
-    """
-    speed, load = rough
-    scale = contact.scales[0] if contact.is_smooth else max(contact.scales[0], contact.scales[-1] / 50.0)
-    # No last speed lies below that of the least load of all, which a table may have between two of these.
-    first = max(int(np.argmin(load)) - 1, 0) if contact.is_smooth else 0
-    last = int(np.append(0, np.flatnonzero(load <= top))[-1])
-    # Beyond the last of these no fold rises faster than its load.
-    high = speed[last + 1] if last + 1 < speed.size else speed[last] * max(top / load[last], 1.0)
-    begin, end = (math.log1p(float(v) / scale) for v in (speed[first], high))
-    place = begin + (end - begin) * np.linspace(0.0, 1.0, _INTERVALS + 1) ** 1.5
-    return place, scale * np.expm1(place)
 
 
 def _base_loads(contact: Contact, speed: FloatArray) -> FloatArray:

@@ -47,7 +47,7 @@ EXHAUSTED, TURNED, LANDED, MISSED, RESTED, LEFT = range(6)
 # Gauss-Legendre nodes and weights in a step: of its divergence five leave an error of 1e-13.
 _NODES, _WEIGHTS = (tuple(column.tolist()) for column in gauss_rule(5))
 # Interpreted steps of a process after which it pays to compile: 20,000 take 0.8 s, loading the
-# compiled loop 0.7 s. A table of boundaries of Stribeck's law takes 6,000.
+# compiled loop 0.7 s. A table of boundaries of Stribeck's law takes 3,000.
 PATIENCE = 20_000
 # Numbers of an orbit that follow_each reads and writes.
 _READS, _WRITES = 8, 7

@@ -29,9 +29,9 @@ from stickslip_monitor.physics.friction import (
 )
 from stickslip_monitor.physics.friction_pieces import Pieces
 
-# Degree of a fitted piece. By 7 the boundaries of a rational law take 2.4 times as many steps, and by 12 a
-# fourth less, each of which takes longer.
-_DEGREE = 10
+# Degree of a fitted piece. By 7 the boundaries of a rational law take 2.7 times as many steps and a fourth
+# longer, by 15 an eighth less steps and a tenth longer.
+_DEGREE = 11
 # Halvings of a piece at most: what a law does between neighbouring numbers is left as it is.
 _MAX_HALVINGS = 60
 

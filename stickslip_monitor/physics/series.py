@@ -15,13 +15,13 @@ STRIDE = ORDER + 1
 """Number of coefficients of a series, constant first."""
 PLACE, RELATIVE_SPEED, RATE, INVERSE, LAW = (STRIDE * series for series in range(5))
 """Indices in the row of work: of the series of displacement, of relative speed and of its rate, of the
-numbers ``1/k``, and of the first of ten series of the law, whose pieces are of that degree."""
+numbers ``1/k``, and of the first of six series of the law."""
 
 
 def new_work() -> list[float]:
     """Return a new row of work: the numbers ``1/k`` from ``INVERSE`` + 1 on, all else 0."""
     inverse = [0.0, *(1.0 / k for k in range(1, STRIDE))]
-    return [0.0] * INVERSE + inverse + [0.0] * (10 * STRIDE)
+    return [0.0] * INVERSE + inverse + [0.0] * (6 * STRIDE)
 
 
 def place_and_speed(work: Sequence[float], order: int, share: float) -> tuple[float, float]:

@@ -39,9 +39,10 @@ def test_a_margin_rises_by_a_turns_loss_of_amplitude_with_the_logarithm_of_the_l
     # By 2 pi zeta: there friction gives what damping takes in a turn, in proportion to the load.
     contact = Contact(Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, decay), 0.1))
     speed = np.array([1.0, 2.0]) / decay
-    load = least_sticking_loads(contact, speed, 1e6, error=1e-10)
+    load, slope = least_sticking_loads(contact, speed, 1e6, error=1e-10)
     margin = contact.margin(speed, load * 1.001, 1e-13) / math.log(1.001)
     np.testing.assert_allclose(margin, 2.0 * math.pi * 0.02, rtol=0.1)
+    np.testing.assert_allclose(slope, margin, rtol=1e-2)
 
 
 @pytest.mark.parametrize('name', LAWS)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from own_law import OwnLaw
 from scipy.optimize import brentq
 from scipy.special import i1e
 from shared import bearing_of
@@ -233,7 +234,7 @@ def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
     monkeypatch.setattr(contact, 'follow', counted)
     bearing = bearing_of(measured_curve(count, noise, count))
     boundary_table(bearing)
-    assert 600 < followed < 1800
+    assert 300 < followed < 1200
     # The last load is there for the size of the table: more than 1e-3 is not claimed above 100 kN.
     for load, rtol in (500.0, 1e-4), (3000.0, 1e-4), (9000.0, 1e-4), (150_000.0, 1e-3):
         np.testing.assert_allclose(sticking_ends(bearing, load), exact_fold_speed(bearing, load), rtol=rtol)
@@ -246,9 +247,22 @@ def test_few_steps_tabulate_a_table_that_scatters(monkeypatch):
     steps_before = orbits._Effort.steps
     bearing = bearing_of(measured_curve(100, 0.004, 3))
     boundary_table(bearing)
-    assert 10_000 < orbits._Effort.steps - steps_before < 80_000
+    assert 10_000 < orbits._Effort.steps - steps_before < 50_000
     for load in 500.0, 3000.0:
         assert sticking_ends(bearing, load) == pytest.approx(exact_fold_speed(bearing, load), rel=1e-3)
+
+
+def test_few_steps_tabulate_a_law_of_ones_own(monkeypatch):
+    # 10,300 of them, as they once were, took half a second where numba is missing.
+    monkeypatch.setattr(orbits, 'PATIENCE', math.inf)
+    fold_curve.cache_clear()
+    steps_before = orbits._Effort.steps
+    bearing = bearing_of(OwnLaw(0.3, 0.1, 10.0))
+    table = boundary_table(bearing)
+    assert 1_000 < orbits._Effort.steps - steps_before < 4_500
+    load = np.array([311.0, 1007.0, 9001.0, 5e4])
+    ends = [end_of_vibration(bearing_of(Stribeck(0.3, 0.1, 10.0)), n) for n in load]
+    np.testing.assert_allclose(table.fold(load), ends, rtol=1e-7)
 
 
 def test_a_soft_lining_is_tabulated_by_no_stiff_orbits(monkeypatch):
@@ -267,7 +281,7 @@ def test_a_soft_lining_is_tabulated_by_no_stiff_orbits(monkeypatch):
     law = Tabulated(speed, [0.3, 0.26, 0.22, 0.17, 0.13, 0.11, 0.1])
     bearing = replace(bearing_of(law), stiffness=2.0e4)
     table = boundary_table(bearing)
-    assert 5_000 < steps < 50_000
+    assert 2_000 < steps < 20_000
     assert table.fold(2000.0) == pytest.approx(exact_fold_speed(bearing, 2000.0), rel=1e-4)
 
 

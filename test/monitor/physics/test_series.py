@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from own_law import OwnLaw
 
+from stickslip_monitor.physics import friction_pieces
 from stickslip_monitor.physics.friction import Coulomb, Stretched, Stribeck, Tabulated
-from stickslip_monitor.physics.friction_pieces import friction_drop, friction_slope
+from stickslip_monitor.physics.friction_pieces import Pieces, friction_drop, friction_slope
 from stickslip_monitor.physics.scalar_law import (
     begin_series,
     extend_series,
@@ -70,6 +71,19 @@ def test_the_series_of_a_table_is_that_of_its_cubic():
     actual = series_coefficients(law)
     assert actual[0] == pytest.approx(float(law.coefficient(ORIGIN) - law.coefficient(ORIGIN + 0.9 * UNIT)))
     np.testing.assert_allclose(actual[1:], right[1:], atol=1e-14)
+
+
+@pytest.mark.parametrize('degree', [3, 7, 11])
+def test_the_series_of_a_piece_is_that_of_its_polynomial(degree):
+    powers = np.random.default_rng(degree).normal(size=degree + 1).tolist()
+    law, work = Pieces([0.0], [0.15], [0.3], degree, 0.5, powers), new_work()
+    work[RELATIVE_SPEED : RELATIVE_SPEED + len(COURSE)] = COURSE
+    right = expected_coefficients(
+        lambda v: mp.fsum(a * ((v - mp.mpf(0.15)) / mp.mpf(0.3)) ** k for k, a in enumerate(powers)), ORDER
+    )
+    *_, drop = friction_pieces.begin_series(law, ORIGIN, COURSE[0], UNIT, work)
+    actual = [drop, *(friction_pieces.extend_series(law, k, work) for k in range(1, ORDER))]
+    np.testing.assert_allclose(actual, right, atol=1e-14)
 
 
 @pytest.mark.parametrize('law', [OwnLaw(0.3, 0.1, 10.0), Stretched(0.3, 0.1, 10.0, 0.0, 1.2)])

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from shared import bearing_of
 
-from stickslip_monitor import exact_cycle, fold_speed, hopf_speed
+from stickslip_monitor import Bearing, CycleKind, exact_cycle, fold_speed, hopf_speed
 from stickslip_monitor.errors import PhysicsError
 from stickslip_monitor.physics.friction import Stretched, Stribeck, stribeck
 from stickslip_monitor.physics.scalar_law import law_bounds, scalar_law
@@ -64,3 +64,14 @@ def test_its_boundaries_hold_their_conditions():
     hopf = hopf_speed(BENCH, load)
     assert load * float(LAW.slope(hopf)) + 400.0 == pytest.approx(0.0, abs=1e-6)
     assert fold_speed(BENCH, load) > hopf
+
+
+def test_slip_that_lands_at_the_begin_of_a_narrow_piece_is_resolved():
+    # Fitted pieces are 1e-8 of the belt's speed wide at rest. Below it a step went on along the first one,
+    # which is wrong a few widths away, and came back to it for ever.
+    bearing = Bearing(
+        0.45598068, 14.0388826, 6745.2415, Stretched(0.40467659, 0.15744752, 63.032482, 0.0, 1.2), 0.1
+    )
+    speed = 0.0139390755 * np.linspace(0.9995, 1.0005, 60)
+    kind = np.asarray(exact_cycle(bearing, speed, 2.3969962).kind)
+    assert set(kind.tolist()) == {CycleKind.STICK_SLIP}
