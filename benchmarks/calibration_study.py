@@ -186,7 +186,12 @@ def study_fast_ramps() -> dict[str, Any]:
 
 def study_loud_linings() -> dict[str, Any]:
     """Study noise of the lining five times as strong."""
-    return study_accuracy(3106, _FEWER, (5,), Kind(noise=0.01))
+    return study_accuracy(3106, _FEWER, (2, 5), Kind(noise=0.01))
+
+
+def study_quiet_linings() -> dict[str, Any]:
+    """Study noise of the lining a quarter as strong."""
+    return study_accuracy(3110, _FEWER, (2, 5), Kind(noise=0.0005))
 
 
 def study_operator_lists() -> dict[str, Any]:
@@ -269,6 +274,7 @@ PARTS: dict[str, Callable[[], dict[str, Any]]] = {
     'wrong_drawing': study_wrong_drawings,
     'fast': study_fast_ramps,
     'loud': study_loud_linings,
+    'quiet': study_quiet_linings,
     'operator': study_operator_lists,
     'drift': study_drift,
     'reliability': study_reliability,
@@ -287,9 +293,10 @@ _NAMES = {
     'slow': 'ramps of 1 to 10 min',
     'many': 'the same',
     'other_loads': 'other loads',
-    'wrong_drawing': 'damping 1.75 times too high',
+    'wrong_drawing': 'damping × 1.75',
     'fast': 'ramps of 15 to 60 s',
-    'loud': 'noise five times as strong',
+    'loud': 'noise × 5',
+    'quiet': 'noise × 0.25',
     'operator': "an operator's list",
     'drift': 'wear, `--forget`',
 }

@@ -120,9 +120,9 @@ class Passage:
     """Quiet up to an onset of vibration, or to the end of the report of quiet: n bins."""
 
     time: float  # the end of the quiet [s]
+    bin_time: FloatArray  # times of the bins, ascending, shape (n,) [s]
     speed: FloatArray  # of the surface, shape (n,) [m/s]
     load: FloatArray  # shape (n,) [N]
-    step: FloatArray  # time since the bin before, 0 to 5, shape (n,) [s]
     began: bool  # whether a vibration began at its end
     tolerance: float  # how far that time may be off [s]
     trust: float  # probability that the reports are right
@@ -261,9 +261,8 @@ def _find_passage(
     time, speed = track.time[rows], track.speed[rows]
     if onset and _log_speed_rate(time, speed, b) > 1.0 / 25.0:
         return None
-    step = np.minimum(np.diff(time, prepend=time[0]), 5.0)
     trust = min(report.trust, onset.trust) if onset else report.trust
-    return Passage(b, speed, track.load[rows], step, onset is not None, report.tolerance, trust)
+    return Passage(b, time, speed, track.load[rows], onset is not None, report.tolerance, trust)
 
 
 def _log_speed_rate(time: FloatArray, speed: FloatArray, at: float) -> float:

@@ -61,7 +61,7 @@ def test_five_passages_correct_a_wrong_drawing_of_any_law(law: FrictionLaw) -> N
     assert any('all evidence is at 1000 to 1000 N' in text for text in calibration.remarks)
 
 
-def test_the_bearing_that_is_believed_has_grown_three_e_folds_at_the_onsets() -> None:
+def test_the_bearing_that_is_believed_has_grown_some_e_folds_at_the_onsets() -> None:
     """``G = (c/2m) ((e^(b t) - 1)/b - t)`` on a ramp, t after the Hopf speed, ``b = beta dV/dt``."""
     calibration = calibrate_levels([slow_passage(k, rate) for k, rate in enumerate(RATES)])
     bearing, law = calibration.belief.bearing, calibration.belief.bearing.friction
@@ -70,7 +70,8 @@ def test_the_bearing_that_is_believed_has_grown_three_e_folds_at_the_onsets() ->
     rate = np.array(RATES)
     b, t = law.decay * rate * RPM, (hopf - ONSET) / rate
     grown = bearing.damping / (2.0 * bearing.mass) * (np.expm1(b * t) / b - t)
-    assert 2.0 < np.median(grown) < 4.5
+    # Onsets at one speed, whatever the rate, are of less growth than the 2.2 e-folds of most ships.
+    assert 1.0 < np.median(grown) < 2.2
     assert calibration.hopf_speeds(1000.0)[1] == pytest.approx(hopf * RPM, rel=0.01)
 
 

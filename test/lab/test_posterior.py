@@ -2,21 +2,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import gumbel_r
 from shared import REFERENCE_BEARING
 from slow_passages import RPM
 
-from stickslip_lab.calibration.edges import Edges, End, Passage, Reference, ReportedCourse
+from stickslip_lab.calibration.edges import LAGS, Edges, End, Passage, Reference, ReportedCourse
 from stickslip_lab.calibration.evidence import VibrationReport
 from stickslip_lab.calibration.posterior import (
     _FOLD_NODES,
-    _FOLDS_SPREAD,
-    _GROWN,
+    _FOLDS,
+    _LAG_PRIOR,
     Spreads,
     infer,
+    onset_probability,
     passage_log_likelihood,
 )
 from stickslip_monitor.arrays import FloatArray
@@ -84,42 +86,102 @@ def test_forgetting_follows_the_newest_ends() -> None:
     assert estimate < 0.06 < 0.08 < followed
 
 
-def make_onset(rate: float, seconds: float, began: bool = True) -> Passage:
-    """Down from the Hopf speed at a rate [rpm/s] for some seconds, then over by the tolerance."""
-    time = np.arange(0.0, seconds + 3.25, 0.25)
-    speed = math.log(5.0) / 10.0 - rate * RPM * time
-    step = np.diff(time, prepend=time[0])
-    return Passage(seconds, speed, np.full(time.size, 1000.0), step, began, 1.0, 0.99)
+LAG = LAGS.index(0.0)
+RATE = 0.3
+"""Of the ramps: down from the Hopf speed [rpm/s]."""
+
+
+def make_onset(seconds: float, began: bool = True) -> Passage:
+    """Down from the Hopf speed for some seconds, then over by the tolerance and the longest lag."""
+    time = np.arange(0.0, seconds + 3.5, 0.25)
+    speed = math.log(5.0) / 10.0 - RATE * RPM * time
+    return Passage(seconds, time, speed, np.full(time.size, 1000.0), began, 1.0, 0.99)
+
+
+def growth_after(seconds: FloatArray) -> FloatArray:
+    """On a ramp G = (c/2m) ((e^x - 1)/b - t) with x = b t, b = beta rate [e-folds]."""
+    b = 10.0 * RATE * RPM
+    return np.asarray(400.0 / 100.0 * ((np.exp(b * seconds) - 1.0) / b - seconds))
 
 
 def likelihood_at(passage: Passage, log_q: FloatArray) -> FloatArray:
-    """Likelihood of a passage along ln q, e-folds summed over by their prior, without a lag."""
+    """Likelihood of a passage along ln q by the median e-folds, without a lag."""
     likelihood = passage_log_likelihood(passage, REFERENCE, np.zeros(log_q.size), log_q)
-    weight = np.exp(-0.5 * np.linspace(-2.2, 2.2, likelihood.shape[1]) ** 2)
-    return np.asarray(np.exp(likelihood[:, :, 1]) @ weight)
+    return np.asarray(np.exp(likelihood[:, _FOLD_NODES.size // 2, LAG]))
 
 
-def test_an_onset_is_likeliest_where_noise_has_grown_three_e_folds() -> None:
-    # On a ramp G = (c/2m) ((e^x - 1)/b - t) with x = b t, b = beta rate: 3 e-folds after t.
-    rate = 0.3
-    b = 10.0 * rate * RPM
-    time = np.linspace(1.0, 40.0, 4000)
-    grown = 400.0 / 100.0 * ((np.exp(b * time) - 1.0) / b - time)
-    seconds = float(time[np.argmin(np.abs(grown - 3.0))])
-    log_q = np.linspace(-0.3, 0.3, 121)
-    likely = likelihood_at(make_onset(rate, seconds), log_q)
-    assert log_q[np.argmax(likely)] == pytest.approx(0.0, abs=0.05)
+def test_onsets_come_when_noise_has_grown() -> None:
+    # At the true boundary, over the times of onset: the distribution of ln(Rayleigh) about the e-folds,
+    # beside the even one of onsets that a blow began, or that are worthless.
+    seconds = np.arange(2.0, 40.0, 0.05)
+    density = np.array([likelihood_at(make_onset(float(t)), np.zeros(1))[0] for t in seconds])
+    right = 0.9 * 0.99
+    density -= (1.0 - right) / (seconds + 3.25)
+    expected = gumbel_r(_FOLDS, 0.5).cdf(growth_after(np.stack([seconds - 1.0, seconds + 1.0])))
+    np.testing.assert_allclose(density, right * np.diff(expected, axis=0)[0] / 2.0, atol=0.003)
+    mean, expected_mean = (
+        np.average(seconds, weights=weight) for weight in (density, np.gradient(expected.mean(axis=0)))
+    )
+    assert mean == pytest.approx(expected_mean, abs=0.1)
+
+
+def test_a_speed_that_lags_shows_the_onset_later() -> None:
+    # Of one course, an onset at 12 s with a lag of 1.5 s is as likely as one at 13.5 s without.
+    later = make_onset(13.5)
+    early = replace(later, time=12.0)
+    a, b = (passage_log_likelihood(one, REFERENCE, np.zeros(1), np.zeros(1)) for one in (early, later))
+    np.testing.assert_allclose(a[..., LAGS.index(1.5)], b[..., LAG])
+
+
+def test_growing_noise_reaches_an_amplitude_as_the_logarithm_of_a_rayleigh_amplitude() -> None:
+    # Paths of da = s t a dt + dw, from far before the boundary: in growth since then, they reach an amplitude
+    # with the scatter of ln(Rayleigh), pi/sqrt(24), whatever the noise, as ours do.
+    random, step, slope, paths = np.random.default_rng(5), 0.01, 0.5, 4000
+    a, reached = np.zeros(paths, complex), np.full((2, paths), np.nan)
+    for k in range(-500, 800):
+        a *= math.exp(slope * k * step * step)
+        a += math.sqrt(step) * (random.standard_normal(paths) + 1j * random.standard_normal(paths))
+        for row, amplitude in enumerate((1e3, 1e4)):
+            new = np.isnan(reached[row]) & (np.abs(a) >= amplitude) & (k > 0)
+            reached[row, new] = 0.5 * slope * (k * step) ** 2
+    assert reached.std(axis=1) == pytest.approx(math.pi / math.sqrt(24.0), rel=0.04)
+    assert np.diff(reached.mean(axis=1)) == pytest.approx(math.log(10.0), rel=0.02)
+    growth = np.linspace(-3.0, 12.0, 3001)[None]
+    probability = onset_probability(growth)[0, _FOLD_NODES.size // 2]
+    weight = np.gradient(probability)
+    mean = np.average(growth[0], weights=weight)
+    deviation = math.sqrt(np.average((growth[0] - mean) ** 2, weights=weight))
+    assert deviation == pytest.approx(math.pi / math.sqrt(24.0), rel=1e-3)
 
 
 def test_quiet_bounds_how_far_noise_can_have_grown() -> None:
     log_q = np.array([-0.5, 0.0, 0.5])
-    steady, middle, wild = likelihood_at(make_onset(0.3, 12.0, began=False), log_q)
+    steady, middle, wild = likelihood_at(make_onset(12.0, began=False), log_q)
     assert steady > middle > wild
 
 
-def test_the_nodes_of_the_onsets_stand_for_a_normal_spread() -> None:
-    """Between ships and between onsets the e-folds differ as normal numbers do: their variances add."""
-    offset = np.linspace(-2.0, 2.0, 201) * math.hypot(_FOLDS_SPREAD, _GROWN)
-    weight = np.exp(-0.5 * _FOLD_NODES**2)
-    density = norm.pdf(offset[:, None], _FOLDS_SPREAD * _FOLD_NODES, _GROWN) @ weight / weight.sum()
-    np.testing.assert_allclose(density, norm.pdf(offset, 0.0, math.hypot(_FOLDS_SPREAD, _GROWN)), rtol=0.02)
+def test_the_load_of_a_passage_scatters_by_a_normal_number() -> None:
+    # An onset pulls the Hopf speed as one whose likelihood is averaged over many loads of the passage.
+    edges = make_edges(*[scaled_fold(1.0)] * 4)
+    onset = make_onset(14.0)
+    posterior = infer(replace(edges, passages=[onset]), REFERENCE, PRIOR, Spreads(load=0.03))
+    fold = posterior.by_ends
+    z = np.linspace(-3.0, 3.0, 41)
+    common = np.exp(-0.5 * _FOLD_NODES**2)[:, None] * np.exp(_LAG_PRIOR)
+    likelihood = sum(
+        math.exp(-0.5 * k * k)
+        * np.exp(
+            passage_log_likelihood(
+                onset,
+                REFERENCE,
+                fold.log_r.ravel(),
+                np.tile(fold.log_q, fold.u.size) + k * math.hypot(0.02, 0.03),
+            )
+        )
+        for k in z.tolist()
+    )
+    weight = fold.weight * (likelihood * common).sum(axis=(1, 2)).reshape(fold.weight.shape)
+    expected = replace(fold, weight=weight / weight.sum())
+    hopf = fold.log_r + REFERENCE.hopf(fold.load + fold.log_q)
+    smoothed, averaged = (grid.quantiles(hopf, [0.05, 0.5, 0.95]) for grid in (posterior.by_all, expected))
+    np.testing.assert_allclose(smoothed, averaged, atol=0.01)
