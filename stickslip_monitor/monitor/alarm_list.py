@@ -505,7 +505,10 @@ class Annunciator:
         given, alarms = self._given[alarm.bearing], self.alarms[alarm.bearing]
         ringing = any(alarm_beside.sounding for alarm_beside in alarms.values() if alarm_beside is not alarm)
         if alarm.kind in LATCHING:
-            has_sounded = alarm.recurring = self._has_sounded(alarm)
+            has_sounded = self._has_sounded(alarm)
+            # What was silent because it came back is not so for longer than the last sound counts.
+            alarm.silenced &= has_sounded or not alarm.recurring
+            alarm.recurring = has_sounded
         else:
             since_ns = self.now_ns - WINDOW_NS
             has_sounded = any(given.get(kind, since_ns) > since_ns for kind in _kinds_no_milder(alarm.kind))

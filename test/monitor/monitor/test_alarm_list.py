@@ -333,6 +333,15 @@ def test_an_unknown_bearing_is_refused(panel: Build) -> None:
         panel().alarms.act(Action.ACKNOWLEDGE, T0, 'Ada', 'bow')
 
 
+def test_what_came_back_in_silence_sounds_ten_minutes_after_the_last_sound(panel: Build) -> None:
+    """Let stick-slip come back after 366 s, which is silent, and again after 610 s; nobody acts."""
+    aft = panel().play('0 stick_slip 122 normal 366 stick_slip')
+    assert not aft.alarms.sounding
+    aft.play('427 normal 610 stick_slip')
+    assert aft.alarms.sounding
+    assert [(c.time_ns - T0) // SECOND for c in aft.log if c.aloud] == [0, 610]
+
+
 def test_an_alarm_that_stands_acknowledged_is_given_again_after_ten_minutes() -> None:
     panel = Panel(configured()).advance_to(0.0).enter_condition('stick_slip')
     panel.act('acknowledge')
