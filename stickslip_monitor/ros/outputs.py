@@ -140,14 +140,21 @@ class Configured:
         """Replace clips, publishers and session for another configuration; the alarms are taken over.
 
         Raises:
-            Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; all stays as it was only where
-                the store of the clips cannot be made.
+            Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; all stays as it was.
         """
-        before, outputs = self.session, self.outputs
-        self._make_outputs(config)
+        replaced = self.config, self.clips, self.outputs, self.graph
+        outputs = self.outputs
+        try:
+            self._make_outputs(config)
+            session = self._make_session()
+        except BaseException:
+            if self.outputs is not outputs:
+                self.outputs.destroy()
+            self.config, self.clips, self.outputs, self.graph = replaced
+            raise
         outputs.destroy()
-        self.session = self._make_session()
-        self.session.inherit(before)
+        session.inherit(self.session)
+        self.session = session
 
     def check_files(self) -> None:
         """Update the health on clips and state file; log each new fault as an error."""

@@ -9,6 +9,9 @@ import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
+from stickslip_monitor.errors import RosError
+from stickslip_monitor.ros import outputs
+
 
 def test_descriptors_have_ranges_units_and_rules(host: Any) -> None:
     names = ['aft.mass', 'aft.alarm.hysteresis', 'aft.alarm.on_delay', 'aft.speed.unit']
@@ -121,3 +124,23 @@ def test_geometry_and_topics_change_between_activations(host: Any) -> None:
     # Nothing is left of the inputs of before.
     counts = {f'{name} samples accepted': '1' for name in ('speed', 'load')}
     monitor.peer.until(lambda: counts.items() <= kit.latest_status(diagnostics).items(), 'a fresh start')
+
+
+@pytest.mark.parametrize('part', ['Outputs', 'Session'])
+def test_a_change_that_cannot_be_made_leaves_the_node_as_it_was(
+    host: Any, monkeypatch: pytest.MonkeyPatch, part: str
+) -> None:
+    """Let the new publishers, and the new session, fail once each."""
+    monitor = host(kit.stamped_parameters())
+    telemetry = kit.Telemetry(monitor)
+    first_answer = telemetry.step(20.0, 1000.0)
+    assert monitor.go('deactivate')
+
+    def fail(*_: object) -> None:
+        raise RosError('no more handles')
+
+    with monkeypatch.context() as patched:
+        patched.setattr(outputs, part, fail)
+        assert monitor.set(aft__journal_diameter=0.2) == [(False, 'no more handles')]
+    assert monitor.go('activate')
+    assert telemetry.step(20.0, 1000.0)['fold_margin'] == first_answer['fold_margin']
