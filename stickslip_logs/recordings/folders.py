@@ -20,6 +20,7 @@ import yaml
 from stickslip_logs.errors import MAX_NAMED, BagError, cause, listed, plural
 from stickslip_logs.files import near_name, read_file
 from stickslip_logs.recordings import file_kind
+from stickslip_logs.recordings.bag_file import BagFile, scan_mcap_file
 from stickslip_logs.recordings.file_kind import (
     NUMBERED_PART,
     compose_letters,
@@ -32,7 +33,6 @@ from stickslip_logs.recordings.file_kind import (
     read_content,
     recording_name_of,
 )
-from stickslip_logs.recordings.mcap_file import McapFile, scan_file
 from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, Findings, Scratch
 from stickslip_logs.recordings.sqlite_file import MAGIC as SQLITE
 from stickslip_logs.recordings.sqlite_file import SqliteFile
@@ -245,7 +245,7 @@ def _are_parts(folder: Path, names: Sequence[str]) -> bool:
         return True
 
 
-def scan_part(path: Path, findings: Findings, scratch: Scratch, *, is_packed: bool = False) -> McapFile:
+def scan_part(path: Path, findings: Findings, scratch: Scratch, *, is_packed: bool = False) -> BagFile:
     """Return the contents of a file of MCAP or SQLite; ``is_packed`` is whether each message is compressed.
 
     Copies are made in ``scratch``, and warnings go to ``findings``.
@@ -255,10 +255,10 @@ def scan_part(path: Path, findings: Findings, scratch: Scratch, *, is_packed: bo
     """
     if has_sqlite_name(path.name) or read_begin(path).startswith(SQLITE):
         return SqliteFile(path, findings, scratch, is_packed=is_packed)
-    return scan_file(path, findings)
+    return scan_mcap_file(path, findings)
 
 
-def are_consecutive(files: Sequence[McapFile]) -> bool:
+def are_consecutive(files: Sequence[BagFile]) -> bool:
     """Return whether each file begins from 1 s before to 1 h behind the end of the one before it.
 
     Files without times are left out.

@@ -13,6 +13,7 @@ import zstandard
 
 from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import near_name
+from stickslip_logs.recordings.bag_recording import BagRecording
 from stickslip_logs.recordings.file_kind import (
     TABLE,
     find_stored_path,
@@ -23,7 +24,6 @@ from stickslip_logs.recordings.file_kind import (
 )
 from stickslip_logs.recordings.folders import are_consecutive, folder_files, has_other_parts, scan_part
 from stickslip_logs.recordings.mcap_chunks import MAGIC, limit_bytes
-from stickslip_logs.recordings.mcap_recording import McapRecording
 from stickslip_logs.recordings.recording import METADATA_NAME, Findings, Recording, Scratch
 from stickslip_logs.recordings.sqlite_file import MAGIC as SQLITE
 from stickslip_logs.recordings.table_recording import TableRecording
@@ -92,7 +92,7 @@ def _open_files(
             f"folder '{path}' holds {len(files)} recordings that overlap in time or lie more than"
             ' an hour apart: name one of them'
         )
-    return McapRecording(path, contents, findings, scratch)
+    return BagRecording(path, contents, findings, scratch)
 
 
 def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:

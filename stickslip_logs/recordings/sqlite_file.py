@@ -23,8 +23,8 @@ from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from stickslip_logs.errors import MAX_NAMED, BagError, plural
+from stickslip_logs.recordings.bag_file import BagFile
 from stickslip_logs.recordings.mcap_chunks import MAX_CHUNK, PAYLOAD, Block, Piece
-from stickslip_logs.recordings.mcap_file import McapFile
 from stickslip_logs.recordings.message_types import definition_of
 from stickslip_logs.recordings.recording import Findings, Scratch
 from stickslip_logs.time_order import MAX_TIME_NS
@@ -41,8 +41,8 @@ _TIME = f'timestamp BETWEEN 0 AND {MAX_TIME_NS}'
 Rows = list[tuple[Any, ...]]
 
 
-class SqliteFile(McapFile):
-    """Contents of a file of SQLite, as those of one of MCAP.
+class SqliteFile(BagFile):
+    """Contents of a file of SQLite, in blocks as those of one of MCAP.
 
     A block is a range of row ids, from ``offset`` on. Making it reads the times of all messages.
 

@@ -15,7 +15,7 @@ import pytest
 from made_logs import write_recording
 from shared import CONFIG, ROOT
 
-from stickslip_logs.recordings import mcap_recording
+from stickslip_logs.recordings import bag_recording
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.writer import BagWriter, encode_float64s, encode_stamped
@@ -215,7 +215,7 @@ def test_blocks_of_a_few_messages_give_the_same_file_and_check(
     bag: Path, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = to_json(check_recording(bag, config_of()))
-    monkeypatch.setattr(mcap_recording, '_MAX_OF_TOPIC', 2)
+    monkeypatch.setattr(bag_recording, '_MAX_OF_TOPIC', 2)
     assert to_json(write_verdicts(bag, tmp_path / 'out.mcap')) == expected
     in_large_blocks, in_small_blocks = (
         sorted((m.topic, m.log_time_ns, m.data) for m in open_bag(path).messages())
@@ -271,7 +271,7 @@ def test_values_that_stand_are_the_same_in_any_blocks_and_are_no_samples(
     write_samples(tmp_path / 'in', [*samples, (500, 0, 61.0)])
     config = config_of(**{'aft.speed.hold': 900.0, 'aft.load.hold': 900.0})
     report = write_verdicts(tmp_path / 'in', tmp_path / 'out.mcap', config)
-    monkeypatch.setattr(mcap_recording, '_MAX_OF_TOPIC', 2)
+    monkeypatch.setattr(bag_recording, '_MAX_OF_TOPIC', 2)
     assert to_json(write_verdicts(tmp_path / 'in', tmp_path / 'again.mcap', config)) == to_json(report)
     in_large_blocks, in_small_blocks = (
         {(t, n): m for t, n, m in rosbags_messages(tmp_path / f'{p}.mcap')} for p in ('out', 'again')

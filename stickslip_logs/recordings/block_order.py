@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Judges the order of time of MCAP files by the indexes of the messages, without unpacking them."""
+"""Judges the order of time of files: of MCAP by the indexes of the messages, without unpacking them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from mcap.opcode import Opcode
 
 from stickslip_logs.arrays import BoolArray, IntArray
 from stickslip_logs.files import open_file
+from stickslip_logs.recordings.bag_file import BagFile
 from stickslip_logs.recordings.mcap_chunks import HEAD, PAYLOAD, Block, DamagedBlock, Piece
-from stickslip_logs.recordings.mcap_file import McapFile
 from stickslip_logs.time_order import MAX_TIME_NS, Row, TimeCourse, TimeOrder
 from stickslip_logs.units import KIB, MIB
 
@@ -55,7 +55,7 @@ class CourseOfBlocks:
     least_ns: int
     is_corrected: bool
 
-    def correct_times(self, number: int, file: McapFile, piece: Piece) -> IntArray:
+    def correct_times(self, number: int, file: BagFile, piece: Piece) -> IntArray:
         """Return the corrected log times of the messages of a piece [ns], shape (n,).
 
         Without corrections this is the array of the piece itself, else a copy. Invalid times are unchanged.
@@ -71,7 +71,7 @@ class CourseOfBlocks:
 class BlockTimes:
     """The times of the messages of files, read as far as they are asked for."""
 
-    def __init__(self, files: Sequence[McapFile], least_ns: int) -> None:
+    def __init__(self, files: Sequence[BagFile], least_ns: int) -> None:
         self._files, self._least_ns, self._sparse_bytes = files, least_ns, 0
 
     def judge_order(self, topics: Sequence[str]) -> CourseOfBlocks:
@@ -175,7 +175,7 @@ class BlockTimes:
             elif is_time.any():
                 yield topic, time_ns[is_time], byte[is_time]
 
-    def _walk_block(self, file: McapFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
+    def _walk_block(self, file: BagFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
         """Return the messages of a block by decompressing it, up to damage in it.
 
         The list is empty for a block of more than 16 MB, and where the limit of sparse bytes was reached
@@ -199,8 +199,8 @@ class BlockTimes:
 
 
 def select_blocks(
-    files: Iterable[McapFile], topics: Collection[str]
-) -> Iterator[tuple[McapFile, list[tuple[int, Block]]]]:
+    files: Iterable[BagFile], topics: Collection[str]
+) -> Iterator[tuple[BagFile, list[tuple[int, Block]]]]:
     """Yield each file with those of its blocks, and their numbers, that may have some topics.
 
     Blocks are numbered through all files, from 0.
@@ -264,7 +264,7 @@ def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_Top
     return result
 
 
-def _rows_of(file: McapFile, piece: Piece, numbers: Mapping[str, int]) -> _Rows:
+def _rows_of(file: BagFile, piece: Piece, numbers: Mapping[str, int]) -> _Rows:
     """Return the log times, topics and places of the messages of a piece, shape (n,) each.
 
     Args:

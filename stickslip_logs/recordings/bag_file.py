@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scans one MCAP file: channels, counts, the blocks to read, and where it is truncated.
+"""What one file of a recording holds: channels, counts, the blocks to read, and where it is truncated.
 
-The heads of all records are read, whatever the summary says of them. Blocks are decompressed
-here only where no summary says what is in them.
+Of MCAP the heads of all records are read, whatever the summary says of them. Blocks are decompressed
+here only where no summary says what is in them. Of SQLite ``sqlite_file.py`` fills it.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from stickslip_logs.recordings.recording import Cut, Findings
 from stickslip_logs.time_order import DATES_FROM_NS
 
 
-class McapFile:
-    """Contents of one file of some length [bytes].
+class BagFile:
+    """Contents of one file of a recording: of MCAP, or of SQLite in blocks likewise (:class:`.SqliteFile`).
 
     Channels and schemas are by number, and count as they were first defined. ``counts`` are the
     messages of each channel; with ``is_stated`` they are those of the summary: nothing was
@@ -299,7 +299,7 @@ class FilePass:
     are needed; all when None.
     """
 
-    def __init__(self, file: McapFile, topics: Collection[str] | None = None) -> None:
+    def __init__(self, file: BagFile, topics: Collection[str] | None = None) -> None:
         self.file, self._topics = file, topics
         self.counts: Counter[int] = Counter()
         self.is_over = False
@@ -356,7 +356,7 @@ class FilePass:
             lose(f'{block.place} has {rest} at its end, no record: not read')
 
 
-def scan_file(path: Path, findings: Findings) -> McapFile:
+def scan_mcap_file(path: Path, findings: Findings) -> BagFile:
     """Return the contents of a file: by its summary, or where that cannot be trusted, by all its records.
 
     An empty file, as of a recorder that was stopped at once, is a truncated one.
@@ -376,9 +376,9 @@ def scan_file(path: Path, findings: Findings) -> McapFile:
             size = os.fstat(number).st_size
             heads = RecordHeads(number, path, size)
             heads.read_heads()
-            scanned = McapFile(path, size, findings)
+            scanned = BagFile(path, size, findings)
             if not (heads.has_sound_summary and scanned.read_summary(heads)):
-                scanned = McapFile(path, size, findings)
+                scanned = BagFile(path, size, findings)
                 scanned.read_all(heads)
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be read: {cause(error)}") from None

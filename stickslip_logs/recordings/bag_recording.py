@@ -19,10 +19,10 @@ from mcap.records import Channel
 
 from stickslip_logs.arrays import FloatArray, IntArray
 from stickslip_logs.errors import BagError, plural
+from stickslip_logs.recordings.bag_file import BagFile, FilePass
+from stickslip_logs.recordings.block_order import BlockTimes, CourseOfBlocks, select_blocks
 from stickslip_logs.recordings.log_time_scale import ask_for_time_unit
 from stickslip_logs.recordings.mcap_chunks import Block, Piece
-from stickslip_logs.recordings.mcap_file import FilePass, McapFile
-from stickslip_logs.recordings.mcap_order import BlockTimes, CourseOfBlocks, select_blocks
 from stickslip_logs.recordings.message_fields import FieldReader, TopicNumbers
 from stickslip_logs.recordings.recording import (
     Fault,
@@ -79,7 +79,7 @@ class Pass:
 
     def __init__(
         self,
-        files: Sequence[McapFile],
+        files: Sequence[BagFile],
         course: CourseOfBlocks,
         topics: Iterable[str],
         progress: Progress | None = None,
@@ -222,7 +222,7 @@ def _split_columns(columns: Columns, max_count: int) -> Iterator[Columns]:
         yield columns
 
 
-class McapReading:
+class BagReading:
     """A pass over files for numbers of some topics; making it reads their times.
 
     Args:
@@ -235,7 +235,7 @@ class McapReading:
     """
 
     def __init__(
-        self, recording: McapRecording, wanted: Sequence[TopicNumbers], progress: Progress | None
+        self, recording: BagRecording, wanted: Sequence[TopicNumbers], progress: Progress | None
     ) -> None:
         self._wanted, self._sequence, self._least = wanted, 0, recording.least_ns
         self._width = max((topic.width for topic in wanted), default=0)
@@ -290,7 +290,7 @@ class McapReading:
         """Return the faults of the messages read so far, by request."""
         return dict(pair for topic in self._wanted for pair in topic.faults())
 
-    def _make_reader(self, wanted: TopicNumbers, file: McapFile, channel: Channel) -> FieldReader | BagError:
+    def _make_reader(self, wanted: TopicNumbers, file: BagFile, channel: Channel) -> FieldReader | BagError:
         """Return the reader of messages of a channel; the error, not raised, where they cannot be read."""
         schema, problem = file.schemas.get(channel.schema_id), file.find_problem(channel)
         if schema is None or problem:
@@ -334,7 +334,7 @@ class McapReading:
         return columns if is_wanted.all() else select_rows(columns, is_wanted)
 
 
-class McapRecording(Recording):
+class BagRecording(Recording):
     """The files of a recording of ROS 2, of MCAP or SQLite.
 
     Attributes:
@@ -349,7 +349,7 @@ class McapRecording(Recording):
         scratch: The temporary folder of unpacked files, kept for as long as the recording.
     """
 
-    def __init__(self, path: Path, files: Sequence[McapFile], findings: Findings, scratch: Scratch) -> None:
+    def __init__(self, path: Path, files: Sequence[BagFile], findings: Findings, scratch: Scratch) -> None:
         self.path, self._scratch = path, scratch
         self._topics = _list_topics(files)
         self.contents, self._findings = tuple(files), findings
@@ -394,13 +394,13 @@ class McapRecording(Recording):
         )
         return next(definitions).decode(errors='replace')
 
-    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> McapReading:
+    def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> BagReading:
         """Return a pass that reads numbers of some topics; errors as for :meth:`Recording.reading`.
 
         The order of time is judged at once, which can add warnings.
         """
         wanted = [TopicNumbers(topic, paths) for topic, paths in self._group_requests(requests).items()]
-        return McapReading(self, wanted, progress)
+        return BagReading(self, wanted, progress)
 
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
@@ -434,7 +434,7 @@ class McapRecording(Recording):
         )
 
 
-def _list_topics(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
+def _list_topics(files: Iterable[BagFile]) -> dict[str, TopicInfo]:
     """Return the topics of all files, sorted by name.
 
     Channels of one name are one topic, which has a problem where one of them has, or their types differ.
