@@ -105,9 +105,10 @@ class NumberField:
         return float(value[0] if isinstance(value, bytes) else value)
 
     def _check_name(self, number: int, parent: Any, place: int) -> None:
-        """Check that an indexed element has its name of the first message; store that by its step.
+        """Check that an indexed element has its name of the first message; store that by the step's number.
 
-        A message without a list of names, or with a shorter one, passes.
+        ``parent`` has the list of names, ``place`` is the index. A message without such a list, or with a
+        shorter one, passes.
 
         Raises:
             LookupError: The name is another one.

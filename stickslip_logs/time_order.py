@@ -238,7 +238,7 @@ class _Source:
     def _is_one_segment(self, time_ns: IntArray, step_ns: IntArray) -> bool:
         """Return whether rows make one segment: they neither step back nor jump, nor leave a cell of time.
 
-        Of rows that come in blocks a segment may have more than one cell.
+        There is at least one row. Of rows that come in blocks a segment may have more than one cell.
         """
         if step_ns.min() < 0 or step_ns.max() > self._jump_ns:
             return False
@@ -246,7 +246,10 @@ class _Source:
         return self._is_in_blocks or bool(cells[0] == cells[1])
 
     def _begins_segment(self, step_ns: IntArray, time_ns: IntArray) -> BoolArray:
-        """Return which rows, or segments to be joined, begin a segment, shape (n,); the first always does."""
+        """Return which rows, or segments to be joined, begin a segment, shape (n,); the first always does.
+
+        ``step_ns`` is the step into each of the n > 0 rows, ``time_ns`` its first time [ns].
+        """
         cell = time_ns // self._resolution_ns
         begins: BoolArray = _is_jump(step_ns, self._jump_ns) | (np.diff(cell, prepend=cell[0]) != 0)
         begins[0] = True
@@ -263,7 +266,7 @@ class _Source:
 
     @property
     def interval_ns(self) -> int:
-        """The usual time between two rows that differ in it [ns]."""
+        """The usual time between two rows that differ in it [ns]; 0 where none do."""
         return int(np.median(self._intervals)) if self._intervals.size else 0
 
     @property
@@ -273,18 +276,24 @@ class _Source:
 
     @property
     def steps_often(self) -> bool:
-        """Whether it steps back more often than clocks are set: 32 times, or at a quarter of few rows."""
+        """Whether it steps back more often than clocks are set: more than 32 times, or a quarter of few rows.
+
+        Two steps back are never too many.
+        """
         allowed = max(2, 0.25 * self._count)
         return self._steps > min(allowed, _MAX_STEPS)
 
     @property
     def segments(self) -> IntArray:
-        """Its segments, a row of the fields of :class:`_Run` each."""
+        """Its segments in the order of the file, a row of the fields of :class:`_Run` each, shape (k, 8)."""
         self._parts = [np.concatenate(self._parts)]
         return self._parts[0]
 
     def runs(self) -> list[_Run]:
-        """Return the runs of rows between jumps, each with the step that led into it."""
+        """Return the runs of rows between jumps, each with the step that led into it.
+
+        They are in the order of the file, the step into the first is 0. Without rows the list is empty.
+        """
         segments = self.segments
         is_first = _is_jump(segments[:, 6], self.jump_ns)
         is_first[:1] = True
@@ -293,7 +302,7 @@ class _Source:
 
 
 def _is_jump(step_ns: IntArray, jump_ns: int) -> BoolArray:
-    """Return which steps go back by 1 s or more, or ahead by more than a limit [ns], shape (n,)."""
+    """Return which steps go back by more than 1 s, or ahead by more than a limit [ns], shape (n,)."""
     result: BoolArray = (step_ns < -_MIN_STEP_NS) | (step_ns > jump_ns)
     return result
 
@@ -400,7 +409,8 @@ def _begins_file(read_rows: ReadRows, begin: int, files: Sequence[int]) -> bool:
 def _are_loops(read_rows: ReadRows | None, steps: Sequence[int], near_ns: int, files: Sequence[int]) -> bool:
     """Return whether two steps back or more, at some places, lead to one time: a player that starts again.
 
-    Exports that overlap begin at different times, and files that do are no loop.
+    Exports that overlap begin at different times, and files that do are no loop. False without ``read_rows``;
+    there is a row at each of the places.
     """
     if read_rows is None or len(steps) < 2 or any(_begins_file(read_rows, place, files) for place in steps):
         return False
@@ -414,7 +424,7 @@ def _begins_copy(
     """Return whether rows from a place on are a copy of earlier ones, as of files that overlap.
 
     They are where the first 100 in the span of the earlier ones have the content of one of their source and
-    time (times that differ by less than ``near_ns`` are equal), at least three of them different: a clock
+    time (times that differ by up to ``near_ns`` are equal), at least three of them different: a clock
     that was set back does not see the same again. A copy from the first row on is a loop, which goes on
     behind, unless it begins a file.
     """
@@ -497,8 +507,9 @@ def _date_runs(course: TimeCourse, key: int, source: _Source) -> list[_Run]:
 
 
 def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
-    """Return whether steps back of a source [ns] are too many and too small for a clock that was set.
+    """Return whether steps back of a source are too many and too small for a clock that was set.
 
+    They are given as positive numbers [ns].
     Loops have long and equal steps: more than four of a few intervals, or unequal ones below 10 s, are
     disorder.
     """
@@ -509,7 +520,7 @@ def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
 
 
 def _fit_together(runs: Sequence[_Run], jump_ns: int) -> bool:
-    """Return whether runs, put in order of time, leave no overlap and no pause above ``jump_ns``."""
+    """Return whether runs, put in order of time, leave no overlap above 1 s, no pause above ``jump_ns``."""
     spans = sorted((run.least_ns, run.most_ns) for run in runs)
     seams = (behind[0] - before[1] for before, behind in itertools.pairwise(spans))
     return all(-_MIN_STEP_NS <= seam <= jump_ns for seam in seams)
@@ -590,7 +601,7 @@ def _set_clocks(
     """Add a shift for each step back: of all sources if all that can show it step, else of that one.
 
     Sources that are silent meanwhile, and slow ones, cannot show it. Shifts and steps are added to the
-    course; the list of steps is emptied.
+    course; the list of steps, in the order of the file, is emptied.
     """
     while steps:
         same = {
@@ -645,7 +656,7 @@ def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
 
 
 def _longest_delay(before_ns: IntArray, time_ns: IntArray) -> int:
-    """Return the longest time by which a row is behind the last time up to it [ns]; 0 if none is."""
+    """Return by how much a time is behind the latest of ``before_ns`` up to it at most [ns]; 0 if none is."""
     return int((np.maximum.accumulate(before_ns) - time_ns).max(initial=0))
 
 
@@ -675,12 +686,15 @@ class Sorter:
             yield select_rows(columns, slice(count))
 
     def rest(self) -> Iterator[Columns]:
-        """Yield the rows that still wait, sorted, if there are any; call it once, when all were added."""
+        """Yield the rows that still wait, sorted, as one part, if any; call it once, when all were added."""
         if self._waiting and (columns := self._sort_waiting())[0].size:
             yield columns
 
     def _sort_waiting(self) -> Columns:
-        """Return the waiting rows joined and sorted by time."""
+        """Return the waiting parts, at least one, joined and sorted by time; equal times stay in order.
+
+        They still wait.
+        """
         columns = tuple(np.concatenate(arrays, axis=-1) for arrays in zip(*self._waiting, strict=True))
         if (columns[0][1:] >= columns[0][:-1]).all():
             return columns

@@ -80,12 +80,12 @@ _BESIDE_QUANTITY = {(unit.quantity, text): unit for unit in UNITS for text in un
 
 
 def names_of(quantity: str) -> tuple[str, ...]:
-    """Return the names of the units of a quantity, in the order of the table."""
+    """Return the names of the units of a quantity, in the order of the table; empty for an unknown one."""
     return tuple(unit.name for unit in UNITS if unit.quantity == quantity)
 
 
 def factors_of(*names: str) -> dict[str, float]:
-    """Return the SI value of one of each unit, by name.
+    """Return the factor from each unit to that of SI, by name; the zero of temperatures is not in it.
 
     Raises:
         KeyError: A name is not that of a unit.

@@ -46,6 +46,7 @@ class BagFile:
     messages of each channel; with ``is_stated`` they are those of the summary: nothing was
     decompressed. ``start_ns`` and ``end_ns`` are the earliest and the latest log time [ns], None
     without any; a 0, which ``has_zero`` notes, is among them only where they are those of the summary.
+    ``blocks`` are in the order of the file, ``cut`` is where it is truncated, None for a whole one.
     It is empty until :meth:`read_summary` or :meth:`read_all` fills it.
 
     Args:
@@ -89,6 +90,10 @@ class BagFile:
     def add_definition(self, record: bytes) -> bool | None:
         """Add a schema or channel to those of the file; the first definition of an id counts.
 
+        Args:
+            record: The record with its head. Of a schema up to 256 KiB and a byte are kept, so that it
+                counts as too long; of a channel no metadata.
+
         Returns:
             Whether it is as the first of its id; None where it cannot be parsed, or is a channel of more
             than 1 MiB.
@@ -117,7 +122,9 @@ class BagFile:
         return is_same
 
     def load_pieces(self, block: Block, topics: Collection[str] | None = None) -> tuple[int, Iterable[Piece]]:
-        """Return the length of a block [bytes], and its records in pieces, those of some topics at least.
+        """Return the unpacked length of a block [bytes], and its records in pieces, in order.
+
+        They are those of some topics at least, of all where ``topics`` is None.
 
         Raises:
             DamagedBlock: It cannot be restored.
@@ -130,7 +137,10 @@ class BagFile:
     def compare_counts(
         self, stated: Mapping[int, int], counted: Mapping[int, int], keys: Iterable[int]
     ) -> None:
-        """Report as a loss the channels of which the statistics state another count than was read."""
+        """Report as a loss the channels of which the statistics state another count than was read.
+
+        Counts are by channel id; one that is missing is 0. Of ``keys``, the ids to compare, each is known.
+        """
         texts = [
             f"{stated.get(key, 0)} messages of '{self.channels[key].topic}', and"
             f' {counted.get(key, 0)} can be read'
@@ -143,6 +153,8 @@ class BagFile:
 
     def read_all(self, heads: RecordHeads) -> None:
         """Fill in channels, counts, blocks, times and ``cut`` by reading all blocks; report oddities.
+
+        Messages of channels that are defined nowhere are lost and not counted. The heads were read before.
 
         Raises:
             BagError: The file cannot be read.

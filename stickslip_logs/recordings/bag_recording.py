@@ -54,7 +54,7 @@ Chosen = list[tuple[int, Channel, IntArray]]
 
 @dataclass(slots=True, eq=False)
 class Job:
-    """A block to read, its place in the recording, the pass over its file, and when it begins."""
+    """A block to read, its number, the pass over its file, and its first and last time [ns]."""
 
     number: int
     block: Block
@@ -64,6 +64,7 @@ class Job:
 
 
 MakeColumns = Callable[[Job, Piece, Chosen], Columns]
+"""Makes the columns of the chosen messages of a piece of a block."""
 
 
 class Pass:
@@ -71,9 +72,9 @@ class Pass:
 
     Args:
         files: The recording.
-        course: How its times went on.
+        course: The course of its times.
         topics: The topics, which are numbered in this order.
-        progress: Given the bytes done and the bytes to do after each block.
+        progress: Given the bytes done and the bytes to do after each block; None for nobody.
         spans: The log times wanted; all when None.
     """
 
@@ -145,9 +146,10 @@ class Pass:
             yield from _split_columns(_sort_columns(waiting), max_count)
 
     def _read_block(self, job: Job, columns_of: MakeColumns, yielded_ns: int) -> Iterator[Columns]:
-        """Yield the columns of the wanted messages of a block, piece by piece; report what is lost.
+        """Yield the columns of the wanted messages of a block, piece by piece, unsorted; report what is lost.
 
-        The log times of each piece are replaced by corrected ones.
+        The log times of each piece are replaced by corrected ones. Nothing is yielded from a piece on by
+        which the pass over the file is over.
 
         Args:
             job: The block to read.
@@ -209,7 +211,7 @@ def _sort_columns(parts: Sequence[Columns]) -> Columns:
 
 
 def _split_columns(columns: Columns, max_count: int) -> Iterator[Columns]:
-    """Yield up to ``max_count`` messages at a time; nothing without messages.
+    """Yield sorted messages, times [ns] first, up to ``max_count`` at a time; nothing without messages.
 
     Messages of one time are split only if they are more than that.
     """
@@ -232,6 +234,7 @@ class BagReading:
 
     Raises:
         BagError: Of a topic no definition has a number at a path, or a file cannot be read.
+        OSError: A file cannot be opened.
     """
 
     def __init__(
@@ -254,7 +257,9 @@ class BagReading:
                 raise errors[0]
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
-        """Yield the series, without faults, of one stretch of time after the other; report losses.
+        """Yield the series, without faults, of one stretch of time after the other, at least one.
+
+        Reports losses. Use it once.
 
         Raises:
             BagError: A file cannot be read.
@@ -272,9 +277,13 @@ class BagReading:
     def _make_series(
         self, log_time_ns: IntArray, topic: IntArray, stamp_ns: IntArray, values: FloatArray
     ) -> dict[Request, Series]:
-        """Return the series of a stretch by request, and move the sequence numbers on.
+        """Return the series of a sorted stretch by request, and move the sequence numbers on by its length.
 
-        The arrays are as of :meth:`_make_columns`: shape (n,), the values (k, n).
+        Args:
+            log_time_ns: Log times, rising [ns], shape (n,).
+            topic: The index of the topic of each message among the wanted ones, shape (n,).
+            stamp_ns: Stamps, the log time in a message without one [ns], shape (n,).
+            values: What the reader of its topic gave for each message, NaN in rows below, shape (k, n).
         """
         result: dict[Request, Series] = {}
         is_unstamped = np.array_equal(log_time_ns, stamp_ns)
@@ -384,7 +393,11 @@ class BagRecording(Recording):
         return blocks
 
     def definition(self, topic: str) -> str:
-        """Return as :meth:`.Recording.definition` the first definition of a topic's messages."""
+        """Return the ``ros2msg`` text of the first definition of a topic's messages.
+
+        Raises:
+            BagError: The topic is not there or cannot be decoded.
+        """
         self._require_readable(topic)
         definitions = (
             file.schemas[channel.schema_id].data

@@ -56,7 +56,7 @@ class CourseOfBlocks:
     is_corrected: bool
 
     def correct_times(self, number: int, file: BagFile, piece: Piece) -> IntArray:
-        """Return the corrected log times of the messages of a piece [ns], shape (n,).
+        """Return the corrected log times of a piece's messages, by the number of its block [ns], shape (n,).
 
         Without corrections this is the array of the piece itself, else a copy. Invalid times are unchanged.
         """
@@ -75,8 +75,9 @@ class BlockTimes:
         self._files, self._least_ns, self._sparse_bytes = files, least_ns, 0
 
     def judge_order(self, topics: Sequence[str]) -> CourseOfBlocks:
-        """Read the times of some topics, and return their course; decompress only blocks without indexes.
+        """Read the times of some topics, numbered in this order; return their course.
 
+        Only blocks without indexes are decompressed.
         Where times step back, blocks are decompressed to look for copies, and the files are read once more if
         times have to be corrected.
 
@@ -113,6 +114,7 @@ class BlockTimes:
     def _iterate_blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, list[_TopicRows]]]:
         """Yield the number of each block with timed messages of some topics, and these, topic by topic.
 
+        The numbers of blocks rise.
         Starts the count of sparse bytes anew.
 
         Raises:
@@ -137,14 +139,16 @@ class BlockTimes:
         end: int,
         span_ns: tuple[int, int],
     ) -> Iterator[Row]:
-        """Yield the messages of some topics from one place up to another in a span of time, up to damage.
+        """Yield the messages of some topics from one place up to another in a span of time, by their place.
+
+        In each block they are yielded up to damage.
 
         Args:
             numbers: The number of each topic.
             spans: The first and last time of each block that has any [ns], by its number.
             begin: The first place.
             end: The place behind the last one.
-            span_ns: The first and last time [ns].
+            span_ns: The first and last time, both included [ns].
 
         Raises:
             BagError: A file cannot be read.
@@ -176,7 +180,7 @@ class BlockTimes:
                 yield topic, time_ns[is_time], byte[is_time]
 
     def _walk_block(self, file: BagFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
-        """Return the messages of a block by decompressing it, up to damage in it.
+        """Return the messages of a block, topic by topic, by decompressing it, up to damage in it.
 
         The list is empty for a block of more than 16 MB, and where the limit of sparse bytes was reached
         before. Adds to the sparse bytes of the pass, and stops where their limit is reached.
@@ -220,7 +224,7 @@ def _join_spans(spans: Iterable[tuple[int, int]]) -> tuple[int, int]:
 
 
 def _are_times(time_ns: IntArray, least_ns: int) -> BoolArray:
-    """Return which log times lie from ``least_ns`` to ``MAX_TIME_NS``, shape (n,)."""
+    """Return which log times [ns] lie from ``least_ns`` to ``MAX_TIME_NS``, both included, shape (n,)."""
     if time_ns.size and least_ns <= time_ns.min() and time_ns.max() <= MAX_TIME_NS:
         return np.ones(time_ns.size, np.bool_)
     result: BoolArray = (time_ns >= least_ns) & (time_ns <= MAX_TIME_NS)
@@ -230,8 +234,8 @@ def _are_times(time_ns: IntArray, least_ns: int) -> BoolArray:
 def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_TopicRows] | None:
     """Return the messages of a block by its indexes, without decompressing it.
 
-    Those of a topic are by place in the block. ``keys`` has the numbers of the topics by channel id. None
-    where there are no indexes, or they cannot be right.
+    Those of a topic are by place in the block. ``file`` is the descriptor of the open file, ``keys`` has the
+    numbers of the topics by channel id. None where there are no indexes, or they cannot be right.
     """
     if not block.is_chunk or not block.index_length:
         return None

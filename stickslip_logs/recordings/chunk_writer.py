@@ -69,7 +69,7 @@ class ChunkWriter:
         self.counts: dict[int, int] = {}
         """Messages of each channel that has some."""
         self.span = 0, 0
-        """The least and the greatest log time [ns]."""
+        """The least and the greatest log time, 0 and 0 without messages [ns]."""
         self._begin_chunk()
 
     def start(self, profile: str, library: str) -> None:
@@ -83,13 +83,16 @@ class ChunkWriter:
         self._metadata.append(MetadataIndex(offset=offset, length=len(data), name=name))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Append the definition of a type to the unfinished chunk; return its schema id, new in each call."""
+        """Append a type's definition to the unfinished chunk; return its id, new in each call, from 1."""
         self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
         self._add_definition(self._schemas[-1])
         return len(self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
-        """Append a channel to the unfinished chunk; return its id, which is new in each call, from 1."""
+        """Append a channel to the unfinished chunk; return its id, new in each call, from 1.
+
+        ``schema`` is an id that :meth:`add_schema` returned.
+        """
         number = len(self._channels) + 1
         self._channels.append(Channel(number, topic, encoding, dict(metadata), schema))
         self._add_definition(self._channels[-1])
@@ -127,7 +130,7 @@ class ChunkWriter:
         self._append_records(block, ends, channel[order], log_time[order])
 
     def finish(self) -> None:
-        """Write the unfinished chunk and the summary; the file stays open."""
+        """Write the unfinished chunk and the summary, once; the file stays open."""
         self._write_chunk()
         self._file.write(_encode_records(DataEnd(0)))
         begin, summary, offsets = self._file.tell(), b'', []

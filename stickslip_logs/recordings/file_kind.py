@@ -74,7 +74,8 @@ def read_content(path: Path) -> Content:
     """Return the kind of a file by its first bytes, and these, unpacked where it is packed.
 
     The kind is :data:`UNKNOWN` for content that is neither a recording nor text with cells, and for an empty
-    file. A damaged packed file is a :data:`TABLE`, whose reader reports the damage.
+    file. A packed file of which nothing can be unpacked is a :data:`TABLE`, whose reader reports the damage;
+    one of zstd is :data:`UNKNOWN`.
 
     Raises:
         BagError: It cannot be read, or is of a known kind that is not supported; the text has the remedy.
@@ -155,12 +156,12 @@ def _is_text(begin: bytes) -> bool:
 
 
 def has_recording_name(name: str) -> bool:
-    """Return whether a file has the name of a recording; False for a hidden one, as that of a draft is."""
+    """Return whether a name is that of a recording, as 'a.mcap' or 'a.db3.zstd'; False for a hidden one."""
     return not name.startswith('.') and bool(_RECORDING.fullmatch(name))
 
 
 def has_sqlite_name(name: str) -> bool:
-    """Return whether a file has the name of a recording in SQLite, hidden or not."""
+    """Return whether a name is that of a recording in SQLite, as 'a.db3' or 'a.db3.zstd', hidden or not."""
     return bool(_SQLITE.fullmatch(name))
 
 
@@ -170,7 +171,7 @@ def has_table_name(name: str) -> bool:
 
 
 def recording_name_of(name: str) -> str:
-    """Return the recording of which a file is a numbered part, 'a' for 'a_3.mcap'; empty for another name."""
+    """Return the recording, in NFC, of which a file is a part, 'a' for 'a_3.mcap'; empty for another name."""
     part = NUMBERED_PART.fullmatch(name)
     return compose_letters(part['stem']) if part else ''
 

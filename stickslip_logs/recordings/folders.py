@@ -133,7 +133,9 @@ def _find_in_folder(path: Path) -> list[Path]:
 
 
 def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list[str]]]:
-    """Yield a folder and each below it, with the names of its files; hidden folders and files are left out.
+    """Yield a folder and each below it, with the names of its files, in the order of the system.
+
+    Hidden folders and files are left out.
 
     Args:
         folder: The folder; nothing is yielded for a file.
@@ -206,7 +208,7 @@ def _kind_by_content(path: Path, size: int, changed_ns: int) -> str:
 
 
 def _holds_numbers(begin: bytes) -> bool:
-    """Return whether most lines of a text have two numbers beside their times."""
+    """Return whether more than half of the lines that are not blank have two numbers beside their times."""
     lines = [line.strip() for line in begin.replace(b'\0', b'').split(b'\n')]
     lines = [_TIMES.sub(b'', line) for line in lines if line]
     return 2 * sum(len(_NUMBERS.findall(line)) > 1 for line in lines) > len(lines)
@@ -216,11 +218,11 @@ def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> l
     """Return the recordings that files of a folder are: the folder where they are parts of one, else each.
 
     Without metadata, parts are numbered files of one name that follow each other in time (read to see that);
-    a single one is too.
+    a single one is too. No names make an empty list then.
 
     Args:
         folder: The folder.
-        names: The names of its files of recordings.
+        names: The names of its files of recordings, in any order.
         has_metadata: Whether it has a ``metadata.yaml``, which makes them parts of one.
     """
     if has_metadata:
@@ -232,9 +234,9 @@ def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> l
 
 
 def _are_parts(folder: Path, names: Sequence[str]) -> bool:
-    """Return whether files that are numbered alike are consecutive in time, by reading them.
+    """Return whether files that are numbered alike are consecutive in time by their numbers, by reading them.
 
-    True also for packed files, and where one cannot be read.
+    True also where one of them is packed or cannot be read. The names may be in any order.
     """
     try:
         files = [folder / name for name in sorted(names, key=natural_sort_key)]
@@ -301,7 +303,7 @@ class Metadata:
 
 
 def folder_files(folder: Path, findings: Findings) -> Metadata:
-    """Return the files of the recording in a folder, by its metadata or else by their names.
+    """Return the files of the recording in a folder, by its metadata or else by their names (10 after 9).
 
     Reports files that are missing or not read, and a lack of metadata.
 
@@ -383,7 +385,8 @@ def read_metadata(folder: Path) -> Metadata | str:
     """Read the metadata of a rosbag2 folder.
 
     Returns:
-        The files they list; or a text with the reason why there are none or they cannot be used.
+        The files they list, each once, by name without a folder; or the reason, a clause, why there are none
+        or they cannot be used.
 
     Raises:
         BagError: They describe a recording of a kind this package cannot read.

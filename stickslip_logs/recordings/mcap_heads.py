@@ -37,8 +37,10 @@ class RecordHeads:
 
     To ``offset``, behind the last whole record, but for ``holes``, from byte to byte.
     ``statistics`` and ``definitions`` (records with their heads, as bytes) are those of the summary,
-    ``indexed`` counts the messages of each channel after the message indexes. All are empty until
-    :meth:`read_heads` fills them. ``file`` is a descriptor of the open file.
+    ``indexed`` counts the messages of each channel after the message indexes. ``has_ended`` is whether
+    the data end before ``offset``, ``behind`` whether data follow that end, ``is_finished`` whether the
+    last magic bytes are there. All are empty until :meth:`read_heads` fills them. ``file`` is a
+    descriptor of the open file.
     """
 
     def __init__(self, file: int, path: Path, size: int) -> None:
@@ -59,7 +61,10 @@ class RecordHeads:
     def read_heads(self) -> None:
         """Read the head of each record up to the footer, or to where the file is truncated.
 
-        Fills in all attributes. A truncated last chunk becomes a block with ``is_cut``.
+        Fills in all attributes; call it once. A truncated last chunk becomes a block with ``is_cut``.
+
+        Raises:
+            OSError: The file cannot be read.
         """
         while len(begin := os.pread(self._file, _BEGIN, self.offset)) >= HEAD.size:
             kind, length = HEAD.unpack_from(begin)
@@ -135,8 +140,8 @@ class RecordHeads:
         Args:
             kind: Its opcode.
             offset: Where it begins [bytes].
-            length: How long it is [bytes].
-            begin: Its first bytes, with its head.
+            length: How long it is with its head [bytes].
+            begin: Its first bytes, from its head on.
         """
         self.empty_count += kind == 0
         self._has_bare = self._has_bare or kind == Opcode.MESSAGE
@@ -183,7 +188,8 @@ class RecordHeads:
     def has_sound_summary(self) -> bool:
         """Whether the summary can be used: the footer gives its place and its checksum, if any, is right.
 
-        False for a file with messages outside of chunks, or with damage. Reads the summary in each access.
+        False for a file with messages outside of chunks, or with damage, for a summary of more than 32 MiB,
+        and before :meth:`read_heads`. Each access reads the summary, and raises OSError where that fails.
         """
         if not self.is_finished or self.offset != self._size or len(self._footer) != _FOOTER:
             return False

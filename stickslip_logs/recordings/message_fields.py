@@ -70,7 +70,7 @@ class Token(NamedTuple):
 
 
 Layout = tuple[Sequence[Token], Sequence[tuple[int, int]]]
-"""Tokens of a message and, for each number wanted, its token and its place in it."""
+"""Tokens of a message and, for each number wanted, in order, its token and its place in it."""
 
 
 def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPath]) -> Layout | None:
@@ -105,8 +105,13 @@ def _list_tokens(
 ) -> Iterator[tuple[FieldPath, Token | None]]:
     """Yield each token of a type with its path, in the order of the data; None for what has no layout.
 
-    An array of numbers is one token, a text one without a length. A wstring, an array without a fixed size
-    and too deep nesting have no layout.
+    An array of numbers is one token, a text one without a length; a type without fields has one of a byte,
+    called ''. A wstring, an array without a fixed size and too deep nesting have no layout.
+
+    Args:
+        definitions: The fields of all types.
+        root: The short name of the type.
+        prefix: The path to it, with which all paths begin.
     """
     if len(prefix) > _MAX_DEPTH:
         yield prefix, None
@@ -209,8 +214,9 @@ def _find_decoder(schema: Schema) -> Callable[[bytes], Any]:
 class TopicNumbers:
     """The numbers wanted of one topic with the requests for each, and what was wrong with them.
 
-    ``count`` is how many messages were read, ``reasons`` counts those without numbers, ``short``
-    those whose array is too short for one, ``foreign`` those that name other elements, ``names``.
+    ``count`` is how many messages were read, ``reasons`` counts those without numbers by a clause on why;
+    by the index of a path ``short`` counts those whose array is too short for it, ``foreign`` those that name
+    other elements, ``names``.
     """
 
     topic: str
@@ -236,6 +242,8 @@ class TopicNumbers:
         self, times: tuple[IntArray, IntArray, IntArray], values: FloatArray
     ) -> Iterator[tuple[Request, Series]]:
         """Yield each request and its series, without the messages that lack an element chosen by name.
+
+        The faults of the series are empty.
 
         Args:
             times: Log times [ns], stamps [ns] and sequence numbers, shape (n,) each.
@@ -372,7 +380,7 @@ class FieldReader:
             size: How long each is [bytes].
 
         Returns:
-            The indexes among the n of those that have to be decoded one by one.
+            The indexes among the n of those that have to be decoded one by one: what was written is wrong.
         """
         if self._layout is None:
             return np.arange(len(stamp_ns))[rows]

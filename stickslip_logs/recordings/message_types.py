@@ -84,8 +84,8 @@ def parse_schema(name: str, data: bytes) -> Definitions:
         data: The definition, in UTF-8.
 
     Raises:
-        SchemaError: It is too long or no text, a part has no name, a line is not a field, or a type is used
-            but not defined.
+        SchemaError: It is too long or no text, a part has no name, a line is not a field or its array not
+            valid, or a type is used but not defined.
     """
     if len(data) > MAX_DEFINITION_BYTES:
         raise SchemaError(f'its definition is longer than {MAX_DEFINITION_BYTES} letters, the limit')
@@ -218,7 +218,10 @@ def _take_element(member: Field, steps: list[str | int | ByName], members: Mappi
 
 
 def definition_of(kind: str) -> str | None:
-    """Return the ``ros2msg`` text of a type with the types that it uses; None where one is not built in."""
+    """Return the ``ros2msg`` text of a type, by its full or short name, with the types that it uses.
+
+    None where one of them is not built in.
+    """
     parts: dict[str, str] = {}
     if not _collect_texts(short_name(kind), parts):
         return None

@@ -70,13 +70,13 @@ def open_bag(path: str | Path) -> Recording:
 def _open_files(
     path: Path, files: Sequence[Path], packed: str, findings: Findings, is_one: bool = True
 ) -> Recording:
-    """Open files of one format as a recording.
+    """Open files of MCAP or SQLite as a recording.
 
     Files that are packed as a whole are unpacked into a temporary folder, which goes with the recording.
 
     Args:
         path: The file or folder by which the recording is named.
-        files: The files in order.
+        files: The files in order, at least one.
         packed: 'message' where each message of a database is compressed; else empty.
         findings: Takes the warnings.
         is_one: Whether the files are known to be parts of one recording; else their times decide.

@@ -52,12 +52,12 @@ class Findings:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """All warnings, and last how many are not listed."""
+        """The first 50 warnings, and last how many are not listed."""
         return _first_texts(list(self._texts))
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """The warnings of data that were not read, and last how many are not listed."""
+        """The first 50 warnings of data that were not read, and last how many are not listed."""
         return _first_texts([text for text, is_loss in self._texts.items() if is_loss])
 
 
@@ -88,8 +88,8 @@ class TopicInfo:
 class Cut:
     """Place where a recording file ends too early.
 
-    The byte at which its last whole record ends, its length, and the latest log time among the
-    messages that were saved.
+    The byte at which its last whole record ends, its length [bytes], the latest log time among the
+    messages that were saved, None without any [ns], and a sentence on it.
     """
 
     path: Path
@@ -169,19 +169,19 @@ class TimeSpans:
 
 
 Progress = Callable[[int, int], None]
-"""Given how much is done, and how much there is to do: bytes of MCAP, messages of SQLite, or lines."""
+"""Given how much is done, and how much there is to do: bytes of MCAP, row ids of SQLite, or lines."""
 
 
 class Reading(Protocol):
     """A pass over a recording for some numbers, in bounded memory.
 
-    Iterating gives a series for each request, for one stretch of time after the other.
+    Iterating, once, gives a series for each request, for one stretch of time after the other, at least one.
     """
 
     def __iter__(self) -> Iterator[dict[Request, Series]]: ...
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
-        """Return the faults of the messages read so far, by request."""
+        """Return the faults of the messages read so far, by request; an empty tuple where there are none."""
         ...
 
 
@@ -345,7 +345,10 @@ def read_series(reading: Reading) -> dict[Request, Series]:
 
 
 def short_name(name: str) -> str:
-    """Write a type name without its middle: ``std_msgs/msg/Float64`` is ``std_msgs/Float64``."""
+    """Write a type name without its middle: ``std_msgs/msg/Float64`` is ``std_msgs/Float64``.
+
+    It must have a slash.
+    """
     parts = name.split('/')
     return f'{parts[0]}/{parts[-1]}'
 

@@ -109,7 +109,13 @@ class SqliteFile(BagFile):
         return copy
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
-        """Fill in channels and schemas; a type that is defined nowhere has a schema without an encoding."""
+        """Fill in channels, their ids of topics, and schemas: that of an undefined type has no encoding.
+
+        Damage of the table of definitions is ignored.
+
+        Raises:
+            sqlite3.Error: The topics cannot be read; also MemoryError.
+        """
         texts: dict[Any, str] = {}
         # Not before ROS 2 Iron.
         with contextlib.suppress(*_ERRORS):
@@ -139,7 +145,10 @@ class SqliteFile(BagFile):
         )
 
     def _scan_messages(self, database: sqlite3.Connection) -> None:
-        """Fill in counts, blocks and times; report messages of topics that are defined nowhere as lost."""
+        """Fill in counts, blocks and times; report messages of topics that are defined nowhere as lost.
+
+        Messages without a valid time count too.
+        """
         unknown = Counter[Any]()
         for rows in self._iterate_rows(database, f'{_TIME}, timestamp, topic_id'):
             counts = Counter(key for *_, key in rows)
@@ -164,10 +173,12 @@ class SqliteFile(BagFile):
             )
 
     def load_pieces(self, block: Block, topics: Collection[str] | None = None) -> tuple[int, Sequence[Piece]]:
-        """Read the messages of some topics in a block; without a time or data they are unreadable.
+        """Read the messages of some topics, or all, in a block; without a time or data they are unreadable.
+
+        Damaged pages are reported as a loss, not raised.
 
         Returns:
-            The bytes of these messages, and a piece that has all of them.
+            The bytes of these messages, and a piece that has all of them in the order of writing.
 
         Raises:
             BagError: The file cannot be read.

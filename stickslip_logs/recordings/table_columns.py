@@ -105,6 +105,7 @@ class ColumnRecording(Recording):
 
     Raises:
         BagError: It is no table, may be read in two ways, or has no times.
+        OSError: It cannot be opened, or is no regular file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -230,12 +231,12 @@ class ColumnRecording(Recording):
 
     @property
     def unit_place(self) -> int | None:
-        """The column of units in a table of one value a line, if there is one."""
+        """The place of the column of units in a table of one value a line; None where there is none."""
         names = enumerate(self.table.names) if self.names is not None else ()
         return next((k for k, text in names if _UNIT.fullmatch(parse_heading(text).name)), None)
 
     def _find_quality_column(self, column: int) -> int | None:
-        """Return the place of the quality marks, known or not, of a column of numbers; None for none."""
+        """Return the first place of quality marks, known or not, of a column of numbers; None for none."""
         names = self.table.names
         for k, heading in enumerate(names):
             is_beside = k == column + 1 or self.names is not None
@@ -261,9 +262,10 @@ class ColumnRecording(Recording):
         return (self.table.names[status], marks) if 1 < len(marks) <= MAX_WORDS else None
 
     def _find_flag_column(self, column: int) -> int | None:
-        """Return the place of words, or zeros and ones, headed by a signal's words and more; None for none.
+        """Return the first place of words, or zeros and ones, headed by a signal's words and more.
 
-        So ``rpm fault`` beside ``rpm``: what it says of the signal is for its owner to tell.
+        So ``rpm fault`` for the column of ``rpm``: what it says of the signal is for its owner to tell. None
+        where there is none, and in a table of one value a line.
         """
         words, names = parse_heading(self.table.names[column]).name.split(), self.table.names
         for k, heading in enumerate(names if self.names is None else ()):
@@ -287,6 +289,9 @@ class ColumnRecording(Recording):
         """Yield the rows of head and tail, then, where these may lack names, an empty row with each name.
 
         They may, too, where the table is unordered. The file is read for these names.
+
+        Args:
+            name: The place of the column of names; rows that end before it are skipped.
         """
         yield from (row for row in self._ends if len(row) > name)
         if self._may_lack_names or self.is_unordered:
@@ -294,7 +299,10 @@ class ColumnRecording(Recording):
             yield from ([*blank[:name], text, *blank[name + 1 :]] for text in self._read_texts(name))
 
     def _read_texts(self, column: int) -> list[str]:
-        """Read the whole file for the texts of a column; return each once, in the order of the file."""
+        """Read the whole file for the texts of a column; return each once, in the order of the file.
+
+        They have their blanks; an empty cell is an empty text, a null of Parquet 'None'.
+        """
         blocks = self.table.blocks([column], _ignore_sentence, _ignore_sentence)
         return list(
             dict.fromkeys(text for rows in blocks for text in dict.fromkeys(texts_of(rows.columns[0])))

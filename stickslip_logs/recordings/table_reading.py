@@ -259,7 +259,7 @@ class TableReading:
         return np.fromiter(map(self._signals.__getitem__, lines), np.int64, len(lines))
 
     def _read_lines(self, begin: int, end: int, span_ns: tuple[int, int]) -> Iterator[Row]:
-        """Yield the buffered lines from one row up to another whose times are in a span [ns], ends included.
+        """Yield the lines from row ``begin`` to before row ``end`` with a time in a span [ns], ends included.
 
         All are of one source, -1, as the order of whole lines is judged.
         """
@@ -492,7 +492,9 @@ class TableReading:
 
     @staticmethod
     def _drop_bad_quality(numbers: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
-        """Set numbers with a bad quality mark to NaN, and count each mark as a word 'quality MARK'.
+        """Set numbers with a bad quality mark to NaN, and count the mark of each as a word 'quality MARK'.
+
+        A mark beside an empty cell is not counted; of a long one the first 20 letters are.
 
         Args:
             numbers: The numbers; changed.

@@ -22,7 +22,11 @@ class TableRecording(ColumnRecording):
     """A table as the recording that it stands for."""
 
     def definition(self, topic: str) -> str:
-        """Return the definition of a ``Float64``, which the sensors would have sent."""
+        """Return the definition of a ``Float64``, which the sensors would have sent.
+
+        Raises:
+            BagError: No delivered topic, and no column, has this name.
+        """
         self._find_column(topic)
         return 'float64 data\n'
 
@@ -59,7 +63,10 @@ class TableRecording(ColumnRecording):
     def messages(
         self, topics: Collection[str] | None = None, spans: TimeSpans | None = None
     ) -> Iterator[Message]:
-        """Yield as :meth:`.Recording.messages` what the sensors would have sent, by time, then by column."""
+        """Yield as :meth:`.Recording.messages` what the sensors would have sent, by time, then by column.
+
+        All delivered topics are meant where ``topics`` is None; errors are raised as the first is asked for.
+        """
         names = list(self.by_topic if topics is None else topics)
         for part in self.reading([Request(name, 'data') for name in names]):
             rows: list[tuple[int, str, int, bytes]] = []

@@ -448,7 +448,10 @@ class StatusFields:
 
 
 def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes:
-    """Encode a ``diagnostic_msgs/DiagnosticArray`` with a stamp [ns] and an empty frame, in CDR."""
+    """Encode a ``diagnostic_msgs/DiagnosticArray`` with a stamp [ns] and an empty frame, in CDR.
+
+    The stamp is before 2038.
+    """
     body = bytearray(struct.pack('<iI', stamp_ns // SECOND_NS, stamp_ns % SECOND_NS))
 
     def put(item: bytes) -> None:

@@ -191,11 +191,11 @@ def _plain_number(text: str) -> str:
 def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     """Yield the numbers of deltas of Signal K as rows, one delta a line; None for a line that is no delta.
 
-    Deltas of other vessels are skipped: the own vessel is that of the server's first line, or else the first
-    with more than vessels send by AIS, and any called 'self'. Numbers of a second source are named 'PATH from
-    SOURCE': a server may forward an engine's gateway and a simulation under one path. A last row with only a
-    time stands for deltas without a number, or of other vessels, behind the last number: they go on where a
-    sender falls silent.
+    Nothing for a blank line and the server's first line. Deltas of other vessels are skipped: the own vessel
+    is that of the server's first line, or else the first with more than vessels send by AIS, and any called
+    'self'. Numbers of a second source are named 'PATH from SOURCE': a server may forward an engine's gateway
+    and a simulation under one path. A last row with only a time stands for deltas without a number, or of
+    other vessels, behind the last number: they go on where a sender falls silent.
     """
     own_vessel, first, units = '', dict[str, str](), dict[str, str]()
     latest, silent = '', None  # the time of the latest number, and the last delta without one behind it

@@ -92,7 +92,7 @@ def is_time_of_day(cell: str) -> bool:
 
 
 def is_time(cell: str) -> bool:
-    """Return whether a cell is a time of the day, or of hours that may be more than a day has."""
+    """Return whether a cell is a time of the day, or one since a start, as 123:00:00."""
     return is_time_of_day(cell) or bool(_SINCE_START.fullmatch(cell.strip()))
 
 
@@ -123,7 +123,10 @@ class StampLayout:
             self._year, self._month, self._day = self._choose_order(matches)
 
     def _choose_order(self, matches: Sequence[re.Match[str]]) -> tuple[str, str, str]:
-        """Return the groups that are year, month and day; set ``guess`` and ``question`` if several fit."""
+        """Return the groups of matches, at least one, that are year, month and day.
+
+        Sets ``guess`` and ``question`` if several orders fit.
+        """
         numbers = {name: {int(match[name]) for match in matches} for name in 'abY'}
         day_first, month_first, year_first = ('Y', 'b', 'a'), ('Y', 'a', 'b'), ('a', 'b', 'Y')
         orders = [day_first, month_first, *([year_first] if max(numbers['Y']) < 100 else [])]

@@ -111,6 +111,7 @@ def parse_heading(text: str) -> Heading:
 def _bare_unit(name: str, words: Sequence[str]) -> str | None:
     """Return the unit of a heading without brackets, as written; None where nothing in it is surely a unit.
 
+    ``words`` are those of the heading ``name``, as written.
     The first that applies: '%' anywhere; a known unit behind the last comma, or with '/' behind the last
     blank; below a word of force a last 'N', and any unit of force; rpm, kn or hz as a word of its own.
     """
@@ -216,7 +217,10 @@ def detect_dialect(path: Path, extent: Extent) -> Dialect:
 
 
 def remedy_for_format(path: Path, lines: Sequence[str]) -> str:
-    """Return the clause that lines are in a format that is not read, and how to convert it; else empty."""
+    """Return the clause, without its subject, that lines are in a format that is not read; else empty.
+
+    It says how to convert the file of that path. More than half of the lines decide, or a brace before all.
+    """
     text = ''.join(lines)
     if text.lstrip().startswith('{'):
         program = _JQ_OF_PACKAGE if '"TimeSeriesData"' in text else _JQ_OF_OBJECTS
@@ -237,7 +241,7 @@ def remedy_for_format(path: Path, lines: Sequence[str]) -> str:
 def _table_dialect(
     path: Path, encoding: str, delimiter: str, rows: list[list[str]], tail: list[list[str]]
 ) -> Dialect:
-    """Return the layout of a table whose encoding and delimiter are known.
+    """Return the layout of a table by its first rows, with those above its numbers, and its last ones.
 
     Raises:
         BagError: No row has a time and a number, or the decimal sign is not certain.
@@ -533,8 +537,7 @@ def _rows_without_marks(above: Sequence[Cells], width: int) -> list[Cells]:
     """Return the rows that are wide enough for headings and are no comments.
 
     Two cells must not be empty. If all of them are comments, those of the full width are returned without
-    their marks. A cell that is only the mark of a
-    comment is dropped from a row that is too wide.
+    their marks. A cell that is only the mark of a comment is dropped from a row that is too wide.
     """
     wide = [row for row in above if len(row) >= max(width - 1, 2) and sum(map(bool, row)) > 1]
     bare = [row for row in wide if not (row[0].startswith(COMMENTS) and row[0].strip(_MARKS_OF_COMMENTS))]
@@ -564,7 +567,7 @@ def _with_names_above(names: Cells, above: Sequence[Cells]) -> list[str]:
 
 
 def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
-    """Find the row of units and the row of headings among rows of words above the numbers.
+    """Find the row of units and the row of headings among rows of words, at least one, above the numbers.
 
     Returns:
         The lowest row of units, and the row above it (or the last row, where the units stand first) as the

@@ -37,7 +37,7 @@ def is_quality_of(heading: str, signal: str, *, is_beside: bool) -> bool:
     """Return whether a heading names the quality of a signal, or one that stands behind it (``is_beside``).
 
     There the quality may leave some words of the signal's heading out, as ``speed.Q`` behind ``speed.PV``, or
-    all of them; but ``Q`` alone is a flow.
+    all of them; but ``Q`` alone is a flow. False for equal headings.
     """
     named = _named_signal(heading)
     if named is None or heading == signal:
@@ -59,7 +59,7 @@ def find_quality_columns(headings: Sequence[str]) -> set[int]:
 
 
 def _named_signal(heading: str) -> list[str] | None:
-    """Return the words of a heading other than those of a quality, in lower case.
+    """Return the words of a heading but for those of a quality and such as 'value' or 'flag', in lower case.
 
     An empty list where it has no others; None where it has no word of a quality.
     """

@@ -117,7 +117,10 @@ def _is_number(word: str) -> bool:
 
 
 def _value_steps(time_ns: IntArray, key: IntArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the differences of values within a time, and those from one value of a thing to its next."""
+    """Return absolute differences: of values within a time, and from one value of a thing to its next.
+
+    The time [ns], the number of the thing and the value of each row have the shape (n,).
+    """
     by_time, by_key = np.lexsort((key, time_ns)), np.lexsort((time_ns, key))
     beside = np.abs(np.diff(value[by_time]))[np.diff(time_ns[by_time]) == 0]
     behind = np.abs(np.diff(value[by_key]))[np.diff(key[by_key]) == 0]
@@ -200,7 +203,7 @@ class KeySteps:
         self._steps = 0
 
     def add(self, time_ns: IntArray, texts: Mapping[int, Sequence[str]]) -> None:
-        """Add the next rows with a value to ``texts``, and count their steps back in time.
+        """Add the next rows with a value, at least one, to ``texts``; count their steps back in time [ns].
 
         Columns whose text stays the same at a step back are dropped from ``places``. A step back is one of
         more than a second, as smaller ones are of late rows; the last and the first row of two calls are

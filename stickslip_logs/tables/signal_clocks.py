@@ -29,8 +29,10 @@ _OF_TIME = re.compile(TIME_WORDS.pattern + r'|\b(?:utc|gmt|stamp|ns|us|ms|s)\b')
 def find_clocks(path: Path, table: TableColumns) -> tuple[Clock, ...]:
     """Find the clocks of a table: one for all columns, or one for each signal, with its ``values``.
 
+    Several are in the order of the first column that each times.
+
     Raises:
-        BagError: As for :func:`.time_columns.find_clock`.
+        BagError: No column is one, or the one that is headed so, or the first, is empty.
     """
     main = find_clock(path, table)
     return share_columns(table, main, [*_other_clocks(table, main)])
@@ -106,6 +108,7 @@ def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock
 def _clocks_beside(clocks: Sequence[Clock], values: Sequence[int]) -> dict[int, Clock]:
     """Return the clock to the left of each column, else the first clock, by the place of the column.
 
+    Clocks, at least one, and columns are sorted by place.
     The clock to its right instead, where columns begin before the first clock and end before the last one.
     """
     if values and values[0] < clocks[0].columns[0] and values[-1] < clocks[-1].columns[0]:

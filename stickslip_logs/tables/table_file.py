@@ -129,6 +129,9 @@ class NumberTable(ABC):
             wanted: The places of the columns.
             lose: Takes sentences on what was not used.
             note: Takes sentences on what is odd.
+
+        Raises:
+            OSError: The file cannot be opened.
         """
 
     @abstractmethod
@@ -414,7 +417,7 @@ class _TextReading:
         """Take over the places of the wanted columns from headings in the middle, and count these.
 
         Of equal headings, the n-th stays the n-th. Where a wanted column is missing, the places become None,
-        so that rows are skipped up to the next headings.
+        so that rows are skipped up to the next headings. Without a row nothing changes.
         """
         if row is None:
             return
@@ -446,6 +449,10 @@ class _TextReading:
         A row is filled up if it reaches behind the columns of the first clock and, with a single clock,
         behind half of the headings; where blanks part cells, none is. Removed rows are counted in ``short``,
         but for blank ones and remarks.
+
+        Args:
+            batch: The rows, at least one; changed.
+            width: The last place of a wanted column.
         """
         width, lengths = max(width, self._width - 1), [*map(len, batch)]
         if min(lengths) > width and max(lengths) <= self._max_cells:
@@ -479,7 +486,7 @@ class _TextReading:
 
 
 def _not_used(count: int, subject: str, more: str = '') -> str:
-    """Return the clause that some lines were not used, as '2 lines without a time were not used'."""
+    """Return the clause that some lines were not used, as '2 lines without a time were not used' + more."""
     return f'{plural(count, "line")} {subject} {"was" if count == 1 else "were"} not used{more}'
 
 

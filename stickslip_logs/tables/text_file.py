@@ -94,8 +94,9 @@ class Extent:
     """Result of a first pass over the bytes of a file.
 
     ``problem`` is why it could not be read to its end, ``is_ended`` whether its last line is
-    whole, ``is_plain`` whether it has no zero bytes and no marks around lines. ``lines`` counts a last line
-    that is not whole, and so is 1 for an empty file.
+    whole, ``is_plain`` whether it has no zero bytes and no marks around lines. ``size`` is its unpacked
+    length [bytes], ``zeros`` counts its zero bytes. ``lines`` counts a last line that is not whole, and so
+    is 1 for an empty file.
     """
 
     head: bytes

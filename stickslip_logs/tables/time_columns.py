@@ -112,7 +112,10 @@ class TableColumns:
     tail: tuple[Cells, ...]
 
     def rows_with(self, columns: Collection[int]) -> list[Cells]:
-        """Return the first 500 rows and those of the tail that have a cell in all of some columns."""
+        """Return the rows of the first 500 and of the tail that have a cell in all of one column or more.
+
+        The cell may be empty.
+        """
         return [row for row in (*self.rows[:MAX_ROWS], *self.tail) if len(row) > max(columns)]
 
 
@@ -324,7 +327,7 @@ def rank_stamps(table: TableColumns, columns: Sequence[int]) -> list[int]:
 
 
 def _clock_of_day_times(table: TableColumns, column: int) -> Clock:
-    """Return the clock of a column of times of the day, or since a start; a remark says it has no date.
+    """Return the clock of a column with times of the day, or since a start; a remark says it has no date.
 
     Times of two parts, which may be hours or minutes, are a question.
     """
@@ -434,7 +437,7 @@ def _are_in_order(steps: IntArray) -> bool:
 
 
 def _read_sum(reads: Sequence[ReadTimes], columns: Sequence[Cells]) -> Times:
-    """Return the sums of times in columns, and in which rows all of them are times.
+    """Return the sums of times in columns [ns], and in which rows all of them are times.
 
     The last readers have one column each, the first has the others.
     """
@@ -621,7 +624,7 @@ def clock_of_numbers(
 
 
 def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> tuple[int, float, str, str]:
-    """Find the unit, zero and meaning of the numbers of a column by the words and the unit of its heading.
+    """Find the unit, zero and meaning of n > 0 finite numbers by the words and the unit of their heading.
 
     Returns:
         Their unit [ns]; what is added to them, in that unit, for times since 1970 or a start; their meaning

@@ -41,7 +41,7 @@ def read_table(
 
     Args:
         path: The file, packed or not.
-        max_bytes: The largest size that is read [bytes].
+        max_bytes: The largest unpacked size that is read [bytes].
         error: The type of the error that is raised for a file that cannot be read, is larger, or is damaged.
         is_heading: Returns whether cells are headings of such a table. Where none are, those above the
             numbers are taken, or the first line that is no comment.
@@ -71,7 +71,7 @@ def read_table(
 
 
 def _read_lines(path: str | Path, max_bytes: int, error: type[StickslipError]) -> list[str]:
-    """Read the lines of a file, packed or not, of up to ``max_bytes``.
+    """Read the lines, with their ends, of a file, packed or not, of up to ``max_bytes`` unpacked.
 
     Raises:
         StickslipError: Of the type ``error``: the file cannot be read, is larger, or is damaged.
