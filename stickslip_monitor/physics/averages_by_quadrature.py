@@ -355,7 +355,7 @@ def average_curve(law: FrictionLaw) -> AverageCurve:
 def _outstanding_speeds(law: FrictionLaw) -> FloatArray:
     """Return speeds of a table whose highest ``rho`` may exceed that of all higher speeds, shape (n,) [m/s].
 
-    They are in no order. The law has one breakpoint at least.
+    They are unordered. The law has one breakpoint at least.
 
     ``rho`` is the mean of ``-mu'`` about ``V`` with the weight ``sqrt(a^2 - (v - V)^2)``, and so a mean of
     its means over windows ``V - h`` to ``V + h``: the steepest of these bounds it. A table of 300 points that
@@ -568,7 +568,16 @@ def count_cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> IndexArr
 
 
 def _all_cycles(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what :func:`cycles` returns, from ``q = c/N``, shape (n,) [s/m]."""
+    """Return the velocity amplitudes of all cycles and their stability, as :func:`cycles` does, of a block.
+
+    Args:
+        law: The law.
+        speed: Surface speed > 0, shape (n,) [m/s].
+        q: ``c/N``, shape (n,) [s/m].
+
+    Returns:
+        Amplitudes, ascending and padded with ``nan`` [m/s], and 1.0 for a stable, else 0.0; shape (n, w).
+    """
     point, low, high, below, above = _cycle_brackets(law, speed, q)
     point = point.astype(np.intp)
     v, level = speed[point], q[point]

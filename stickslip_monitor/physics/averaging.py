@@ -31,7 +31,7 @@ from stickslip_monitor.physics.lubrication import at_points, gives_load, gives_s
 
 
 def averages_of(law: FrictionLaw) -> Any:
-    """Return the module of the averaged equations of a law: closed forms for Stribeck's, else quadrature."""
+    """Return the module of a law's averaged equations: closed forms for ``Stribeck``, else quadrature."""
     return averages_closed_form if computes_as(law, Stribeck) else averages_by_quadrature
 
 

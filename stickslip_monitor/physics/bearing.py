@@ -64,7 +64,7 @@ class BearingSpeed:
         return np.multiply(value, self.factor(unit))
 
     def from_surface(self, speed: ArrayLike, unit: str) -> FloatArray:
-        """Return the shaft speeds in a unit of surface speeds [m/s], of their shape.
+        """Convert surface speeds [m/s] to shaft speeds in ``unit``, of their shape.
 
         Raises:
             PhysicsError: The unit is unknown.

@@ -105,7 +105,12 @@ def _evaluate_series(
 
 
 def _sum_chebyshev(y: Any, series: _Series) -> Any:
-    """Sum a Chebyshev series in ``y / 2``, of a float or an array, by Clenshaw's recurrence."""
+    """Sum a Chebyshev series in ``y / 2`` by Clenshaw's recurrence, and return it in the shape of ``y``.
+
+    Args:
+        y: A float or an array, from -2 to 2.
+        series: Coefficients, the highest degree first; the last one counts by half.
+    """
     after, last, now = 0.0, 0.0, series[0] + 0.0 * y
     for coefficient in series[1:]:
         after, last = last, now

@@ -382,7 +382,7 @@ def _decide_kinds(
     kind = cycles.kind.copy()
     # Such a multiplier leaves four of sixteen digits in a turn.
     kind[(kind == CycleKind.PURE_SLIP) & (cycles.exponent > math.log(1e12))] = CycleKind.TOO_UNSTABLE
-    rows = np.flatnonzero(_why_none(bearing, speed, load) == CycleKind.STICK_SLIP)
+    rows = np.flatnonzero(_no_cycle_kinds(bearing, speed, load) == CycleKind.STICK_SLIP)
     rows = rows[kind[rows] != CycleKind.UNRESOLVED]
     below, above = (
         meets_belt(bearing, np.abs(speed[rows]) * share, load[rows], _ERROR)
@@ -400,10 +400,16 @@ def _decide_kinds(
     return kind
 
 
-def _why_none(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArray:
-    """Return the :class:`CycleKind` that says why no cycle can exist, ``STICK_SLIP`` where one can.
+def _no_cycle_kinds(bearing: Bearing, speed: FloatArray, load: FloatArray) -> IndexArray:
+    """Return the kinds that say why no cycle can exist, ``STICK_SLIP`` where one can.
 
-    Numbers of shape (n,), from speeds of either sign [m/s] and loads [N].
+    Args:
+        bearing: The bearing.
+        speed: Surface speeds, any numbers, shape (n,) [m/s].
+        load: Loads, any numbers, shape (n,) [N].
+
+    Returns:
+        Values of :class:`CycleKind`, shape (n,).
     """
     kind = np.full(speed.size, CycleKind.STICK_SLIP)
     momentum = np.sqrt(bearing.mass) * np.sqrt(bearing.stiffness)
@@ -433,7 +439,7 @@ def _find_cycles(
     Returns:
         Cycles of shape (n,); where there is none its kind says why, and all else is ``nan``.
     """
-    cycles = FoundCycles.none(_why_none(bearing, speed, load))
+    cycles = FoundCycles.none(_no_cycle_kinds(bearing, speed, load))
     rows, size = np.flatnonzero(cycles.kind == CycleKind.STICK_SLIP), 16384
     for first in range(0, rows.size, size):  # in some 10 MB; 4,096 orbits at a time take a third longer
         part = rows[first : first + size]

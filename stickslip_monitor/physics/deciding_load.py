@@ -58,8 +58,8 @@ def load_of_fold(bearing: Bearing, speed: ArrayLike) -> Any:
 def deciding_load(bearing: Bearing, speed: ArrayLike) -> Any:
     """Return the least load [N] at which a vibration can last at surface speeds [m/s].
 
-    That of :func:`load_of_fold`. A law may vibrate in several ranges of speed: in a quiet one between
-    them, as averaging finds, it is that of :func:`.averaging.fold_load`.
+    That of :func:`load_of_fold`, also at rest and astern. A law may vibrate in several ranges of speed: in a
+    quiet one between them, as averaging finds, it is that of :func:`.averaging.fold_load`.
 
     Returns:
         Shape of ``speed``; 0 where every load has a cycle, ``nan`` where none has one or the speed is not

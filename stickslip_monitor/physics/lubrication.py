@@ -121,10 +121,11 @@ class Lubrication:
 
         Args:
             load: Loads [N]: a number or an array; one that is not positive counts as ``N0``.
-            temperature: Of the water [C], broadcasts with ``load``; ``None`` for the temperature in use.
+            temperature: Of the water [C], broadcasts with ``load``; ``None`` for the viscosity ratio in use.
 
         Returns:
-            A float for a float, else an array of the broadcast shape.
+            A float for a float, else an array of the broadcast shape; ``nan`` at a temperature, if that of
+            the measurement is not known.
         """
         if isinstance(load, float) and not isinstance(temperature, np.ndarray):
             return scale_at(self.load, self.load_exponent, float(self.ratio_at(temperature)), load)

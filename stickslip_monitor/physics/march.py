@@ -261,7 +261,7 @@ def friction_needed(medium: Medium, e: float) -> float:
 
 
 def rounding_of(body: Body, medium: Medium, e: float) -> float:
-    """Return the rounding of :func:`friction_needed`, in units of ``m omega``, and of what the belt holds."""
+    """Return the rounding error of :func:`friction_needed` less the belt's hold, in units of ``m omega``."""
     inner = abs(medium.drift_rate) + abs(medium.damping * medium.drift)
     return 2e-15 * (inner + abs(e) + body.hold * abs(medium.force))
 
@@ -319,7 +319,7 @@ def first_excess(value: float, rate: float, turn: float) -> float:
 def phase_after_contact(body: Body, medium: Medium, e: float, sign: int) -> int:
     """Return the phase of a lining that has met the belt: 0 sticks, 1 slips behind it, -1 ahead of it.
 
-    It sticks where friction can hold it, and never continues on the side from which it came.
+    It sticks where friction can hold it, and also where it would continue on the side from which it came.
 
     Args:
         body: The oscillator.
