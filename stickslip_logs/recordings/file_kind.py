@@ -120,7 +120,7 @@ def read_begin(path: Path) -> bytes:
 
 
 def _remedy_for_text(begin: bytes) -> str:
-    """Return what an SQL dump or lines of InfluxDB are and how to convert them; empty for any other text.
+    """Return the format of an SQL dump or lines of InfluxDB, with its remedy; empty for any other text.
 
     The result is the end of a sentence, with ``{0}`` or ``{}`` in place of the path.
     """

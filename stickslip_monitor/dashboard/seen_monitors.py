@@ -62,7 +62,7 @@ class BearingView:
     name: str
     rpm: float  # shaft speed at a surface speed of 1 m/s [rpm]
     speeds: tuple[float, float]  # ends of the stability map [m/s]
-    loads: tuple[float, float]  # the same of its other axis [N]
+    loads: tuple[float, float]  # ends of its other axis [N]
     # What divides it: ``speed``, rising [m/s], and for each the load from which the fold margin is
     # below the ``caution`` margin, a cycle exists (``fold``), and the equilibrium is unstable
     # (``hopf``) [N]; ``None`` where there is no such load.

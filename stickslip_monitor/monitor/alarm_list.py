@@ -520,7 +520,7 @@ class Annunciator:
         return replace(change, aloud=alarm.sounding and not ringing)
 
     def _has_sounded(self, alarm: LiveAlarm) -> bool:
-        """Return whether an alarm of the same matter that is no milder has sounded within ten minutes."""
+        """Return whether an alarm, or a worse one of its ladder, has sounded within ten minutes."""
         alarms, since_ns = self.alarms[alarm.bearing], self.now_ns - WINDOW_NS
         times = (alarms[kind].sounded_ns for kind in _kinds_no_milder(alarm.kind))
         return any(time is not None and time > since_ns for time in times)

@@ -185,7 +185,7 @@ def state_record(
 
 
 def _saved_record(alarm: LiveAlarm, now_ns: int) -> dict[str, Any]:
-    """Return what is saved of one alarm, with the time that is left of its shelf [ns]."""
+    """Return the saved fields of one alarm, with the time that is left of its shelf [ns]."""
     values = {key: getattr(alarm, name) for key, (name, _) in _KEPT.items()}
     left_ns = max(alarm.shelf_end_ns - now_ns, 0)
     reasons = list(alarm.suppressed_by)
@@ -353,7 +353,7 @@ def require_person_name(name: object) -> str:
 
 
 def _parse_choice(document: dict[str, Any], field: str, choices: dict[str, _T]) -> _T | None:
-    """Return what a field's text stands for; ``None`` where the field is missing or null.
+    """Return the choice that a field's text names; ``None`` where the field is missing or null.
 
     Raises:
         ConfigurationError: It is not one of the choices.

@@ -309,7 +309,8 @@ class Monitor:
     def advance(self, time_ns: int) -> list[Event]:
         """Let time pass for every bearing up to a time [ns]; the first call starts the wait for inputs.
 
-        Time does not go back by itself: what lies ahead of the samples leaves their inputs lost.
+        A time before the latest of a bearing changes nothing there. One far ahead of the samples leaves their
+        inputs lost until these come near it.
 
         Returns:
             The events of inputs that are lost by then; an empty list for none.

@@ -71,7 +71,7 @@ def _with_topic(bearing: BearingConfig, kind: str) -> Iterator[str]:
 
 
 def verdict_value(name: str, verdict: Verdict) -> float | str:
-    """Return what a topic, by its last part, has of a verdict: a word, or a :func:`topic_number`."""
+    """Return the value of a verdict's topic, by its last part: a word, or a :func:`topic_number`."""
     if name == 'measured':
         return str(verdict.measured)
     point = verdict.assessment

@@ -217,7 +217,7 @@ def split_load_table(name: str, numbers: Sequence[float]) -> tuple[Sequence[floa
 
 
 def _is_left_out(value: object) -> bool:
-    """Return whether an optional value is not given."""
+    """Return whether an optional value is not given: ``nan`` or an empty tuple."""
     return bool(value == () or value != value)
 
 

@@ -247,5 +247,5 @@ class FitnessWatch:
             self._pairs.take(time_ns, speed, load)
 
     def clause(self, place: int) -> str:
-        """Return what is wrong with speed or load and what to do, to follow its name; '' for nothing."""
+        """Return the fault of speed or load and its remedy, to follow the name of the input; '' for none."""
         return self._changes[place].clause or (self._pairs.clause if place == Input.LOAD else '')

@@ -38,7 +38,7 @@ def compare_level(
     arrival: int,
     number: float,
 ) -> float:
-    """Return how far the loudest other level is above its threshold, and store the one that came.
+    """Return how far the loudest other level is above its threshold, and store the one that came, if valid.
 
     Args:
         levels: What is remembered of the level of each bearing, four numbers each, changed.

@@ -422,7 +422,7 @@ def judge_point(
 
 
 def request_rungs(s: State, c: RuleNumbers, near: bool, wide: bool, inside: bool) -> None:
-    """Set in ``s.asks`` which rungs are to change: raised ones that are clear, and others that hold.
+    """Set in ``s.asks`` the bits of the rungs to change: raised ones that are clear, and others that hold.
 
     Where stick-slip is not predicted the amplitude of its cycle is forgotten.
 

@@ -198,7 +198,7 @@ class Standing:
         return times
 
     def text(self) -> str:
-        """Return what the alarm says now: sentences after the bearing's name, by :func:`describe`."""
+        """Return the present message: sentences after the bearing's name, by :func:`describe`."""
         return describe(self, self.lost_ages() if self.state.lost else {})
 
     def judge(self, point: Sequence[float], measured: Measured | None = None) -> Verdict:
@@ -323,7 +323,10 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
 
 
 def _water_text(b: Standing, point: Assessment) -> str:
-    """Return the water's temperature as a clause, with any doubt about it; '' where friction has none."""
+    """Return the water's temperature as a clause, after a comma and a space, with any doubt about it.
+
+    '' where friction does not depend on it, or where it is that of the measurement and not known.
+    """
     lubrication = b.config.bearing.lubrication
     water = math.nan if lubrication is None else lubrication.water_temperature
     water = water if point.temperature is None else float(point.temperature)
@@ -341,7 +344,7 @@ _OVER = {
 
 
 def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) -> str:
-    """Return what is about to change, the order to stay above a speed, or else what the condition means.
+    """Return the coming change, the order to stay above a speed, or else the meaning of the condition.
 
     The text is one or two sentences. ``given`` is the order to the crew; ``None`` where there is none.
     """

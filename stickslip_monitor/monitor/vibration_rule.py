@@ -121,8 +121,12 @@ def has_begun(s: State) -> bool:
 def doubt_foreign(s: State, can_be_foreign: bool) -> None:
     """Doubt a level that has vibrated for 15 s where no stick-slip can be: it hears something else.
 
-    Until ten minutes of quiet it then counts for nothing, as :func:`usable_state` says. ``can_be_foreign`` is
-    whether the point is one at which stick-slip cannot be; another starts ``s.beyond_for`` again.
+    Until ten minutes of quiet it then counts for nothing, as :func:`usable_state` says.
+
+    Args:
+        s: The memory. ``s.beyond_for``, which :func:`take_level` counts, restarts at another point, and while
+            the level does not vibrate; ``s.doubt`` is set.
+        can_be_foreign: Whether the point is one at which stick-slip cannot be.
     """
     if not can_be_foreign or s.vibrating != VIBRATING:
         s.beyond_for = 0

@@ -395,7 +395,10 @@ def _own_words(bearing: str, topic: str) -> set[str]:
 
 
 def _is_named_after(column: LogColumn, bearing: str, topic: str = '') -> bool:
-    """Return whether a heading has all words of a bearing's name, or begins with a topic."""
+    """Return whether a heading has all words of a bearing's name, in any case, or begins with a topic.
+
+    Slashes at the ends of either do not count; an empty topic begins no heading.
+    """
     is_topic = bool(topic) and column.heading.strip('/').startswith(topic.strip('/'))
     return is_topic or {*bearing.split('_')} <= {*parse_heading(column.heading).name.split()}
 

@@ -131,7 +131,10 @@ class VerdictWriter(StretchSink):
         self._writer.write_columns((column.topic, column.time_ns, column.payload) for column in columns)
 
     def _messages_until(self, end_ns: int) -> Iterator[Message]:
-        """Yield the recorded inputs not yet yielded, up to a log time [ns]; the next call continues."""
+        """Yield the recorded inputs not yet yielded, up to and with a log time [ns].
+
+        The next call continues.
+        """
         while self._next is not None and self._next.log_time_ns <= end_ns:
             yield self._next
             self._next = next(self._inputs, None)
