@@ -80,7 +80,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def measure_all(*, quick: bool) -> list[Row]:
-    """Measure all methods at all cases, or the quick ones of both, and return the rows; show progress."""
+    """Measure all methods at all cases; show progress, and return the rows, method by method.
+
+    ``quick`` skips slow methods and all but the quick cases, and spends the effort ``QUICK``.
+    """
     cases = [case for case in CASES if case.quick or not quick]
     steps = [(m, case) for m in METHODS if not (quick and m.slow) for case in cases]
     rows = []

@@ -99,7 +99,7 @@ class PooledFit(StribeckFit):
     def sentence(self) -> str:
         """Clause on the effect of the load on friction, with the exponent, or on why there is none.
 
-        '' without a column of loads.
+        It has no capital and no full stop; '' without a column of loads.
         """
         if not self.has_exponent:
             return 'the points are of one load' if self.load == self.load else ''

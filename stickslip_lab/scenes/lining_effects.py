@@ -356,7 +356,7 @@ class FollowedLining:
     def _vibration_amplitude(self, motion: FloatArray) -> FloatArray:
         """Return the amplitude in each window [m], shape (m,), rounded so that processors agree.
 
-        ``motion`` has the shape (4, m, samples).
+        ``motion`` has rows as of :meth:`.Lining.follow`, shape (4, m, samples in a window).
         """
         step = self.period / PER_PERIOD
         return np.round(half_peak_to_peak(motion[0], motion[1], step), LENGTH_DECIMALS)
