@@ -85,13 +85,13 @@ def _check_kind(path: str | Path, mode: int) -> None:
         raise OSError(errno.EINVAL, f'it is {kind}, not a file', str(path))
 
 
-def lock_draft(number: int) -> bool:
+def lock_draft(descriptor: int) -> bool:
     """Lock an open draft, by its descriptor, until it is closed; return whether that was possible.
 
     It is not where another process has locked the draft, nor on a file system without locks.
     """
     try:
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         return False
     return True

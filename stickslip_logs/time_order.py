@@ -485,7 +485,8 @@ def _open_steps(sources: dict[int, _Source], open_runs: dict[int, list[_Run]]) -
 def _date_runs(course: TimeCourse, key: int, source: _Source) -> list[_Run]:
     """Return the runs of a source; if the last are dates, shift those before 1973 to end where dates begin.
 
-    Their clock counted from zero until it was set. Shifts and their count are added to the course.
+    Their clock counted from zero until it was set. Shifts, of the source with the number ``key``, and their
+    count are added to the course.
     """
     runs = source.runs()
     if not runs or runs[-1].first_ns < DATES_FROM_NS:
@@ -531,8 +532,9 @@ def _close_excursions(
 ) -> list[_Run]:
     """Join runs around those that were ahead for a while or late; add the shifts and counts to the course.
 
-    A step back between two of the returned runs is still to be explained. Rows behind one of ``steps``, by
-    which the clock of another source was set, are not late.
+    The runs are those of a source with the number ``key``, in order. A step back between two of the returned
+    runs is still to be explained. Rows behind one of ``steps``, by which the clock of another source was set,
+    are not late.
     """
     result: list[_Run] = []
     for number, run in enumerate(runs):
@@ -568,14 +570,14 @@ def _close_excursions(
 
 
 def _is_ahead(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
-    """Return whether the middle one of three runs jumped ahead, and the last continues the first."""
+    """Return whether the middle one of three adjacent runs jumped ahead, and the last continues the first."""
     passed_ns = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns
     error_ns = run.first_ns - before.last_ns - passed_ns
     return run.step_ns < 0 < excursion.step_ns and abs(error_ns) <= source.jump_ns + source.interval_ns
 
 
 def _is_late(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
-    """Return whether the middle one of three runs is late rows, and the last continues the first."""
+    """Return whether the middle one of three adjacent runs is late rows, and the last continues the first."""
     gap_ns = run.first_ns - before.last_ns
     is_brief = excursion.last_ns - excursion.first_ns <= MAX_LATE_NS
     has_returned = -_MIN_STEP_NS <= gap_ns <= source.jump_ns + source.interval_ns
@@ -583,7 +585,7 @@ def _is_late(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
 
 
 def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
-    """Return whether the middle one of three runs is early rows, and the last continues the first.
+    """Return whether the middle one of three adjacent runs is early rows, and the last continues the first.
 
     They are too few to leave a gap where they belong.
     """

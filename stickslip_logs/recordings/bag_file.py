@@ -266,7 +266,7 @@ class BagFile:
         self.blocks, self.counts, self.is_stated = heads.blocks, Counter(stated), True
         return not counts.message_count or self._set_span(counts)
 
-    def _set_span(self, counts: Statistics) -> bool:
+    def _set_span(self, statistics: Statistics) -> bool:
         """Set first and last time, and ``has_zero``, by the chunk heads; note where the statistics differ.
 
         With a log time of 0 the first time is 0.
@@ -282,7 +282,7 @@ class BagFile:
         self.has_zero = start == 0
         if self.has_zero and end >= DATES_FROM_NS:
             return False
-        if (start, end) != (counts.message_start_time, counts.message_end_time):
+        if (start, end) != (statistics.message_start_time, statistics.message_end_time):
             self.findings.note(
                 f"file '{self.path.name}': its statistics give other times than its chunks:"
                 ' those of the chunks were used'
@@ -318,7 +318,7 @@ class FilePass:
         self._max_bytes = self._left_bytes = limit_bytes(file.size)
 
     def charge(self, block: Block, size: int) -> None:
-        """Charge memory [bytes] to the pass; beyond its limit set ``is_over`` and report a loss."""
+        """Charge a block's memory [bytes] to the pass; beyond its limit set ``is_over``, report a loss."""
         self._left_bytes -= size
         if self._left_bytes < 0 and not self.is_over:
             self.is_over = True

@@ -73,7 +73,7 @@ class ChunkWriter:
         self._begin_chunk()
 
     def start(self, profile: str, library: str) -> None:
-        """Write the magic bytes and the header."""
+        """Write the magic bytes and the header, before all else: the profile, and who writes the file."""
         self._file.write(MAGIC + _encode_records(Header(profile, library)))
 
     def add_metadata(self, name: str) -> None:

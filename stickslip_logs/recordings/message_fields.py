@@ -259,7 +259,7 @@ class TopicNumbers:
             yield from ((request, series) for request in requests)
 
     def count_foreign(self, row: int, names: Iterable[str]) -> None:
-        """Count a message that lacks the element, chosen by name, of a path; keep some 20 of its names."""
+        """Count a message that lacks the named element of path ``row``; keep some 20 of its names."""
         self.foreign[row] += 1
         if len(self.names) < _MAX_NAMES:
             self.names.update(names)

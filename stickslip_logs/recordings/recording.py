@@ -207,7 +207,7 @@ class Recording(ABC):
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
-        """The topics by name."""
+        """The topics by name: sorted; those of a table by its columns, or as they were delivered."""
         return self._topics
 
     @property

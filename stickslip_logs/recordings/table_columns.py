@@ -280,7 +280,7 @@ class ColumnRecording(Recording):
     def quality(self, status: int) -> Callable[[str], bool] | None:
         """Return a function that is True for a mark by which a number does not count.
 
-        None where the marks of the column, in head and tail, have no known meaning.
+        None where the marks of the column at the place ``status``, in head and tail, have no known meaning.
         """
         marks = {str(row[status]) for row in self._ends if len(row) > status}
         return find_quality(self.table.names[status], marks)

@@ -265,8 +265,8 @@ def read_time_of_day(columns: Sequence[Cells]) -> Times:
 def number_reader(unit_ns: int, zero: float, decimal: str) -> ReadTimes:
     """Return a function that reads one column of numbers of a unit [ns] as times, to the nanosecond.
 
-    The zero, in that unit, is added to each. A cell that is no number, or beyond MAX_TIME_NS, has the time 0
-    and is marked as none.
+    The zero, in that unit, is added to each; ``decimal`` is their decimal sign. A cell that is no number, or
+    beyond MAX_TIME_NS, has the time 0 and is marked as none.
     """
     base = math.floor(zero)
     more_ns = round((zero - base) * unit_ns)

@@ -427,8 +427,8 @@ def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | No
 def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, width: int) -> int:
     """Return the place of the first row of numbers below headings that stand below other numbers.
 
-    Numbers of a preamble or of a statistic stand behind a word. Where no headings follow them, ``first`` is
-    returned.
+    Numbers of a preamble or of a statistic stand behind a word. Where no headings follow them, ``first``, the
+    place of the first row for which ``is_data`` is True, is returned.
     """
     is_headed = len(_find_headings(rows[:first], width)[0]) >= width
     is_preamble, is_next = True, False
@@ -584,12 +584,12 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
     return (), (distinct or named)[-1] if len({*named[-1]}) < len(named[-1]) else named[-1]
 
 
-def _unit_suffix(rows: Sequence[Cells], k: int, heading: str) -> str:
+def _unit_suffix(rows: Sequence[Cells], place: int, heading: str) -> str:
     """Return the unit behind most numbers of a column, with the blank before it; empty where there is none.
 
     The first 500 rows count. An 'N' counts as newtons only below the heading of a force.
     """
-    cells = [row[k] for row in rows[:500] if k < len(row) and row[k].strip()]
+    cells = [row[place] for row in rows[:500] if place < len(row) and row[place].strip()]
     counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
     suffix, count = counts.most_common(1)[0] if counts else ('', 0)
     is_north = suffix.strip() == 'N' and not FORCE_WORDS & set(parse_heading(heading).name.split())

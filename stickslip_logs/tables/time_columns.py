@@ -292,7 +292,10 @@ def _columns_of(is_kind: Callable[[str], bool], rows: Sequence[Cells]) -> list[i
 def _lack_of_times(
     path: Path, table: TableColumns, rows: Sequence[Cells], named: Sequence[int], days: Sequence[int]
 ) -> str:
-    """Return the error text that no column of a table is a time, with a cell that should be one."""
+    """Return the error text that no column of a table is a time, with a cell that should be one.
+
+    ``named`` has the places of columns headed as times, ``days`` those of dates.
+    """
     if days:
         return (
             f"log '{path}': column '{table.names[days[0]]}' has dates without a time of the day: nothing can"
