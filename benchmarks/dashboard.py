@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.bearing_monitor import Monitor
 from stickslip_monitor.monitor.bearing_records import BearingState, bearing_record
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.sample_types import Input
 
 REFERENCE = Path(__file__).parents[1] / 'launch_configs' / 'reference_bearing.yaml'
 COLUMNS = ('bearings, each published', 'tabs', 'main thread of a tab', 'dashboard')

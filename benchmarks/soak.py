@@ -16,8 +16,8 @@ from benchmarks.live import start_subjects
 from benchmarks.reference import CONFIG, LOAD
 from benchmarks.table import Table
 from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import Moment, NoLog, Session, Sink
-from stickslip_monitor.monitor.signals import Input
 
 RATE, SECONDS, SHORT = 1000.0, 600.0, 10.0
 DAY_RATE, HOUR, HOURS = 100, 3600, 24

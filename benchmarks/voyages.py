@@ -33,8 +33,8 @@ from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
+from stickslip_monitor.monitor.sample_types import Input, Stream
 from stickslip_monitor.monitor.severity import LADDER, Condition, Severity
-from stickslip_monitor.monitor.signals import Input, Stream
 from stickslip_monitor.monitor.statements import Verdict
 from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 from stickslip_monitor.offline.extremes import condition_intervals

@@ -19,8 +19,8 @@ from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.configuration import build_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.sample_types import INPUTS
 from stickslip_monitor.monitor.session import Moment, NoLog, Session
-from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.offline.check import check_recording
 
 START_NS = 1_777_874_400 * 10**9

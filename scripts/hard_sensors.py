@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.voyages import SensorRecord
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor.level_comparison import compare_streams
-from stickslip_monitor.monitor.signals import LEVEL, Stream
+from stickslip_monitor.monitor.sample_types import LEVEL, Stream
 
 Spoil = Callable[[SensorRecord, np.random.Generator], SensorRecord]
 SECOND = 10**9

@@ -30,7 +30,7 @@ from sequences import COUNT, NAME, QUANTITIES, sequence  # noqa: E402
 
 from stickslip_monitor import Monitor  # noqa: E402
 from stickslip_monitor.monitor.parameter_file import load_config, load_yaml  # noqa: E402
-from stickslip_monitor.monitor.signals import Status  # noqa: E402
+from stickslip_monitor.monitor.sample_types import Status  # noqa: E402
 from stickslip_monitor.offline.check import check_recording  # noqa: E402
 
 GOLDEN = ROOT / 'test' / 'data' / 'golden.json.gz'

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from stickslip_monitor.monitor.bearing_monitor import Monitor
     from stickslip_monitor.monitor.configuration import build_config
     from stickslip_monitor.monitor.parameters import MonitorConfig
-    from stickslip_monitor.monitor.signals import Sample, Stream
+    from stickslip_monitor.monitor.sample_types import Sample, Stream
     from stickslip_monitor.physics.averaging import (
         StationaryAmplitudes,
         amplitude_rate,
@@ -72,7 +72,7 @@ __version__ = '0.4.0.dev0'
 # Where they are: what others build on comes first, so that little is loaded for a name of physics.
 _HOMES = (
     *('errors', 'physics.bearing', 'physics.friction', 'physics.averaging', 'physics.cycles'),
-    *('monitor.signals', 'monitor.parameters', 'monitor.configuration', 'monitor.assessment'),
+    *('monitor.sample_types', 'monitor.parameters', 'monitor.configuration', 'monitor.assessment'),
     'monitor.bearing_monitor',
 )
 

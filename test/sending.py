@@ -27,9 +27,9 @@ from stickslip_monitor.monitor.bearing_monitor import Update
 from stickslip_monitor.monitor.bearing_records import BearingState, bearing_record
 from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.rule_state import State, settings_of
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import Moment, Session, Sink
 from stickslip_monitor.monitor.severity import CONDITIONS, Condition
-from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.monitor.statements import Event, Standing, Verdict
 
 SECOND = 10**9

@@ -19,8 +19,8 @@ from stickslip_monitor.monitor.alarm_states import TABLE, AlarmKind, AlarmState
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, SourceFaultKind, input_fault
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, INPUT_PARAMETERS, NODE_PARAMETERS
+from stickslip_monitor.monitor.sample_types import STATUS_SENTENCES
 from stickslip_monitor.monitor.severity import Condition
-from stickslip_monitor.monitor.signals import STATUS_SENTENCES
 
 DOCS = ROOT / 'docs'
 PAGE = DOCS / 'configuration.md'

@@ -49,7 +49,7 @@ from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, BearingConfig
-from stickslip_monitor.monitor.signals import INPUTS, WATER
+from stickslip_monitor.monitor.sample_types import INPUTS, WATER
 from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE
 

@@ -39,7 +39,7 @@ from stickslip_logs.recordings.writer import STAMPED_FIELDS
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, LOAD_UNITS, BearingConfig
-from stickslip_monitor.monitor.signals import INPUTS, WATER
+from stickslip_monitor.monitor.sample_types import INPUTS, WATER
 from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.physics.bearing import SPEED_UNITS
 

@@ -29,7 +29,7 @@ from stickslip_monitor.monitor.parameters import (
     LoadConfig,
     MonitorConfig,
 )
-from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, WATER
+from stickslip_monitor.monitor.sample_types import INPUTS, LEVEL, QUANTITIES, WATER
 from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.physics.averages_by_quadrature import equilibrium_table
 from stickslip_monitor.physics.averaging import fold_speed, hopf_load

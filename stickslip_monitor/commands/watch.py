@@ -41,9 +41,9 @@ from stickslip_monitor.monitor.config_questions import question_sentences
 from stickslip_monitor.monitor.configuration import bearing_names, build_config
 from stickslip_monitor.monitor.parameter_file import LINKS, NODE_NAME, load_parameters, load_section
 from stickslip_monitor.monitor.parameters import ASSUMED_LOADS, MonitorConfig
+from stickslip_monitor.monitor.sample_types import QUANTITIES, Input
 from stickslip_monitor.monitor.session import Log, Sink
 from stickslip_monitor.monitor.severity import Severity
-from stickslip_monitor.monitor.signals import QUANTITIES, Input
 from stickslip_monitor.state_file import StateWriter
 
 if TYPE_CHECKING:

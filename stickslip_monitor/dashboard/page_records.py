@@ -20,7 +20,7 @@ from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA
 from stickslip_monitor.monitor.alarm_states import TABLE, AlarmState
 from stickslip_monitor.monitor.bearing_records import POINT_NUMBERS
-from stickslip_monitor.monitor.signals import INPUTS, Status
+from stickslip_monitor.monitor.sample_types import INPUTS, Status
 from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.state_file import StateWriter
 

@@ -14,8 +14,8 @@ from stickslip_monitor.dashboard.seen_monitors import DashboardState
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import Moment, NoLog, Session
-from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.offline.binding import bind_at_least_one
 from stickslip_monitor.offline.check import requests_of
 

@@ -30,8 +30,8 @@ from stickslip_monitor.monitor.parameters import (
     declared_parameters,
     parameter,
 )
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import Log, Moment, Session, Sink, Store
-from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.monitor.value_check import REQUIRED, require_rule
 
 SIGNALK, NMEA = 'signalk', 'nmea'

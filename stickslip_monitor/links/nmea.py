@@ -20,7 +20,7 @@ from stickslip_monitor.links.buses import BusInput, BusInputs
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarm_states import AlarmKind, AlarmState, Priority
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.sample_types import Input
 
 BY = 'nmea'
 """Who acts, as far as a sentence says."""

@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarm_states import AlarmKind, AlarmState, Priority
 from stickslip_monitor.monitor.bearing_records import WITHOUT_CYCLE
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.sample_types import Input
 
 BY = 'signal k'
 """Who acts: the server does not say which of its users."""

@@ -271,7 +271,7 @@ class Annunciator:
 
         Args:
             bearing: Name of the bearing.
-            place: Index of the input in :data:`.signals.INPUTS`.
+            place: Index of the input in :data:`.sample_types.INPUTS`.
             fault: What is wrong, as a clause.
             time_ns: Stamp of the sample [ns].
             mixed: Whether two sources are mixed: then the alarms of the ladder that are active are held.

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.sample_types import INPUTS
 from stickslip_monitor.monitor.severity import LADDER, Condition, WordEnum
-from stickslip_monitor.monitor.signals import INPUTS
 from stickslip_monitor.monitor.statements import Event
 
 LASTING_NS = 15 * SECOND_NS
@@ -151,7 +151,7 @@ class Causes:
         within the off-delay of one another, for the on-delay. It is gone after the inputs' own off-delay.
 
         Args:
-            place: Index of the input in :data:`.signals.INPUTS`.
+            place: Index of the input in :data:`.sample_types.INPUTS`.
             fault: What is wrong with the value, as a clause.
             now_ns: The running time [ns].
         """

@@ -20,8 +20,8 @@ from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.input_faults import InputState
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import NEVER
+from stickslip_monitor.monitor.sample_types import INPUTS, Input, Status
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Condition, Severity, Unknown
-from stickslip_monitor.monitor.signals import INPUTS, Input, Status
 from stickslip_monitor.monitor.statements import Event, Verdict, order
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/3'

@@ -22,8 +22,8 @@ from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.input_fitness import FitnessWatch
 from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig
 from stickslip_monitor.monitor.rule import NEAR, si_value
+from stickslip_monitor.monitor.sample_types import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status
 from stickslip_monitor.monitor.severity import Unknown, WordEnum
-from stickslip_monitor.monitor.signals import INPUTS, LEVEL, QUANTITIES, STATUS_SENTENCES, Status
 from stickslip_monitor.monitor.statements import age_text
 
 ENOUGH = 12

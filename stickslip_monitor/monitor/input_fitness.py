@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
-from stickslip_monitor.monitor.signals import QUANTITIES, Input
+from stickslip_monitor.monitor.sample_types import QUANTITIES, Input
 
 # Each with the measurement that chose it: docs/rule.md, "Why these numbers".
 MIN_SLOW = 3.0

@@ -22,7 +22,7 @@ from stickslip_monitor.monitor import rule, vibration_rule
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import ACCEPTED, LATE, MEMORY, judge_value, si_value
 from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, NEVER, RuleNumbers, settings_of
-from stickslip_monitor.monitor.signals import Stream
+from stickslip_monitor.monitor.sample_types import Stream
 from stickslip_monitor.monitor.vibration_rule import excess_over_threshold
 
 SOURCE, CAME, GAP, CHANGED = range(4)

@@ -47,8 +47,8 @@ from stickslip_monitor.monitor.rule_state import (
     State,
     settings_of,
 )
+from stickslip_monitor.monitor.sample_types import Input, Status, Stream
 from stickslip_monitor.monitor.severity import Unknown
-from stickslip_monitor.monitor.signals import Input, Status, Stream
 from stickslip_monitor.monitor.statements import Event, Standing, size_cycle
 from stickslip_monitor.physics import boundary_table, lubrication, probability, scalar_law
 

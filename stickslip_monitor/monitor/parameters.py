@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from stickslip_logs.fields import FieldPath
 from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.errors import ConfigurationError, did_you_mean
-from stickslip_monitor.monitor.signals import INPUTS, Input
+from stickslip_monitor.monitor.sample_types import INPUTS, Input
 from stickslip_monitor.monitor.value_check import REQUIRED, Parameter
 from stickslip_monitor.physics.bearing import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.friction import LAWS

@@ -22,7 +22,7 @@ from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS
 from stickslip_monitor.monitor.rule_state import LEVEL, LOAD, NEVER, SPEED, WATER, RuleNumbers, State
-from stickslip_monitor.monitor.signals import LEAST_NO_VALUE, NO_VALUES, Status
+from stickslip_monitor.monitor.sample_types import LEAST_NO_VALUE, NO_VALUES, Status
 from stickslip_monitor.monitor.vibration_rule import (
     QUIET,
     SHORT,

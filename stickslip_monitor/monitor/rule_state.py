@@ -20,7 +20,7 @@ import numpy as np
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS, BearingConfig
-from stickslip_monitor.monitor.signals import INPUTS, Input
+from stickslip_monitor.monitor.sample_types import INPUTS, Input
 from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
@@ -82,7 +82,7 @@ _chance = partial(_declare_part, 0.0, 0.0, 1.0, '')
 class State:
     """The memory of a bearing as Python numbers, and lists where there are several."""
 
-    # The inputs, in the order of :class:`~stickslip_monitor.monitor.signals.Input`.
+    # The inputs, in the order of :class:`~stickslip_monitor.monitor.sample_types.Input`.
     stamp: list[int] = _time('newest time stamp of each input', 4)
     came: list[int] = _time('from when the age of each is counted', 4)
     gap: list[int] = _span('time between two values of each input; long ones fade', 4)

@@ -23,8 +23,8 @@ from stickslip_monitor.monitor.bearing_records import UNRELIABLE, BearingState, 
 from stickslip_monitor.monitor.input_faults import Graph, InputWatch
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.rule_state import State
+from stickslip_monitor.monitor.sample_types import VALUE_FAULTS
 from stickslip_monitor.monitor.severity import Condition, Severity
-from stickslip_monitor.monitor.signals import VALUE_FAULTS
 from stickslip_monitor.monitor.statements import Event, Verdict, duration_text
 
 LOOK_NS = SECOND_NS
@@ -239,7 +239,7 @@ class Session:
 
         Args:
             name: Name of the bearing.
-            place: Index of the input in :data:`.signals.INPUTS`.
+            place: Index of the input in :data:`.sample_types.INPUTS`.
             time_ns: Time stamp of the measurement [ns].
             value: The number in the message.
             now: The present moment.

@@ -15,6 +15,7 @@ from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, NEVER, WATER, RuleSettings, State
+from stickslip_monitor.monitor.sample_types import QUANTITIES
 from stickslip_monitor.monitor.severity import (
     CONDITIONS,
     LADDER,
@@ -24,7 +25,6 @@ from stickslip_monitor.monitor.severity import (
     Unknown,
     WordEnum,
 )
-from stickslip_monitor.monitor.signals import QUANTITIES
 from stickslip_monitor.monitor.vibration_rule import RISE, UNKNOWN, decibels, is_above_threshold, is_outdone
 from stickslip_monitor.physics.cycles import exact_amplitude
 

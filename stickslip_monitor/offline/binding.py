@@ -13,7 +13,7 @@ from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
-from stickslip_monitor.monitor.signals import QUANTITIES
+from stickslip_monitor.monitor.sample_types import QUANTITIES
 from stickslip_monitor.offline.input_columns import Bound, ColumnBinding
 
 # Unreadable parts that are named at most, where a topic may lie in them.

@@ -29,8 +29,8 @@ from stickslip_monitor.monitor.input_fitness import FitnessWatch
 from stickslip_monitor.monitor.level_comparison import LevelComparison, add_rivals
 from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, count_statuses, join_scans
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.sample_types import INPUTS, LEVEL, Stream
 from stickslip_monitor.monitor.severity import MEASURED
-from stickslip_monitor.monitor.signals import INPUTS, LEVEL, Stream
 from stickslip_monitor.monitor.statements import Event, duration_text
 from stickslip_monitor.offline.binding import bind_at_least_one
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, sum_durations

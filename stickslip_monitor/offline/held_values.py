@@ -11,7 +11,7 @@ from stickslip_monitor.monitor.bearing_monitor import repeat_step
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import judge_value, si_value
 from stickslip_monitor.monitor.rule_state import settings_of
-from stickslip_monitor.monitor.signals import QUANTITIES, Status, Stream
+from stickslip_monitor.monitor.sample_types import QUANTITIES, Status, Stream
 
 
 class HeldValues:

@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.parameters import (
     MonitorConfig,
     SpeedConfig,
 )
-from stickslip_monitor.monitor.signals import NO_VALUES, QUANTITIES
+from stickslip_monitor.monitor.sample_types import NO_VALUES, QUANTITIES
 from stickslip_monitor.physics.bearing import TURNING_UNITS
 
 # A column is taken by its unit only if its heading has one of these words, or is a unit, and no others than

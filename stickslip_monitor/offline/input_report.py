@@ -31,7 +31,7 @@ from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import settings_of
-from stickslip_monitor.monitor.signals import INPUTS, LEVEL, STATUS_SENTENCES, Status, Stream
+from stickslip_monitor.monitor.sample_types import INPUTS, LEVEL, STATUS_SENTENCES, Status, Stream
 from stickslip_monitor.monitor.statements import duration_text, rounded_text
 
 # Gaps that are named at most, the longest ones.
@@ -340,7 +340,7 @@ class InputCheck:
 
     Args:
         config: The bearing.
-        place: The input, a place in :data:`.signals.INPUTS`.
+        place: The input, a place in :data:`.sample_types.INPUTS`.
         absent: Why the recording lacks it; '' if it is there.
     """
 

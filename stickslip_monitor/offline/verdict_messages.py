@@ -44,8 +44,8 @@ from stickslip_monitor.monitor.over_arrays import BearingScan, Scan, count_statu
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_state import NEVER, State
+from stickslip_monitor.monitor.sample_types import INPUTS, QUANTITIES, Input, Status, Stream
 from stickslip_monitor.monitor.severity import MEASURED, Condition
-from stickslip_monitor.monitor.signals import INPUTS, QUANTITIES, Input, Status, Stream
 from stickslip_monitor.monitor.statements import Event, Verdict
 from stickslip_monitor.offline.check import BearingSamples, Stretch, StretchSink, pays_to_compile
 

@@ -71,7 +71,7 @@ class Number(NamedTuple):
     """One number of one input."""
 
     bearing: str
-    place: int  # the input, a place in :data:`.signals.INPUTS`
+    place: int  # the input, a place in :data:`.sample_types.INPUTS`
     time_ns: int  # when it was measured, or came [ns]
     arrival_ns: int  # when it came [ns]
     value: float  # the number, in the input's own scale

@@ -22,8 +22,8 @@ from stickslip_monitor.monitor.alarm_list import Action, AlarmChange
 from stickslip_monitor.monitor.alarm_records import ROS_SERVICE, ActionRequest, parse_request
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.bearing_records import CLOCKS, LATELY_NS
+from stickslip_monitor.monitor.sample_types import LEVEL
 from stickslip_monitor.monitor.session import Moment, Session
-from stickslip_monitor.monitor.signals import LEVEL
 from stickslip_monitor.ros.inputs import ROS_FAULTS, TURN_NS, Inputs, Number
 from stickslip_monitor.ros.other_nodes import node_name
 from stickslip_monitor.ros.outputs import Configured

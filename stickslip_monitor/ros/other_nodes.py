@@ -28,8 +28,8 @@ from stickslip_monitor.monitor.alarm_records import ActionRequest, request_recor
 from stickslip_monitor.monitor.bearing_records import BEARINGS_SCHEMA, NODE_STATUS, hardware_id
 from stickslip_monitor.monitor.input_faults import Graph, Publisher
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import Sink
-from stickslip_monitor.monitor.signals import Input
 from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.ros.inputs import ROS_FAULTS, Lane, make_input_qos
 
@@ -64,7 +64,7 @@ class RosGraph(Graph):
         Args:
             topic: Its full name.
             bearing: Name of the bearing.
-            place: The input, a place in :data:`.signals.INPUTS`.
+            place: The input, a place in :data:`.sample_types.INPUTS`.
         """
         name = self._given.get(topic, topic)
         profile, lane = self._asked_quality(name), self.lanes.get(topic)

@@ -17,7 +17,7 @@ from stickslip_lab.scenes import shaft_effects as effect_module
 from stickslip_lab.scenes.scene import EFFECTS, KEYS, STAGES, Scene, load_scene, write_bag
 from stickslip_lab.scenes.settings import random_stream
 from stickslip_lab.scenes.telemetry import Messages
-from stickslip_monitor.monitor.signals import INPUTS
+from stickslip_monitor.monitor.sample_types import INPUTS
 
 MakeScene = Callable[..., Scene]
 MessagesOf = Callable[..., dict[str, Messages]]

@@ -19,7 +19,7 @@ from stickslip_lab.scenes.telemetry import Messages
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.sample_types import Status
 from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 
 MakeScene = Callable[..., Scene]

@@ -29,8 +29,8 @@ from stickslip_monitor import Monitor, MonitorConfig
 from stickslip_monitor.monitor.alarm_list import ON_SHOW, Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarm_states import RUNG_OF, AlarmKind
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.severity import LADDER
-from stickslip_monitor.monitor.signals import Input
 
 STEP = 0.2
 LENGTH, CALM = 320.0, 100.0

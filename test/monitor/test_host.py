@@ -17,8 +17,8 @@ from sending import SECOND, T0, Ship, configured
 from stickslip_monitor.host import HostClock, ServiceManager
 from stickslip_monitor.links.buses import LiveMonitor
 from stickslip_monitor.monitor.alarm_list import Action
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import NoLog, Sink
-from stickslip_monitor.monitor.signals import Input
 
 DAY = 86_400 * SECOND
 

@@ -15,8 +15,8 @@ from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.links.buses import BusInput, BusInputs, LiveMonitor
 from stickslip_monitor.links.signalk import SignalKInputs
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import NoLog, Sink
-from stickslip_monitor.monitor.signals import Input
 
 EXAMPLE = ROOT / 'launch_configs' / 'examples' / 'ship.yaml'
 PAGE = ROOT / 'docs' / 'ship.md'

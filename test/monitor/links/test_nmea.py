@@ -29,7 +29,7 @@ from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarm_states import AlarmKind
 from stickslip_monitor.monitor.parameter_file import load_config
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.sample_types import Input
 
 SPEED = BusInput(bus='nmea', bearing='aft', place=Input.SPEED, sentence='RPM', kind='S', number=1)
 LOAD = BusInput(bus='nmea', bearing='aft', place=Input.LOAD, sentence='XDR', kind='N', name='AFTLOAD')

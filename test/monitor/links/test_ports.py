@@ -24,7 +24,7 @@ from stickslip_monitor.links import nmea_client
 from stickslip_monitor.links.buses import BusInput, MonitorSide, NmeaLink
 from stickslip_monitor.links.nmea import format_sentence
 from stickslip_monitor.links.nmea_client import NmeaClient, Port
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.sample_types import Input
 
 RPM = format_sentence('RCRPM,S,1,74.6,30.0,A')
 

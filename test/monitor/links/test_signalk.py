@@ -16,7 +16,7 @@ from stickslip_monitor.links.signalk import Notifications, SignalKInputs, Signal
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarm_states import AlarmKind
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.sample_types import Input
 
 SHIP = 'vessels.urn:mrn:imo:mmsi:230099999'
 PATH = 'propulsion.port.revolutions'

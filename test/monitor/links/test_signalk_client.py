@@ -25,7 +25,7 @@ from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient
 from stickslip_monitor.links.signalk_token import read_signalk_token, request_token
 from stickslip_monitor.monitor.alarm_states import AlarmKind
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.sample_types import Input
 
 PATH = 'propulsion.port.revolutions'
 STICK = 'notifications.p.shaft.aft.stickSlip'

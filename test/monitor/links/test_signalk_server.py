@@ -25,8 +25,8 @@ from stickslip_monitor.links.signalk_client import SignalKClient
 from stickslip_monitor.links.signalk_token import request_token
 from stickslip_monitor.monitor import alarm_list
 from stickslip_monitor.monitor.parameter_file import load_parameters
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import Sink
-from stickslip_monitor.monitor.signals import Input
 
 pytestmark = pytest.mark.slow
 

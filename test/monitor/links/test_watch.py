@@ -29,8 +29,8 @@ from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.watch import LinkStates, load_watch, without_copies
 from stickslip_monitor.links.buses import LiveMonitor
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import NoLog, Sink
-from stickslip_monitor.monitor.signals import Input
 
 # No rclpy can be imported, as on a machine without ROS.
 WITHOUT_ROS = (

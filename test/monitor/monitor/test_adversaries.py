@@ -23,7 +23,7 @@ from sequences import BEARINGS, NAME
 
 from stickslip_monitor import Monitor, MonitorConfig
 from stickslip_monitor.monitor.rule_state import State
-from stickslip_monitor.monitor.signals import INPUTS, Input
+from stickslip_monitor.monitor.sample_types import INPUTS, Input
 from stickslip_monitor.monitor.statements import Event
 
 STICKING = ('stick_slip', 'amplitude_limit')

@@ -15,8 +15,8 @@ from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange, Annunciator, Flood
 from stickslip_monitor.monitor.alarm_records import alarms_record
 from stickslip_monitor.monitor.alarm_states import AlarmKind, AlarmState
+from stickslip_monitor.monitor.sample_types import VALUE_FAULTS, Input, Status
 from stickslip_monitor.monitor.severity import Condition
-from stickslip_monitor.monitor.signals import VALUE_FAULTS, Input, Status
 
 T0 = 1_700_000_000 * SECOND
 CONDITIONS = {condition.value for condition in Condition}

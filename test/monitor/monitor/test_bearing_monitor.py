@@ -13,8 +13,8 @@ from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_conf
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
 from stickslip_monitor.monitor.rule_state import DOUBT, State, settings_of
+from stickslip_monitor.monitor.sample_types import NO_VALUES, Input, Status
 from stickslip_monitor.monitor.severity import LADDER, Condition
-from stickslip_monitor.monitor.signals import NO_VALUES, Input, Status
 from stickslip_monitor.monitor.statements import OrderKind, SpeedOrder, order
 from stickslip_monitor.monitor.vibration_rule import (
     BEGUN,

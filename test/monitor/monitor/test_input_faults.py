@@ -21,7 +21,7 @@ from stickslip_monitor.monitor.input_faults import (
     input_fault,
     least_gap,
 )
-from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.sample_types import Status
 
 TWO = SourceFaultKind.TWO_LEVELS
 SECOND = 10**9

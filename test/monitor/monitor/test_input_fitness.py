@@ -12,7 +12,7 @@ from stickslip_monitor.monitor.bearing_monitor import Monitor
 from stickslip_monitor.monitor.config_questions import questions
 from stickslip_monitor.monitor.input_faults import Graph, InputWatch
 from stickslip_monitor.monitor.input_fitness import FitnessWatch, _is_regular, explained_share
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.sample_types import Input
 
 SPEED, LOAD, LEVEL = Input.SPEED, Input.LOAD, Input.LEVEL
 SECOND = 10**9

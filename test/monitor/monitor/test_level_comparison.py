@@ -18,8 +18,8 @@ from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_conf
 from stickslip_monitor.monitor.level_comparison import LevelComparison
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import DOUBT, State
+from stickslip_monitor.monitor.sample_types import INPUTS, Input, Status
 from stickslip_monitor.monitor.severity import Condition, Measured, Unknown
-from stickslip_monitor.monitor.signals import INPUTS, Input, Status
 from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 
 TIMEOUT = 5.0

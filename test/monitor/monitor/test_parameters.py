@@ -12,7 +12,7 @@ from shared import REFERENCE
 from stickslip_monitor import MonitorConfig, Stribeck, Tabulated, build_config
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS
-from stickslip_monitor.monitor.signals import INPUTS
+from stickslip_monitor.monitor.sample_types import INPUTS
 from stickslip_monitor.monitor.value_check import REQUIRED, Parameter
 from stickslip_monitor.physics.friction import Stretched
 

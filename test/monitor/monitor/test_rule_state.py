@@ -14,7 +14,7 @@ from sending import configured, every
 
 from stickslip_monitor import Monitor, Sample
 from stickslip_monitor.monitor.rule_state import NEVER, STATE_TYPE, State
-from stickslip_monitor.monitor.signals import INPUTS, Input
+from stickslip_monitor.monitor.sample_types import INPUTS, Input
 
 
 def sticking_memory() -> dict[str, Any]:

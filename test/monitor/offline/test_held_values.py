@@ -16,7 +16,7 @@ from stickslip_monitor import MonitorConfig, Stream
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.bearing_monitor import repeat_step
 from stickslip_monitor.monitor.over_arrays import BearingScan
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.offline.held_values import HeldValues
 
 # Of a shaft that does ten minutes at each speed [s, rpm]; a historian stores three values.

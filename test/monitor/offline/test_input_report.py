@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.monitor.signals import Status
+from stickslip_monitor.monitor.sample_types import Status
 from stickslip_monitor.offline.check import check_recording, to_json
 from stickslip_monitor.offline.input_report import FillerSearch, Gap, Gaps, Plausibility, StandingValue
 from stickslip_monitor.physics.friction import Coulomb, Stribeck

@@ -19,7 +19,7 @@ import yaml
 from shared import DEADLINE, Bus
 
 from stickslip_monitor import build_config
-from stickslip_monitor.monitor.signals import Input
+from stickslip_monitor.monitor.sample_types import Input
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 pytest.importorskip('aiohttp', reason="the extras 'dashboard' and 'links' are not installed")

@@ -19,8 +19,8 @@ from shared import CONFIG
 from stickslip_monitor import build_config
 from stickslip_monitor.monitor.bearing_records import NodeHealth
 from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.sample_types import Status
 from stickslip_monitor.monitor.session import Moment
-from stickslip_monitor.monitor.signals import Status
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed')
 
