@@ -22,7 +22,7 @@ from typing import Any, NoReturn
 from stickslip_monitor import __version__, interruption
 from stickslip_monitor.commands.output import check_files
 from stickslip_monitor.errors import ConfigurationError, StickslipError, cause, did_you_mean, program_fault
-from stickslip_monitor.files import printable, redirect_to_null
+from stickslip_monitor.safe_files import printable, redirect_to_null
 
 COMMANDS = {
     'accuracy': 'show what accuracy costs in time',

@@ -23,8 +23,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 from stickslip_logs.units import MIB, SECOND_NS
-from stickslip_monitor.files import redirect_to_null
 from stickslip_monitor.monitor.session import Moment
+from stickslip_monitor.safe_files import redirect_to_null
 
 STEP_NS = SECOND_NS
 """A clock on the wall that gains or loses more [ns] between two looks was set: time that is slewed

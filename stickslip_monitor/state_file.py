@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from stickslip_monitor.errors import AlarmStateError, RosError, cause
-from stickslip_monitor.files import open_file, read_file, replace_file
+from stickslip_monitor.safe_files import open_file, read_file, replace_file
 
 T = TypeVar('T')
 

@@ -34,9 +34,9 @@ from stickslip_lab.accuracy.methods import (
     switching,
 )
 from stickslip_monitor.errors import ConfigurationError, cause
-from stickslip_monitor.files import read_file
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import Stribeck
+from stickslip_monitor.safe_files import read_file
 
 Clock = Callable[[], float]
 

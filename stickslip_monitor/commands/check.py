@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, Any
 from stickslip_monitor import errors
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import BagError, ConfigurationError, StickslipError, plural
-from stickslip_monitor.files import printable
+from stickslip_monitor.safe_files import printable
 
 if TYPE_CHECKING:
     from stickslip_monitor.monitor.parameters import MonitorConfig

@@ -16,9 +16,9 @@ from typing import Any
 
 from stickslip_monitor.commands import options
 from stickslip_monitor.errors import DashboardError, RosError, cause, missing_ros_error
-from stickslip_monitor.files import printable, read_token
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Severity
 from stickslip_monitor.monitor.value_check import refused
+from stickslip_monitor.safe_files import printable, read_token
 
 ALONE = 1.5
 """Every monitor publishes once a second: after so long [s] there is no other."""

@@ -16,9 +16,9 @@ from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import plural
-from stickslip_monitor.files import printable
 from stickslip_monitor.offline.check import bag_record
 from stickslip_monitor.report.summary import date, is_dated, time_of_day
+from stickslip_monitor.safe_files import printable
 
 SCHEMA = 'stickslip_monitor/info/1'
 

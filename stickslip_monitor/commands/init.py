@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 from stickslip_logs.units import factors_of
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.bearing_records import finite_or_none
 from stickslip_monitor.monitor.config_questions import blade_question
 from stickslip_monitor.monitor.configuration import bearing_names, check_topic, split_load_table
@@ -41,6 +40,7 @@ from stickslip_monitor.physics.bearing_estimate import (
     fold_shifts,
 )
 from stickslip_monitor.physics.cycles import end_of_vibration
+from stickslip_monitor.safe_files import printable
 
 SCHEMA = 'stickslip_monitor/init/2'
 MARK = '# Written by stickslip init'

@@ -16,8 +16,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.errors import ConfigurationError, OutputError
-from stickslip_monitor.files import PICTURES
 from stickslip_monitor.monitor.value_check import Parameter, refused
+from stickslip_monitor.safe_files import PICTURES
 
 if TYPE_CHECKING:
     from stickslip_monitor.drawing.map import Range

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from stickslip_monitor.commands.options import FileOption, Marks
 from stickslip_monitor.errors import OutputError, StickslipError, cause
-from stickslip_monitor.files import check_replaceable, holds_mark, is_same, printable, write_whole
+from stickslip_monitor.safe_files import check_replaceable, holds_mark, is_same, printable, write_whole
 
 if TYPE_CHECKING:
     from rich.console import Console, Group

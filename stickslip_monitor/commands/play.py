@@ -14,7 +14,7 @@ from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Recording
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import BagError, RosError, missing_ros_error, plural
-from stickslip_monitor.files import printable
+from stickslip_monitor.safe_files import printable
 
 if TYPE_CHECKING:
     from stickslip_monitor.ros.player import Player

@@ -26,9 +26,9 @@ import numpy as np
 
 from stickslip_monitor.arrays import IndexArray
 from stickslip_monitor.errors import DrawingError, cause
-from stickslip_monitor.files import PICTURES, write_whole
 from stickslip_monitor.monitor.assessment import Regime
 from stickslip_monitor.monitor.severity import Condition
+from stickslip_monitor.safe_files import PICTURES, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes

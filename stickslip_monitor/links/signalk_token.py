@@ -15,9 +15,9 @@ from typing import Any
 import aiohttp
 
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.files import MAX_TOKEN_BYTES, read_token
 from stickslip_monitor.links.buses import SignalKLink
 from stickslip_monitor.links.signalk_client import failure_reason, make_ssl_context
+from stickslip_monitor.safe_files import MAX_TOKEN_BYTES, read_token
 
 ASK_PERIOD = 2.0
 """Time between two questions whether the request is approved [s]: an officer needs minutes."""

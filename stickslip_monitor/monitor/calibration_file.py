@@ -15,13 +15,13 @@ import numpy as np
 
 from stickslip_logs.units import MIB
 from stickslip_monitor.errors import ConfigurationError, cause
-from stickslip_monitor.files import read_json
 from stickslip_monitor.monitor import parameters
 from stickslip_monitor.monitor.parameters import InputConfig, LoadConfig, SpeedConfig
 from stickslip_monitor.monitor.value_check import REQUIRED, Parameter
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.friction import LAWS
 from stickslip_monitor.physics.probability import Belief, Tolerance
+from stickslip_monitor.safe_files import read_json
 
 CALIBRATION_SCHEMA = 'stickslip_monitor/calibration/2'
 _PREVIOUS_SCHEMA = 'stickslip_monitor/calibration/1'

@@ -14,9 +14,9 @@ import yaml
 
 from stickslip_logs.units import MIB
 from stickslip_monitor.errors import ConfigurationError, cause
-from stickslip_monitor.files import near_name, read_file
 from stickslip_monitor.monitor.configuration import build_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.safe_files import near_name, read_file
 
 # A fleet's bearings have some hundred kilobytes [bytes].
 _LARGEST = MIB

@@ -20,7 +20,6 @@ from stickslip_monitor.drawing import canvas
 from stickslip_monitor.drawing.map import draw_map, track_of_scan
 from stickslip_monitor.drawing.timeline import Timeline, draw_timeline, marked_events
 from stickslip_monitor.errors import ReportError
-from stickslip_monitor.files import printable
 from stickslip_monitor.monitor.bearing_records import finite_or_none
 from stickslip_monitor.monitor.input_faults import fault_text
 from stickslip_monitor.monitor.parameter_file import load_parameters
@@ -36,6 +35,7 @@ from stickslip_monitor.offline.extremes import condition_intervals
 from stickslip_monitor.offline.input_report import InputReport
 from stickslip_monitor.report import summary
 from stickslip_monitor.report.summary import Course, Fact, Finding, facts, judge_all, judge_bearing
+from stickslip_monitor.safe_files import printable
 
 MAX_EVENTS = 400
 """Events of a bearing that its table has room for: the most severe."""

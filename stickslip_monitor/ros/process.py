@@ -17,7 +17,6 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
 from stickslip_monitor.errors import ConfigurationError, RosError, StickslipError, program_fault
-from stickslip_monitor.files import printable
 from stickslip_monitor.host import ServiceManager, end_signals, unblocked_log
 from stickslip_monitor.monitor.clip_recorder import ClipStore
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_parameters
@@ -26,6 +25,7 @@ from stickslip_monitor.monitor.value_check import require_rule
 from stickslip_monitor.ros.inputs import ROS_FAULTS
 from stickslip_monitor.ros.node import MonitorNode, ros_error_text
 from stickslip_monitor.ros.other_nodes import without_log_files
+from stickslip_monitor.safe_files import printable
 
 MAX_WAIT = 0.2
 """Longest wait of the executor [s]: between two waits signals are noticed, and the watchdog is notified."""

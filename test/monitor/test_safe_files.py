@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from stickslip_monitor.files import write_whole
+from stickslip_monitor.safe_files import write_whole
 
 
 def test_a_full_disk_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -29,7 +29,7 @@ def test_a_full_disk_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.M
 
 def test_the_draft_of_a_killed_process_is_swept_and_that_of_a_living_one_kept(tmp_path: Path) -> None:
     code = (
-        'import sys; from stickslip_monitor.files import lock_draft\n'
+        'import sys; from stickslip_monitor.safe_files import lock_draft\n'
         'file = open(sys.argv[1], "wb"); assert lock_draft(file.fileno())\n'
         'print(flush=True); sys.stdin.read()'
     )
