@@ -2,7 +2,7 @@
 """Scans a file that rosbag2 stored by SQLite, its default up to ROS 2 Humble, in the blocks of MCAP.
 
 Blocks are of messages in the order in which they were written. Nothing is written to a file: one
-with a journal is read as a copy.
+with a journal, or with row ids that do not rise, is read as a copy.
 """
 
 from __future__ import annotations
@@ -60,6 +60,7 @@ class SqliteFile(BagFile):
         super().__init__(path, 0, findings)
         self._scratch, self._is_packed = scratch, is_packed
         self._numbers: dict[int, int] = {}  # the channel of each id of a topic
+        self._copy: Path | None = None  # of the messages, where their row ids do not rise
         self._decompressor = zstandard.ZstdDecompressor()
         with self._open_read_only() as database:
             self.size = path.stat().st_size
@@ -74,7 +75,8 @@ class SqliteFile(BagFile):
             BagError: The file cannot be read; also for an error of the database inside the context.
         """
         try:
-            uri = f'{self._apply_journal().absolute().as_uri()}?mode=ro&immutable=1'
+            file = self._copy or self._apply_journal()
+            uri = f'{file.absolute().as_uri()}?mode=ro&immutable=1'
             with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
                 if sys.version_info >= (3, 11):
                     # What a damaged length asks for is not taken.
@@ -147,10 +149,20 @@ class SqliteFile(BagFile):
     def _scan_messages(self, database: sqlite3.Connection) -> None:
         """Fill in counts, blocks and times; report messages of topics that are defined nowhere as lost.
 
-        Messages without a valid time count too.
+        Messages without a valid time count too. Blocks are ranges of row ids: where these do not rise, as
+        in a damaged tree, the messages are copied, and the copy is scanned.
         """
-        unknown = Counter[Any]()
+        unknown, end = Counter[Any](), -(1 << 63)
         for rows in self._iterate_rows(database, f'{_TIME}, timestamp, topic_id'):
+            ids = np.array([row[0] for row in rows], np.int64)
+            if ids[0] < end or (ids[1:] <= ids[:-1]).any():
+                self._copy_messages(database)
+                self.blocks.clear()
+                self.counts.clear()
+                with self._open_read_only() as copy:
+                    self._scan_messages(copy)
+                return
+            first, end = int(ids[0]), int(ids[-1]) + 1
             counts = Counter(key for *_, key in rows)
             unknown.update({key: count for key, count in counts.items() if key not in self._numbers})
             counts_by_channel = {
@@ -159,8 +171,6 @@ class SqliteFile(BagFile):
             self.counts.update(counts_by_channel)
             times = [time for _, is_time, time, key in rows if is_time and key in self._numbers]
             spans = self.widen_span(np.array(times, np.int64))
-            # Of a damaged tree they need not rise.
-            first, end = min(row[0] for row in rows), max(row[0] for row in rows) + 1
             block = Block(self.path, first, end - first, 0, False, place_name='row')
             block.channels = sum(1 << number for number in counts_by_channel)
             if spans:
@@ -171,6 +181,17 @@ class SqliteFile(BagFile):
                 f"file '{self.path.name}': {plural(count, 'message')} of topic {key}, which is"
                 ' defined nowhere, were not read'
             )
+
+    def _copy_messages(self, database: sqlite3.Connection) -> None:
+        """Copy the messages to the temporary folder, in the order of the tree and with rising row ids."""
+        copy = self._scratch.folder / f'{self.path.name}.messages'
+        with contextlib.closing(sqlite3.connect(copy)) as target:
+            target.execute('CREATE TABLE messages(timestamp, topic_id, data)')
+            for rows in self._iterate_rows(database, 'timestamp, topic_id, data'):
+                target.executemany('INSERT INTO messages VALUES (?, ?, ?)', [row[1:] for row in rows])
+            target.commit()
+        self._copy = copy
+        self.findings.note(f"file '{self.path.name}' is damaged (its row ids do not rise): read as a copy")
 
     def load_pieces(self, block: Block, topics: Collection[str] | None = None) -> tuple[int, Sequence[Piece]]:
         """Read the messages of some topics, or all, in a block; without a time or data they are unreadable.
@@ -235,7 +256,7 @@ class SqliteFile(BagFile):
                     batch.extend(itertools.islice(cursor, _BATCH))
                     if not batch:
                         return
-                    begin, step = max(row[0] for row in batch) + 1, _FIRST_SKIP
+                    begin, step = max(begin, max(row[0] for row in batch) + 1), _FIRST_SKIP
                     yield batch
                     batch = []
             except _ERRORS as error:
@@ -244,7 +265,7 @@ class SqliteFile(BagFile):
                     ' damaged pages were not read'
                 )
             if batch:
-                begin, step = max(row[0] for row in batch) + 1, _FIRST_SKIP
+                begin, step = max(begin, max(row[0] for row in batch) + 1), _FIRST_SKIP
                 yield batch
             begin, step, skips = max(begin, 0) + step, 2 * step, skips + 1
 

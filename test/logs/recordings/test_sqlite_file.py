@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import re
 import sqlite3
 import warnings
 from collections.abc import Iterator
@@ -144,18 +145,23 @@ def test_a_damaged_page_costs_its_messages_only(tmp_path: Path) -> None:
     assert 'is damaged' in ' '.join(recording.losses)
 
 
-def test_row_ids_of_a_damaged_tree_need_not_rise(tmp_path: Path) -> None:
+@pytest.mark.parametrize('share', [0.3, 0.6])
+@pytest.mark.parametrize('damaged', [b'\x80\0', b'\xff\x7f'])
+def test_rows_whose_ids_do_not_rise_are_read_once(
+    share: float, damaged: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('stickslip_logs.recordings.sqlite_file._BATCH', COUNT)
     file = change_database(tmp_path)
+    assert_read_whole(file)
     data = bytearray(file.read_bytes())
-    leaf = max(page for page in range(0, len(data), 4096) if data[page] == 0x0D)
-    pointer = leaf + 8 + 2 * (int.from_bytes(data[leaf + 3 : leaf + 5], 'big') - 1)
-    # Behind the length of the last row, of one byte, its id of two becomes 0.
-    row = leaf + int.from_bytes(data[pointer : pointer + 2], 'big')
-    assert data[row + 1 : row + 3] == bytes((0x80 | 2 * COUNT >> 7, 2 * COUNT & 0x7F))
-    data[row + 1 : row + 3] = b'\x80\0'
+    # Before the head of its row: no id of its own, a topic, and a time of 8 bytes.
+    row = int(share * 2 * COUNT)
+    id_bytes = bytes((0x80 | row >> 7, row & 0x7F))
+    (match,) = re.finditer(re.escape(id_bytes) + rb'[\5\6]\0[\1\x09]\x06', data)
+    data[match.start() : match.start() + 2] = damaged
     file.write_bytes(data)
-    recording = open_bag(file)
-    np.testing.assert_array_equal(recording.read([SPEED])[SPEED].value, np.arange(float(COUNT)))
+    assert_read_whole(file)
+    assert 'its row ids do not rise' in ' '.join(open_bag(file).warnings)
 
 
 class Damaged:
