@@ -98,7 +98,7 @@ class Block:
     @property
     def place(self) -> str:
         """The block as a sentence names it."""
-        kind = 'chunk' if self.is_chunk else 'records'
+        kind = 'chunk' if self.is_chunk else 'block'
         return f"file '{self.path.name}': the {kind} at {self.place_name} {self.offset}"
 
 

@@ -7,6 +7,7 @@ with a journal, or with row ids that do not rise, is read as a copy.
 
 from __future__ import annotations
 
+import bisect
 import contextlib
 import itertools
 import shutil
@@ -219,7 +220,7 @@ class SqliteFile(BagFile):
         if self._is_packed:
             parts = list(map(self._unpack_message, parts))
         # Where the head of the first message would be.
-        data = bytes(PAYLOAD) + b''.join(parts)
+        data = b''.join([bytes(PAYLOAD), *parts])
         size = np.fromiter(map(len, parts), np.int64, len(parts))
         offset = PAYLOAD + np.cumsum(size) - size
         channel = np.array([numbers[key] for key in keys], np.uint16)
@@ -256,7 +257,7 @@ class SqliteFile(BagFile):
                     batch.extend(itertools.islice(cursor, _BATCH))
                     if not batch:
                         return
-                    begin, step = max(begin, max(row[0] for row in batch) + 1), _FIRST_SKIP
+                    begin, step = max(begin, _last_in_order([row[0] for row in batch]) + 1), _FIRST_SKIP
                     yield batch
                     batch = []
             except _ERRORS as error:
@@ -265,7 +266,7 @@ class SqliteFile(BagFile):
                     ' damaged pages were not read'
                 )
             if batch:
-                begin, step = max(begin, max(row[0] for row in batch) + 1), _FIRST_SKIP
+                begin, step = max(begin, _last_in_order([row[0] for row in batch]) + 1), _FIRST_SKIP
                 yield batch
             begin, step, skips = max(begin, 0) + step, 2 * step, skips + 1
 
@@ -275,6 +276,20 @@ class SqliteFile(BagFile):
             return self._decompressor.decompress(data, max_output_size=MAX_CHUNK)
         except zstandard.ZstdError:
             return b''
+
+
+def _last_in_order(row_ids: list[int]) -> int:
+    """Return the last of the most row ids that rise: a damaged one may be above or below those beside it.
+
+    There is at least one.
+    """
+    if row_ids == sorted(row_ids):
+        return row_ids[-1]
+    ends: list[int] = []
+    for row_id in row_ids:
+        k = bisect.bisect_left(ends, row_id)
+        ends[k : k + 1] = [row_id]
+    return ends[-1]
 
 
 def _refusal_text(file: Path, problem: str) -> str:

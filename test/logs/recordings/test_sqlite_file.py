@@ -164,6 +164,27 @@ def test_rows_whose_ids_do_not_rise_are_read_once(
     assert 'its row ids do not rise' in ' '.join(open_bag(file).warnings)
 
 
+@pytest.mark.parametrize(('row_id', 'changed_id'), [(1000, b'\xff\x7f'), (4000, b'\x80\x05')])
+def test_a_damaged_row_id_costs_no_messages_of_others(row_id: int, changed_id: bytes, tmp_path: Path) -> None:
+    """Behind damage reading goes on behind the ids that rise: neither behind 16383 nor from 5 on again."""
+    file = change_database(tmp_path)
+    data = bytearray(file.read_bytes())
+    leaves = [page for page in range(0, len(data), 4096) if data[page] == 0x0D]
+    # Between the length of a row, of one byte, and of its head.
+    row = data.index(bytes((0x80 | row_id >> 7, row_id & 0x7F, 6)), leaves[0])
+    data[row : row + 2] = changed_id
+    for zeros in (leaves[len(leaves) // 3], leaves[2 * len(leaves) // 3]):
+        data[zeros : zeros + 4096] = bytes(4096)
+    file.write_bytes(data)
+    recording = open_bag(file)
+    series = recording.read([SPEED])[SPEED]
+    assert np.unique(series.value).size == series.value.size > COUNT * 0.9
+    assert series.value.max() == COUNT - 1
+    assert recording.message_count == 2 * series.value.size
+    np.testing.assert_array_equal(series.log_time_ns, START + series.value.astype(np.int64) * 10_000_000)
+    assert 'is damaged' in ' '.join(recording.losses)
+
+
 class Damaged:
     """A database whose row ids 1 to 100 end in a damaged page, behind one that is 0."""
 
