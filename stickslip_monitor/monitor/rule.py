@@ -332,7 +332,7 @@ def update_means(s: State, place: int, seconds: float, si: float) -> None:
         seconds: The time since the value before [s].
         si: The new value [m/s or N].
     """
-    median = middle(si, s.value[place], s.before[place])
+    median = median_of_three(si, s.value[place], s.before[place])
     if place == SPEED:
         s.fast = lagged(s.fast, median, seconds, FAST_LAG)
         s.slow = lagged(s.slow, median, seconds, SLOW_LAG)
@@ -353,7 +353,7 @@ def update_pace(s: State, c: RuleNumbers, place: int, gap: int) -> None:
     s.gap[place] = max(gap, s.gap[place] // 2)
 
 
-def middle(first: float, second: float, third: float) -> float:
+def median_of_three(first: float, second: float, third: float) -> float:
     """Return the median of three values; the first where the third is ``nan``, as it has not come yet."""
     if third != third:
         return first
@@ -543,8 +543,8 @@ def is_turning(s: State) -> bool:
 
 def median_point(s: State) -> tuple[float, float]:
     """Return the speed [m/s] and the load [N] that decide: medians of the latest three values."""
-    speed = middle(s.value[SPEED], s.before[SPEED], s.earlier[SPEED])
-    return speed, middle(s.value[LOAD], s.before[LOAD], s.earlier[LOAD])
+    speed = median_of_three(s.value[SPEED], s.before[SPEED], s.earlier[SPEED])
+    return speed, median_of_three(s.value[LOAD], s.before[LOAD], s.earlier[LOAD])
 
 
 def growth_rate(c: RuleNumbers, law: Numbers, speed: float, load: float, scale: float) -> float:

@@ -255,7 +255,7 @@ class VerdictMessages:
             yield self._of_topic('/diagnostics', messages)
 
     def _seconds_until(self, arrival_ns: IntArray, until_ns: int) -> Iterator[int]:
-        """Yield the times of whole seconds since the start, up to a time [ns], but none after a silent hour.
+        """Yield whole seconds since the start, up to and with a time [ns], but none after a silent hour.
 
         They follow the ticks of earlier stretches. The last of the arrivals [ns], which ascend, is stored.
         """

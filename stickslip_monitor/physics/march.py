@@ -260,7 +260,7 @@ def friction_needed(medium: Medium, e: float) -> float:
     return medium.drift_rate + medium.damping * medium.drift + e
 
 
-def rounding_of(body: Body, medium: Medium, e: float) -> float:
+def rounding_error(body: Body, medium: Medium, e: float) -> float:
     """Return the rounding error of :func:`friction_needed` less the belt's hold, in units of ``m omega``."""
     inner = abs(medium.drift_rate) + abs(medium.damping * medium.drift)
     return 2e-15 * (inner + abs(e) + body.hold * abs(medium.force))
@@ -290,7 +290,7 @@ def stick_advance(
     if stalled > _MAX_STALLED:
         length = min(left, 1e-6)
     else:
-        slack, need = rounding_of(body, medium, e), friction_needed(medium, e)
+        slack, need = rounding_error(body, medium, e), friction_needed(medium, e)
         for kind in range(RELEASE_FORWARD, RELEASE_BACKWARD + 1):
             side = 1.0 if kind == RELEASE_FORWARD else -1.0
             excess = side * need - body.hold * medium.force
@@ -328,7 +328,7 @@ def phase_after_contact(body: Body, medium: Medium, e: float, sign: int) -> int:
         sign: The side of the slip that ended, 1 or -1; 0 for none.
     """
     need = friction_needed(medium, e)
-    limit = body.hold * max(medium.force, 0.0) + rounding_of(body, medium, e)
+    limit = body.hold * max(medium.force, 0.0) + rounding_error(body, medium, e)
     if need > limit and sign <= 0:
         return 1
     if need < -limit and sign >= 0:
@@ -383,7 +383,7 @@ def recenter_medium(body: Body, medium: Medium, e: float, z: float) -> Medium:
     """
     speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate = medium
     offset += e
-    if z == 0.0 and (offset < 0.0 or offset <= rounding_of(body, medium, e)):
+    if z == 0.0 and (offset < 0.0 or offset <= rounding_error(body, medium, e)):
         offset = 0.0
     return Medium(speed, force, damping, offset, origin, drift, force_rate, offset_rate, drift_rate)
 
