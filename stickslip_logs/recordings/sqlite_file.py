@@ -35,8 +35,6 @@ MAGIC = b'SQLite format 3\0'
 _BATCH = 32_768
 # Of a page whose damage makes it ask for more memory than there is, the latter.
 _ERRORS = sqlite3.Error, MemoryError
-# Behind a damaged page reading goes on: the first step over it [row ids] doubles up to 40 times.
-_FIRST_SKIP = 64
 # Whether a message has a number that can be a log time [ns]; 0 can be one.
 _TIME = f'timestamp BETWEEN 0 AND {MAX_TIME_NS}'
 Rows = list[tuple[Any, ...]]
@@ -234,8 +232,9 @@ class SqliteFile(BagFile):
     ) -> Iterator[Rows]:
         """Yield lists of up to 32768 messages in the order of writing: tuples of the row id and some columns.
 
-        Damaged pages are reported as a loss, not raised; reading goes on behind them, at ids in growing
-        steps, and ends after 41 of them.
+        Damaged pages and rows are reported as a loss, not raised. Reading goes on behind them, over one row
+        id first, then over a quarter more each time: where every second page is zeros, four fifths of the
+        others' messages are read.
 
         Args:
             database: A connection to the file.
@@ -243,13 +242,14 @@ class SqliteFile(BagFile):
             begin: The first row id.
             where: The condition, as SQL writes it; trusted.
         """
-        step, skips = _FIRST_SKIP, 0
-        while begin < 1 << 63 and skips <= 40:
+        step = 1
+        while begin < 1 << 63:
             batch: Rows = []
             try:
                 cursor = database.execute(
                     f'SELECT rowid, {columns} FROM messages NOT INDEXED'
-                    f' WHERE rowid >= ? AND {where} ORDER BY rowid',
+                    # The second time of each row: in a damaged tree others come behind the first one.
+                    f' WHERE rowid >= ?1 AND +rowid >= ?1 AND {where} ORDER BY rowid',
                     (begin,),
                 )
                 while True:
@@ -257,7 +257,7 @@ class SqliteFile(BagFile):
                     batch.extend(itertools.islice(cursor, _BATCH))
                     if not batch:
                         return
-                    begin, step = max(begin, _last_in_order([row[0] for row in batch]) + 1), _FIRST_SKIP
+                    begin, step = max(begin, _last_in_order([row[0] for row in batch]) + 1), 1
                     yield batch
                     batch = []
             except _ERRORS as error:
@@ -266,9 +266,9 @@ class SqliteFile(BagFile):
                     ' damaged pages were not read'
                 )
             if batch:
-                begin, step = max(begin, _last_in_order([row[0] for row in batch]) + 1), _FIRST_SKIP
+                begin, step = max(begin, _last_in_order([row[0] for row in batch]) + 1), 1
                 yield batch
-            begin, step, skips = max(begin, 0) + step, 2 * step, skips + 1
+            begin, step = max(begin, 0) + step, 1 + step + step // 4
 
     def _unpack_message(self, data: bytes) -> bytes:
         """Return the unpacked data of a message; empty where they are damaged or too large."""
