@@ -226,20 +226,20 @@ def _exact_curve(
         place[node_rows], Grazing(loads[node_rows] / base[node_rows], slopes[node_rows]), place
     )
     guess = Grazing(base * ratio.load, ratio.slope)
+    # Where friction first rises no lining sticks at slow speeds: larger loads only take longer to try.
+    max_load = np.where(np.arange(speed.size) < np.append(node_rows, 0)[0] - parts * every, top, 8.0 * top)
     doubtful = rows if contact.is_smooth else rows[np.isnan(loads[rows])]
     while doubtful.size:
-        loads[doubtful], slopes[doubtful] = least_sticking_loads(
-            contact, speed[doubtful], 8.0 * top, Grazing(*(column[doubtful] for column in guess)), error
-        )
+        beside = Grazing(*(column[doubtful] for column in guess))
+        solved = least_sticking_loads(contact, speed[doubtful], max_load[doubtful], beside, error)
+        loads[doubtful], slopes[doubtful] = solved
         rows = np.union1d(rows, doubtful)
         exact, doubtful = _join_loads(contact, place, base, rows, loads)
         guess = Grazing(exact, np.interp(place, place[rows], slopes[rows]))
-    is_solved = np.isfinite(loads[rows])
-    solved = rows[is_solved]
-    if is_solved[-1] and not contact.rises:
+    if np.isfinite(loads[-1]) and not contact.rises:
         return np.stack([speed, exact]), np.zeros((2, 0))
     # The curve ends where it is vertical: there the least and the largest load that stick meet.
-    highest = float(np.max(speed[solved], initial=speed[0]))
+    highest = float(np.max(speed[np.isfinite(loads)], initial=speed[0]))
     end = max(int(np.searchsorted(speed, 0.8 * highest)) - 1, 0)
     x = np.linspace(math.log(min(float(exact[end]), top)), math.log(top), 33 if exact[end] < top else 0)
     larger = np.stack([x, last_sticking_speeds(contact.bearing, np.exp(x))])

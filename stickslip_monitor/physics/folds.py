@@ -9,7 +9,7 @@ neither a guess nor a bound.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -103,7 +103,7 @@ class Grazing(NamedTuple):
 
 
 def least_sticking_loads(
-    contact: Contact, speed: FloatArray, max_load: float, guess: Grazing | None = None, error: float = 1e-5
+    contact: Contact, speed: FloatArray, max_load: Any, guess: Grazing | None = None, error: float = 1e-5
 ) -> Grazing:
     """Return the least loads at which slip grazes the belt at speeds; friction must fall somewhere.
 
@@ -113,7 +113,7 @@ def least_sticking_loads(
     Args:
         contact: The bearing's contact.
         speed: ``V`` > 0, shape (n,) [m/s].
-        max_load: Where the search ends [N].
+        max_load: Where the search ends, one for all speeds or of their shape [N].
         guess: Where to begin, if known.
         error: Error allowed in ``ln N``.
 
@@ -123,7 +123,7 @@ def least_sticking_loads(
     step_error = contact.coarse if error >= 1e-5 else contact.fine
     n, out = speed.size, np.full(speed.size, np.nan)
     with np.errstate(divide='ignore'):
-        low, max_x = np.log(contact.least_loads(speed)), math.log(max_load)
+        low, max_x = np.log(contact.least_loads(speed)), np.log(np.broadcast_to(max_load, n))
     x, slope = low.copy(), np.full(n, contact.rate)
     # The slope of a first margin is known to a tenth: to 5 % as a rule, to 40 % far out. Between others it is
     # to 1 %, of a table of 1,000 points that scatters to 8 %.
@@ -147,13 +147,13 @@ def least_sticking_loads(
         # One that is not straight jumps: halve.
         is_straight = ((secant > 0.2) & (secant < 5.0)) | np.isnan(before[live])
         slope[live] = np.where(is_straight & np.isfinite(secant), secant * contact.rate, slope[live])
-        new = np.minimum(at + np.clip(-value / slope[live], -0.4, 0.4), max_x)
+        new = np.minimum(at + np.clip(-value / slope[live], -0.4, 0.4), max_x[live])
         halves = np.isfinite(high[live]) & ~(is_straight & (new > low[live]) & (new < high[live]))
         new = np.where(halves, 0.5 * (low[live] + high[live]), new)
         move = np.abs(new - at)
         # A secant leaves about the product of its step with the one before.
         is_done = (~halves & (move * last_move[live] < error)) | (high[live] - low[live] < error)
-        is_beyond = ~is_above & (at >= max_x)
+        is_beyond = ~is_above & (at >= max_x[live])
         before[live], value_before[live], last_move[live], x[live] = at, value, move, new
         solved = is_done & ~is_beyond
         out[live[solved]] = np.exp(new[solved])

@@ -219,9 +219,9 @@ def root_on_bracket(
         b, fb = x, fx
         with np.errstate(divide='ignore', invalid='ignore'):
             secant = fb * (b - c) / (fb - fc)
-        # A last step along the secant misses by about its length times the one before it, over
-        # the bracket: so close it cannot miss by more than rounding.
-        miss = np.abs(secant) * np.minimum(np.abs(b - c) / np.abs(a - b), 1.0)
+            # A last step along the secant misses by about its length times the one before it, over
+            # the bracket: so close it cannot miss by more than rounding.
+            miss = np.abs(secant) * np.minimum(np.abs(b - c) / np.abs(a - b), 1.0)
         is_done = (fb == 0.0) | (miss <= 1e-14 * np.abs(b))
         root[running] = np.where(is_done & (fb != 0.0), b - secant, b)
         keep = ~(is_done | (np.abs(a - b) <= close * np.abs(b)))

@@ -265,6 +265,23 @@ def test_few_steps_tabulate_a_law_of_ones_own(monkeypatch):
     np.testing.assert_allclose(table.fold(load), ends, rtol=1e-7)
 
 
+def test_where_a_lining_never_sticks_no_load_beyond_the_largest_is_tried(monkeypatch):
+    """Friction first rises: up to eight times that load at such speeds took 1.7 of 2.2 s, compiled."""
+    tried, margin = [], contact.Contact.margin
+
+    def recorded(self, speed, load, error):
+        tried.append(np.stack([speed, load]))
+        return margin(self, speed, load, error)
+
+    monkeypatch.setattr(contact.Contact, 'margin', recorded)
+    fold_curve.cache_clear()
+    curve = fold_curve(bearing_of(RISES_FIRST))
+    speed, load = np.concatenate(tried, axis=1)
+    is_slow = speed < 0.2 * curve.exact[0, np.isfinite(curve.exact[1])][0]
+    assert np.count_nonzero(is_slow) > 20
+    assert load[is_slow].max() < 2.0 * curve.top
+
+
 def test_a_soft_lining_is_tabulated_by_no_stiff_orbits(monkeypatch):
     """At 3 Hz a load of 200 kN would move it by 3 m; orbits there take up to 20000 steps each."""
     steps, step = 0, orbits.expand

@@ -36,6 +36,14 @@ def test_a_root_never_depends_on_its_neighbours() -> None:
     np.testing.assert_allclose(between, np.cbrt(c), rtol=1e-12)
 
 
+def test_an_end_whose_value_was_rounded_across_zero_is_the_root() -> None:
+    # As a margin by coarse steps that finer ones contradict: the bracket shrinks to that end, and to nothing.
+    low, high = np.array([0.4]), np.array([0.5 + 2.0**-52])
+    with np.errstate(all='raise'):
+        root = root_on_bracket(lambda x: np.full(x.size, -9.0), low, high, (-high, high))
+    assert root == pytest.approx(high, rel=1e-15)
+
+
 @pytest.mark.parametrize('size', [2, 3, 50])
 def test_monotone_cubics_are_those_of_scipy(size: int) -> None:
     rng = np.random.default_rng(size)
