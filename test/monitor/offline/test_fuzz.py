@@ -112,8 +112,8 @@ def test_mutants_of_a_voyage_have_its_verdict_or_words(kind: str, tmp_path: Path
 
 @pytest.mark.parametrize(
     ('kind', 'seed'),
-    [('db3', (20261126 << 32) + 417)],
-    ids=['a page that asks for more memory than there is'],
+    [('db3', (20261126 << 32) + 417), ('csv', (70002 << 32) + 1932)],
+    ids=['a page that asks for more memory than there is', 'numbers and times change places'],
 )
 def test_files_on_which_mutants_had_failed(kind: str, seed: int, tmp_path: Path) -> None:
     path = tmp_path / f'mutant.{kind}'
