@@ -211,8 +211,8 @@ def _exact_curve(
     first = min(max(least_node - 1, 0) if contact.is_smooth else 0, _NODES - 2)
     beyond = int(np.append(first, np.flatnonzero(nodes.load <= top))[-1]) + (2 if contact.rises else 1)
     last = min(beyond, _NODES - 1)
-    # Of a scattered table of 100 points half as many would leave 1 % in place of 0.7 %.
-    every, total, error = (64, 16, 1e-9) if contact.is_smooth else (16, 128, 1e-5)
+    # Of seven scattered tables of 100 points 90 % of the folds are right to 1.2e-4, with 128 to 2e-4.
+    every, total, error = (64, 16, 1e-9) if contact.is_smooth else (16, 176, 1e-5)
     parts = math.ceil(total / (last - first))  # from node to node
     index = np.linspace(first, last, (last - first) * parts * every + 1)
     place = np.exp(np.interp(index, np.arange(_NODES), np.log(node_place)))

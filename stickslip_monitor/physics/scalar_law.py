@@ -199,7 +199,7 @@ def fit_pieces(law: FrictionLaw) -> Pieces:
     4^20 times its last scale, or from where the coefficient is not finite on, the law goes on as a line.
 
     >>> fit_pieces(Stribeck(0.3, 0.1, 10.0)).degree
-    10
+    11
     """
 
     def coefficient(v: FloatArray) -> FloatArray:
