@@ -311,7 +311,20 @@ ODD: dict[str, Odd] = {
         ),
         _OTHERWISE,
         10,
-        10,
+        20,
+    ),
+    'a channel of no input is redefined': Odd(
+        lambda: file(
+            [
+                Piece(
+                    [*DEFINITIONS, channel(3, '/other'), *messages(0), channel(3, '/odd'), *messages(20, 40)]
+                )
+            ],
+            summary=False,
+        ),
+        f"{_OTHERWISE}: messages of '/other' from there on",
+        30,
+        30,
     ),
     'a channel that nothing defines': Odd(
         lambda: file(

@@ -19,7 +19,7 @@ from mcap.records import Channel, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
 from stickslip_logs.arrays import IntArray
-from stickslip_logs.errors import BagError, cause, join_names, plural
+from stickslip_logs.errors import BagError, cause, join_names, listed, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.mcap_chunks import (
     HEAD,
@@ -66,6 +66,8 @@ class BagFile:
         self.end_ns: int | None = None
         self.cut: Cut | None = None
         self._records: dict[bytes, bytes] = {}
+        # Block and byte from which on a channel or a schema, by opcode and id, is defined otherwise.
+        self._redefined: dict[tuple[int, int], tuple[int, int]] = {}
 
     def find_problem(self, channel: Channel) -> str:
         """Return a clause on why messages of a channel cannot be decoded; empty where no reason is known.
@@ -120,6 +122,24 @@ class BagFile:
         if is_same and len(record) <= MAX_DEFINITION_BYTES:
             self._records[key] = record
         return is_same
+
+    def refuse_redefined(self, record: bytes, block: Block, byte: int) -> None:
+        """Refuse messages from a piece, at a byte of a block, on that redefines an id; report that once."""
+        key = record[0], int.from_bytes(record[HEAD.size : HEAD.size + 2], 'little')
+        if key not in self._redefined:
+            users = [c.topic for c in self.channels.values() if key in _definitions_of(c)]
+            self.findings.lose(
+                f'{block.place} defines a channel or its type otherwise than before:'
+                f' messages of {listed(users) or "it"} from there on were not read'
+            )
+        place = block.offset, byte
+        self._redefined[key] = min(place, self._redefined.get(key, place))
+
+    def is_refused(self, key: int, block: Block, byte: int) -> bool:
+        """Return whether the messages of a channel in a piece come behind a contradicting definition."""
+        ids = _definitions_of(self.channels[key]) if key in self.channels else ()
+        place = block.offset, byte
+        return any(k in self._redefined and self._redefined[k] <= place for k in ids)
 
     def load_pieces(self, block: Block, topics: Collection[str] | None = None) -> tuple[int, Iterable[Piece]]:
         """Return the unpacked length of a block [bytes], and its records in pieces, in order.
@@ -307,7 +327,7 @@ class FilePass:
     """One pass over the blocks of a file, as far as it takes no more than it may.
 
     ``counts`` are the messages of each channel that were read. With ``is_over`` the pass has
-    reached its limit of memory, or a contradiction, and yields nothing more. Messages of ``topics``
+    reached its limit of memory, and yields nothing more. Messages of ``topics``
     are needed; all when None.
     """
 
@@ -333,9 +353,9 @@ class FilePass:
         Charges its size to the pass first, which can end the pass.
 
         Yields:
-            Each piece of its records, and for each channel id the indexes of its messages in the piece.
-            Nothing for a damaged block, or where the pass is over, as it is from a piece on that defines a
-            schema or channel otherwise than before.
+            Each piece of its records, and for each channel id the indexes of its messages in the piece: none
+            from a piece on that defines it, or its schema, otherwise than before. Nothing for a damaged
+            block, or where the pass is over.
 
         Raises:
             BagError: The file cannot be read.
@@ -352,13 +372,14 @@ class FilePass:
             return
         unread = end = 0
         for piece in pieces:
-            defined = list(map(self.file.add_definition, piece.definitions))
-            if False in defined:
-                self.is_over = True
-                lose(f'{block.place} defines a channel or its type otherwise than before: read up to there')
-                return
-            unread, end = unread + defined.count(None) + piece.unreadable_count, piece.end
-            groups = list(piece.groups())
+            begin, end = end, piece.end
+            for record in piece.definitions:
+                is_same = self.file.add_definition(record)
+                unread += is_same is None
+                if is_same is False:
+                    self.file.refuse_redefined(record, block, begin)
+            unread += piece.unreadable_count
+            groups = [group for group in piece.groups() if not self.file.is_refused(group[0], block, begin)]
             self.counts.update({key: rows.size for key, rows in groups})
             yield piece, groups
         if unread:
@@ -366,6 +387,11 @@ class FilePass:
         if end < length and not block.is_cut:
             rest = plural(length - end, 'byte')
             lose(f'{block.place} has {rest} at its end, no record: not read')
+
+
+def _definitions_of(channel: Channel) -> tuple[tuple[int, int], ...]:
+    """Return opcodes and ids of the records that define a channel and its schema."""
+    return (Opcode.CHANNEL, channel.id), (Opcode.SCHEMA, channel.schema_id)
 
 
 def scan_mcap_file(path: Path, findings: Findings) -> BagFile:

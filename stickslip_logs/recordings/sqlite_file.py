@@ -279,10 +279,7 @@ class SqliteFile(BagFile):
 
 
 def _last_in_order(row_ids: list[int]) -> int:
-    """Return the last of the most row ids that rise: a damaged one may be above or below those beside it.
-
-    There is at least one.
-    """
+    """Return the last of the most of n > 0 row ids that rise: a damaged one may be above or below others."""
     if row_ids == sorted(row_ids):
         return row_ids[-1]
     ends: list[int] = []
