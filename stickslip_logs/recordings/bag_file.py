@@ -132,14 +132,12 @@ class BagFile:
                 f'{block.place} defines a channel or its type otherwise than before:'
                 f' messages of {listed(users) or "it"} from there on were not read'
             )
-        place = block.offset, byte
-        self._redefined[key] = min(place, self._redefined.get(key, place))
+        self._redefined[key] = min((block.offset, byte), self._redefined.get(key, (block.offset, byte)))
 
     def is_refused(self, key: int, block: Block, byte: int) -> bool:
         """Return whether the messages of a channel in a piece come behind a contradicting definition."""
         ids = _definitions_of(self.channels[key]) if key in self.channels else ()
-        place = block.offset, byte
-        return any(k in self._redefined and self._redefined[k] <= place for k in ids)
+        return any(k in self._redefined and self._redefined[k] <= (block.offset, byte) for k in ids)
 
     def load_pieces(self, block: Block, topics: Collection[str] | None = None) -> tuple[int, Iterable[Piece]]:
         """Return the unpacked length of a block [bytes], and its records in pieces, in order.

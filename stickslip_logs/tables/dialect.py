@@ -20,7 +20,7 @@ from stickslip_logs.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
 from stickslip_logs.tables.cell_times import Cells, is_day, is_stamp, is_time
 from stickslip_logs.tables.text_file import Extent, lines_of
 from stickslip_logs.tables.time_columns import TIME_WORDS, TableColumns
-from stickslip_logs.units import find_unit, names_of
+from stickslip_logs.units import UNITS, find_unit, names_of
 
 # Lines of the head by which the layout is detected.
 _MAX_LINES = 2000
@@ -587,13 +587,15 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
 def _unit_suffix(rows: Sequence[Cells], place: int, heading: str) -> str:
     """Return the unit behind most numbers of a column, with the blank before it; empty where there is none.
 
-    The first 500 rows count. An 'N' counts as newtons only below the heading of a force.
+    The first 500 rows count. An 'N' is newtons only below the heading of a force; the 'A' of '1A' is no unit.
     """
     cells = [row[place] for row in rows[:500] if place < len(row) and row[place].strip()]
     counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
     suffix, count = counts.most_common(1)[0] if counts else ('', 0)
-    is_north = suffix.strip() == 'N' and not FORCE_WORDS & set(parse_heading(heading).name.split())
-    return '' if is_north or count <= 0.5 * len(cells) else suffix
+    letter = suffix.strip()
+    is_north = letter == 'N' and not FORCE_WORDS & set(parse_heading(heading).name.split())
+    is_name = len(letter) == 1 and not any(letter in 'smhd' or find_unit(letter, u.quantity) for u in UNITS)
+    return '' if is_north or is_name or count <= 0.5 * len(cells) else suffix
 
 
 def _bus_dialect(path: Path, encoding: str, kind: str, first: Sequence[str], last: Sequence[str]) -> Dialect:

@@ -357,26 +357,25 @@ def test_a_third_of_implausible_speeds_is_no_quiet_voyage(every: int, code: int,
     assert main(['check', str(tmp_path / 'voyage.csv'), '--config', str(CONFIG)]) == code
 
 
-def test_lines_of_two_shafts_are_refused_or_chosen(tmp_path: Path) -> None:
+@pytest.mark.parametrize(('port', 'stbd'), [('port', 'stbd'), ('1A', '2A'), ('1 B', '2 B'), ('-1A', '-2A')])
+def test_lines_of_two_shafts_are_refused_or_chosen(tmp_path: Path, port: str, stbd: str) -> None:
     # Mixed to one speed, stick-slip of one shaft is hidden by the other.
     text = 'time,shaft,rpm,load [N]\n' + ''.join(
         f'{t},{shaft},{rpm},{load}\n'
         for t in range(9)
-        for shaft, rpm, load in (('port', 30, 900), ('stbd', 60, 800))
+        for shaft, rpm, load in ((port, 30, 900), (stbd, 60, 800))
     )
     recording = open_log(tmp_path, text)
     absent = bind(recording, load_config(CONFIG)).absent
     assert list(absent) == [('aft_stern', 'speed'), ('aft_stern', 'load')]
-    assert (
-        "told apart by column 'shaft' ('port', 'stbd'): write aft_stern.speed.where: {'shaft': 'port'}"
-        in (absent['aft_stern', 'speed'])
-    )
+    line = f"write aft_stern.speed.where: {{'shaft': '{port}'}}"
+    assert f"told apart by column 'shaft' ('{port}', '{stbd}'): {line}" in absent['aft_stern', 'speed']
     document = load_yaml(CONFIG)
     parameters = document['/**']['ros__parameters']
     bearing = parameters.pop('aft_stern')
     parameters['bearings'] = ['port', 'stbd']
-    for name in parameters['bearings']:
-        inputs = {key: bearing[key] | {'where': {'shaft': name}} for key in ('speed', 'load')}
+    for name, shaft in ('port', port), ('stbd', stbd):
+        inputs = {key: bearing[key] | {'where': {'shaft': shaft}} for key in ('speed', 'load')}
         parameters[name] = bearing | inputs
     (tmp_path / 'ship.yaml').write_text(json.dumps(document))
     bound = bind(recording, load_config(tmp_path / 'ship.yaml'))
