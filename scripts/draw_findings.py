@@ -22,7 +22,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import i1e
 
-from stickslip_lab.accuracy.accuracy import REFERENCE
+from stickslip_lab.accuracy.comparison import REFERENCE
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.drawing import canvas
 from stickslip_monitor.monitor.assessment import Regime, assess

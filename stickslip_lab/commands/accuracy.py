@@ -17,7 +17,7 @@ from typing import Any
 
 from rich.console import Console
 
-from stickslip_lab.accuracy.accuracy import (
+from stickslip_lab.accuracy.comparison import (
     BASE,
     CASES,
     METHODS,

@@ -8,8 +8,8 @@ import math
 import pytest
 from shared import bearing_of
 
-from stickslip_lab.accuracy.accuracy import CASES, METHODS
-from stickslip_lab.accuracy.accuracy import REFERENCE as BENCH
+from stickslip_lab.accuracy.comparison import CASES, METHODS
+from stickslip_lab.accuracy.comparison import REFERENCE as BENCH
 from stickslip_lab.accuracy.methods import (
     CYCLE,
     NO_CYCLE,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from shared import Stickslip, png_size
 
-from stickslip_lab.accuracy.accuracy import Effort, Row, read_rows
+from stickslip_lab.accuracy.comparison import Effort, Row, read_rows
 from stickslip_lab.commands import accuracy
 
 STORED = str(Path(__file__).parents[3] / 'docs' / 'accuracy.csv')

@@ -12,8 +12,8 @@ import mpmath as mp
 import pytest
 import taylor
 
-from stickslip_lab.accuracy import accuracy as measurement
-from stickslip_lab.accuracy.accuracy import (
+from stickslip_lab.accuracy import comparison as measurement
+from stickslip_lab.accuracy.comparison import (
     BASE,
     CASES,
     Effort,
