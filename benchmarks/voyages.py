@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.warning_quality import Interval, Quality, RuleOutput, merge_intervals, quality_of
 from stickslip_lab.scenes.scene import STAGES, Scene, load_scene, write_bag
 from stickslip_lab.scenes.settings import random_stream
-from stickslip_lab.scenes.truth import TruthRecord, has_truth, known_truth, read_truth
+from stickslip_lab.scenes.truth_topics import TruthRecord, has_truth, known_truth, read_truth
 from stickslip_logs.recordings.recording import Recording
 from stickslip_monitor import jit
 from stickslip_monitor.errors import PhysicsError, SceneError

@@ -27,7 +27,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from stickslip_lab.scenes.truth import TruthRecord
+from stickslip_lab.scenes.truth_topics import TruthRecord
 from stickslip_monitor.arrays import BoolArray, IntArray
 
 Interval = tuple[int, int]

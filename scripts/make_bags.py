@@ -22,7 +22,7 @@ from expected_events import expected_events
 from rich.console import Console
 
 from stickslip_lab.scenes.scene import Scene, load_scene, write_bag
-from stickslip_lab.scenes.truth import has_truth, read_truth
+from stickslip_lab.scenes.truth_topics import has_truth, read_truth
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Recording
 from stickslip_monitor.errors import BagError, StickslipError

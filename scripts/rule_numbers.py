@@ -25,7 +25,7 @@ from benchmarks.table import format_row
 from benchmarks.voyages import Sailed, SensorRecord, cases_of, output_of, sounds_of
 from benchmarks.warning_quality import FIGURES, Quality, format_figure, pool_qualities, quality_of
 from stickslip_lab.scenes.scene import load_scene
-from stickslip_lab.scenes.truth import TruthRecord
+from stickslip_lab.scenes.truth_topics import TruthRecord
 from stickslip_monitor.monitor import rule, rule_state, vibration_rule
 from stickslip_monitor.monitor.over_arrays import BearingScan
 from stickslip_monitor.offline.processes import core_count, run_in_processes

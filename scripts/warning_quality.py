@@ -35,7 +35,7 @@ from benchmarks.voyages import (
 )
 from benchmarks.warning_quality import FIGURES, Quality, format_figure, pool_qualities, quality_of
 from stickslip_lab.scenes.scene import load_scene
-from stickslip_lab.scenes.truth import TruthRecord
+from stickslip_lab.scenes.truth_topics import TruthRecord
 from stickslip_monitor.drawing.canvas import save_figure
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, AlarmConfig, nanoseconds
 from stickslip_monitor.offline.processes import core_count, run_in_processes

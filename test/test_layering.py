@@ -33,7 +33,7 @@ HEAVY = {
 PLANTED = (
     ('stickslip_logs.recordings', 'stickslip_monitor.errors'),
     ('stickslip_logs.tables', 'stickslip_logs.recordings.recording'),
-    ('stickslip_logs.tables', 'stickslip_lab.scenes.truth'),
+    ('stickslip_logs.tables', 'stickslip_lab.scenes.truth_topics'),
     ('stickslip_logs.recordings', 'rclpy'),
     ('stickslip_monitor.physics', 'stickslip_monitor.monitor.rule'),
     ('stickslip_monitor.physics', 'time'),

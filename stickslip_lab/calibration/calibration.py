@@ -28,7 +28,7 @@ from stickslip_lab.calibration.evidence import (
     true_reports,
 )
 from stickslip_lab.calibration.posterior import Grid, Posterior, Spreads, infer, wrong_report_probability
-from stickslip_lab.scenes.truth import has_truth, read_truth
+from stickslip_lab.scenes.truth_topics import has_truth, read_truth
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import CalibrationError, plural
 from stickslip_monitor.monitor.calibration_file import CALIBRATION_SCHEMA, sensor_record

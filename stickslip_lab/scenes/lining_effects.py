@@ -43,7 +43,7 @@ from stickslip_lab.scenes.lining import (
 from stickslip_lab.scenes.settings import Profile, Settings, check_points, random_stream, read_profile
 from stickslip_lab.scenes.shaft_effects import UNITS, SceneRun, effect
 from stickslip_lab.scenes.telemetry import MAX_RATE, Channel, TimeBlock, nominal_load
-from stickslip_lab.scenes.truth import BOOL, FLOAT64, STRING, Column, event_text, topic
+from stickslip_lab.scenes.truth_topics import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, SceneError

@@ -21,7 +21,7 @@ from stickslip_lab.scenes import lining_effects, sensor_effects, telemetry  # no
 from stickslip_lab.scenes.settings import Settings, draw_numbers, read_parameter_error, suggestion
 from stickslip_lab.scenes.shaft_effects import DECLARED, Effect, SceneRun
 from stickslip_lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
-from stickslip_lab.scenes.truth import BOOL, FLOAT64, STRING
+from stickslip_lab.scenes.truth_topics import BOOL, FLOAT64, STRING
 from stickslip_logs.recordings.writer import (
     BagWriter,
     encode_bool,

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stickslip_lab.scenes.settings import Settings
-from stickslip_lab.scenes.truth import Column
+from stickslip_lab.scenes.truth_topics import Column
 from stickslip_logs.recordings.writer import NUMBER_FIELDS, STAMP_END, STAMPED_FIELDS
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import SceneError

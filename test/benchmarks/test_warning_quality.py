@@ -24,7 +24,7 @@ from benchmarks.warning_quality import (
     pool_qualities,
     quality_of,
 )
-from stickslip_lab.scenes.truth import TruthNumbers, TruthRecord
+from stickslip_lab.scenes.truth_topics import TruthNumbers, TruthRecord
 from stickslip_monitor import Monitor
 from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.severity import Condition

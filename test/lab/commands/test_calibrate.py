@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from shared import CONFIG, ROOT, RPM, Stickslip
 
-from stickslip_lab.scenes.truth import read_truth
+from stickslip_lab.scenes.truth_topics import read_truth
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.writer import BagWriter
 from stickslip_monitor.arrays import FloatArray

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip_lab.scenes.truth import TruthRecord, has_truth, read_truth
+from stickslip_lab.scenes.truth_topics import TruthRecord, has_truth, read_truth
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.writer import BagWriter, encode_string
 from stickslip_monitor.errors import BagError
