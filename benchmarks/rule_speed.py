@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
-from stickslip_monitor.monitor.over_arrays import BearingScan
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.rule_over_arrays import BearingScan
 from stickslip_monitor.monitor.sample_types import Stream
 from stickslip_monitor.physics.probability import Belief, Tolerance
 

@@ -29,9 +29,9 @@ from stickslip_monitor.monitor.alarm_list import Action, AlarmChange, Annunciato
 from stickslip_monitor.monitor.alarm_states import LASTING_NS, LATCHING, AlarmState
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.input_faults import SourceWatch, least_gap
-from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
+from stickslip_monitor.monitor.rule_over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.rule_state import settings_of
 from stickslip_monitor.monitor.sample_types import Input, Stream
 from stickslip_monitor.monitor.severity import LADDER, Condition, Severity

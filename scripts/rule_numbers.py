@@ -27,7 +27,7 @@ from benchmarks.warning_quality import FIGURES, Quality, format_figure, pool_qua
 from stickslip_lab.scenes.scene import load_scene
 from stickslip_lab.scenes.truth_topics import TruthRecord
 from stickslip_monitor.monitor import rule, rule_state, vibration_rule
-from stickslip_monitor.monitor.over_arrays import BearingScan
+from stickslip_monitor.monitor.rule_over_arrays import BearingScan
 from stickslip_monitor.offline.processes import core_count, run_in_processes
 
 CONFIGS = Path(__file__).resolve().parents[1] / 'launch_configs'

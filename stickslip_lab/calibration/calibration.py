@@ -32,8 +32,8 @@ from stickslip_lab.scenes.truth_topics import has_truth, read_truth
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import CalibrationError, plural
 from stickslip_monitor.monitor.calibration_file import CALIBRATION_SCHEMA, sensor_record
-from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.rule_over_arrays import Scan
 from stickslip_monitor.monitor.sample_types import Input, Status, Stream
 from stickslip_monitor.monitor.statements import rounded_text
 from stickslip_monitor.offline.check import RecordingBuffer

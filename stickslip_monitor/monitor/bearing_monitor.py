@@ -18,8 +18,8 @@ from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.level_comparison import LevelComparison, compare_streams
-from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.rule_over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State, settings_of
 from stickslip_monitor.monitor.sample_types import INPUTS, VALUE_FAULTS, Input, Sample, Status, Stream
 from stickslip_monitor.monitor.severity import Condition, Unknown

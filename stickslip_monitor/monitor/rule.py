@@ -5,7 +5,7 @@
 speed or load, in the order of docs/rule.md: is the sample valid, has an input been lost, how has a
 disturbance grown since the last operating point, what does the new point ask for, which rungs of the
 alarm change. What a measured level says is in :mod:`.vibration_rule`. It is plain scalar Python: live it
-runs as it stands, over a recording the loop of :mod:`.over_arrays` is compiled.
+runs as it stands, over a recording the loop of :mod:`.rule_over_arrays` is compiled.
 
 Everywhere ``s`` is the memory and ``c`` the numbers of the configuration (:mod:`.rule_state`);
 ``model`` are the numbers of the friction law, those of the boundaries over the load

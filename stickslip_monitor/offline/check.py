@@ -27,8 +27,8 @@ from stickslip_monitor.monitor.assessment import REGIMES, Regime
 from stickslip_monitor.monitor.bearing_records import event_record, finite_or_none
 from stickslip_monitor.monitor.input_fitness import FitnessWatch
 from stickslip_monitor.monitor.level_comparison import LevelComparison, add_rivals
-from stickslip_monitor.monitor.over_arrays import LONG, BearingScan, Scan, count_statuses, join_scans
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
+from stickslip_monitor.monitor.rule_over_arrays import LONG, BearingScan, Scan, count_statuses, join_scans
 from stickslip_monitor.monitor.sample_types import INPUTS, LEVEL, Stream
 from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.statements import Event, duration_text

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor.assessment import COVER, REGIMES, Assessment, Assessments, Regime, assess
-from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.rule_over_arrays import Scan
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.statements import Event
 from stickslip_monitor.physics.boundary_table import known_table

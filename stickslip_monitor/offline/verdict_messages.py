@@ -40,9 +40,9 @@ from stickslip_monitor.monitor.bearing_records import (
     topic_words,
 )
 from stickslip_monitor.monitor.input_faults import SourceFault, SourceWatch, least_gap, mixed_sentence
-from stickslip_monitor.monitor.over_arrays import BearingScan, Scan, count_statuses
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
+from stickslip_monitor.monitor.rule_over_arrays import BearingScan, Scan, count_statuses
 from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.sample_types import INPUTS, QUANTITIES, Input, Status, Stream
 from stickslip_monitor.monitor.severity import MEASURED, Condition

@@ -26,7 +26,7 @@ from benchmarks.warning_quality import (
 )
 from stickslip_lab.scenes.truth_topics import TruthNumbers, TruthRecord
 from stickslip_monitor import Monitor
-from stickslip_monitor.monitor.over_arrays import Scan
+from stickslip_monitor.monitor.rule_over_arrays import Scan
 from stickslip_monitor.monitor.severity import Condition
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from stickslip_lab.scenes.scene import Scene, simulate
 from stickslip_lab.scenes.telemetry import Messages
 from stickslip_monitor import Stream, hopf_speed
 from stickslip_monitor.errors import SceneError
-from stickslip_monitor.monitor.over_arrays import BearingScan
+from stickslip_monitor.monitor.rule_over_arrays import BearingScan
 from stickslip_monitor.physics.lubrication import viscosity
 
 LOAD = 2000.0

@@ -23,8 +23,8 @@ from stickslip_lab.scenes.scene import load_scene
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Request
 from stickslip_monitor import assess, exact_fold_speed
-from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.rule_over_arrays import Scan
 from stickslip_monitor.offline.check import RecordingBuffer, check_recording
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -17,7 +17,7 @@ from stickslip_monitor import Assessments, Monitor, Sample, Stream, assess, exac
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.config_questions import questions
-from stickslip_monitor.monitor.over_arrays import BearingScan
+from stickslip_monitor.monitor.rule_over_arrays import BearingScan
 from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.physics.lubrication import viscosity
 

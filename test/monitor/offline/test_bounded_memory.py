@@ -18,9 +18,9 @@ from made_logs import START, write_recording
 from shared import CONFIG, ROOT
 
 from stickslip_monitor import Stream
-from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig
+from stickslip_monitor.monitor.rule_over_arrays import BearingScan, Scan
 from stickslip_monitor.offline import extremes
 from stickslip_monitor.offline.extremes import Outline, Outliner
 

@@ -15,7 +15,7 @@ from shared import ROOT
 from stickslip_monitor import MonitorConfig, Stream
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.bearing_monitor import repeat_step
-from stickslip_monitor.monitor.over_arrays import BearingScan
+from stickslip_monitor.monitor.rule_over_arrays import BearingScan
 from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.offline.held_values import HeldValues
 

@@ -22,8 +22,8 @@ from stickslip_logs.recordings.writer import BagWriter, encode_float64s, encode_
 from stickslip_monitor import Monitor, build_config
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.bearing_records import BearingState, diagnostic_record, event_record
-from stickslip_monitor.monitor.over_arrays import Scan
 from stickslip_monitor.monitor.parameters import MonitorConfig
+from stickslip_monitor.monitor.rule_over_arrays import Scan
 from stickslip_monitor.monitor.statements import Event, Verdict
 from stickslip_monitor.offline.check import CheckReport, RecordingBuffer, check_recording, to_json
 from stickslip_monitor.offline.verdict_messages import VerdictWriter

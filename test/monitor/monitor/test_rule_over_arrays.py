@@ -15,8 +15,8 @@ from shared import CONFIG, REFERENCE
 
 from stickslip_monitor import Monitor, Stream, build_config
 from stickslip_monitor.monitor import rule_state
-from stickslip_monitor.monitor.over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.parameter_file import load_config
+from stickslip_monitor.monitor.rule_over_arrays import BearingScan, Scan
 from stickslip_monitor.monitor.sample_types import Status
 
 # Every kind of sequence in turn; 16 and 5 have no common divisor with the number of kinds.
