@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import BagError
-from stickslip_logs.fields import ByName, FieldPath, NoSuchElementError, NumberField
+from stickslip_logs.field_paths import ByName, FieldPath, NoSuchElementError, NumberField
 from stickslip_logs.recordings.mcap_chunks import view_numbers
 from stickslip_logs.recordings.message_types import (
     NUMBERS,

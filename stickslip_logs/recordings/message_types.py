@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from stickslip_logs.fields import NAMES, ByName, FieldPath
+from stickslip_logs.field_paths import NAMES, ByName, FieldPath
 from stickslip_logs.recordings.recording import short_name
 from stickslip_logs.units import KIB
 

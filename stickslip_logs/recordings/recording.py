@@ -18,7 +18,7 @@ import numpy as np
 
 from stickslip_logs.arrays import BoolArray, FloatArray, IntArray
 from stickslip_logs.errors import MAX_NAMED, BagError, join_names
-from stickslip_logs.fields import FieldPath, parse_field
+from stickslip_logs.field_paths import FieldPath, parse_field
 
 METADATA_NAME, METADATA_ROOT = 'metadata.yaml', 'rosbag2_bagfile_information'
 """The file that describes a rosbag2 folder, and the key of all in it."""

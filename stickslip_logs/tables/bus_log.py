@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from stickslip_logs.fields import signalk_source
+from stickslip_logs.field_paths import signalk_source
 from stickslip_logs.tables.cell_times import is_stamp, is_time
 
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!\r\n]*)\*([0-9A-Fa-f]{2})')

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
 
-from stickslip_logs.fields import signalk_source
+from stickslip_logs.field_paths import signalk_source
 from stickslip_logs.units import conversion_from_text
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.links.buses import UNITS, BusInput, BusInputs

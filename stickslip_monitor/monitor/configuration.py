@@ -11,7 +11,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any, TypeVar
 
-from stickslip_logs.fields import FieldPath, parse_field
+from stickslip_logs.field_paths import FieldPath, parse_field
 from stickslip_monitor.errors import ConfigurationError, FieldError, PhysicsError, did_you_mean
 from stickslip_monitor.monitor import parameters
 from stickslip_monitor.monitor.calibration_file import UnusableCalibration, read_calibration

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from stickslip_logs.fields import ByName
+from stickslip_logs.field_paths import ByName
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray, IndexArray, IntArray
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor

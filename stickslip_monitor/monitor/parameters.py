@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, TypeVar
 
-from stickslip_logs.fields import FieldPath
+from stickslip_logs.field_paths import FieldPath
 from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.errors import ConfigurationError, did_you_mean
 from stickslip_monitor.monitor.sample_types import INPUTS, Input

@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
-from stickslip_logs.fields import ByName, FieldPath, NoSuchElementError, NumberField
+from stickslip_logs.field_paths import ByName, FieldPath, NoSuchElementError, NumberField
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig

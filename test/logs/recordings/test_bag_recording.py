@@ -20,7 +20,7 @@ from mcap.records import Schema
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from stickslip_logs.fields import NumberField, parse_field
+from stickslip_logs.field_paths import NumberField, parse_field
 from stickslip_logs.recordings.message_fields import FieldReader, compile_layout
 from stickslip_logs.recordings.message_types import SchemaError, parse_schema
 from stickslip_logs.recordings.reader import open_bag

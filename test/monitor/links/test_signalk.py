@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from stickslip_logs.fields import signalk_source
+from stickslip_logs.field_paths import signalk_source
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.links.buses import BusInput
 from stickslip_monitor.links.signalk import Notifications, SignalKInputs, SignalKValues

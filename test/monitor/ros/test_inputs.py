@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stickslip_logs.fields import parse_field
+from stickslip_logs.field_paths import parse_field
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import RosError
 from stickslip_monitor.monitor.bearing_monitor import Monitor

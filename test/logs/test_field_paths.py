@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stickslip_logs.errors import FieldError
-from stickslip_logs.fields import ByName, NoSuchElementError, NumberField, parse_field
+from stickslip_logs.field_paths import ByName, NoSuchElementError, NumberField, parse_field
 
 MESSAGE = SimpleNamespace(
     data=2,
