@@ -22,7 +22,7 @@ import numpy as np
 
 from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_lab.scenes.truth_topics import TruthRecord
-from stickslip_logs.tables.whole_table import read_table
+from stickslip_logs.tables.small_table import read_table
 from stickslip_logs.time_order import EPOCH
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray, IntArray

@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_logs.tables.dialect import parse_heading, unit_of
-from stickslip_logs.tables.whole_table import TableRow, read_table
+from stickslip_logs.tables.small_table import TableRow, read_table
 from stickslip_logs.units import affine_conversion, conversion, find_unit, names_of
 from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.errors import FitError, plural

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from stickslip_lab import MAX_TABLE_BYTES
-from stickslip_logs.tables.whole_table import read_table
+from stickslip_logs.tables.small_table import read_table
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import ConfigurationError, SceneError, StickslipError, did_you_mean
 from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, refused, shown

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from stickslip_logs.errors import BagError
-from stickslip_logs.tables.whole_table import TableRow, read_table
+from stickslip_logs.tables.small_table import TableRow, read_table
 
 BODY = '0.1,0.30\n0.2,0.25\n0.3,0.20\n0.4,0.15\n0.5,0.14\n'
 CELLS = [line.split(',') for line in BODY.splitlines()]
