@@ -21,7 +21,7 @@ from stickslip_logs.recordings.recording import Findings, Recording, TopicInfo
 from stickslip_logs.tables.bus_log import first_name
 from stickslip_logs.tables.cell_times import DAY, Cells
 from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
-from stickslip_logs.tables.quality import find_quality, find_quality_columns, is_quality_of
+from stickslip_logs.tables.quality_columns import find_quality, find_quality_columns, is_quality_of
 from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_column, find_numbered_columns, is_same_key
 from stickslip_logs.tables.table_file import open_table, texts_of
 from stickslip_logs.tables.time_columns import Clock, DayCounter, counted_from

@@ -10,7 +10,7 @@ from nasty_logs import open_log
 
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.table_columns import SourceColumn
-from stickslip_logs.tables.quality import find_quality
+from stickslip_logs.tables.quality_columns import find_quality
 
 
 @pytest.mark.parametrize(
