@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from stickslip_monitor import jit
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.errors import PhysicsError, require_finite, require_positive
-from stickslip_monitor.physics import march, series, slip_series
+from stickslip_monitor.physics import integrator_loops, series, slip_series
 from stickslip_monitor.physics import scalar_law as scalars
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.lubrication import as_measured
@@ -233,9 +233,9 @@ def _check_grid(time: FloatArray, speed: FloatArray, load: FloatArray) -> None:
 
 
 _OUTCOMES = {
-    march.DONE: MotionOutcome.COMPLETE,
-    march.EXHAUSTED: MotionOutcome.EXHAUSTED,
-    march.NOT_FINITE: MotionOutcome.NOT_FINITE,
+    integrator_loops.DONE: MotionOutcome.COMPLETE,
+    integrator_loops.EXHAUSTED: MotionOutcome.EXHAUSTED,
+    integrator_loops.NOT_FINITE: MotionOutcome.NOT_FINITE,
 }
 
 
@@ -290,21 +290,23 @@ def integrate(
         return arrays if use else [array.tolist() for array in arrays]
 
     speed, load = (np.stack([x[:-1], np.diff(x) / np.diff(drive.time)]) for x in (drive.speed, drive.load))
-    lines = march.Lines(*columns(float, drive.time, *speed, *load))
+    lines = integrator_loops.Lines(*columns(float, drive.time, *speed, *load))
     phase = _starting_phase(body, lines, state)
     out = columns(float, at, *np.zeros((4, at.size)))
-    samples = march.MotionSamples(*out, *columns(int, np.zeros(at.size)))
+    samples = integrator_loops.MotionSamples(*out, *columns(int, np.zeros(at.size)))
     room = np.zeros(4096)  # for transitions, before the loop returns to have the log emptied
-    log = march.TransitionLog(*columns(float, room), *columns(int, room))
+    log = integrator_loops.TransitionLog(*columns(float, room), *columns(int, room))
     x, z = float(state.displacement), float(state.relative_speed)
     begun = (0, 0.0, 0.0, x, z, int(phase), float(state.trial), 0, 0, 0, 0, 0)
-    now = march.Now(march.EVENTS_FULL, *begun)
+    now = integrator_loops.Now(integrator_loops.EVENTS_FULL, *begun)
     (work,) = columns(float, series.new_work())
-    loop = _march_loop(law) if use else march.march
+    loop = _march_loop(law) if use else integrator_loops.march
     instants: list[FloatArray] = []
     afters: list[Phases] = [np.array([phase], dtype=np.int8)]
-    while now.status == march.EVENTS_FULL:
-        now = march.Now(*loop(law.compiled if use else law.plain, body, lines, now, samples, log, work))
+    while now.status == integrator_loops.EVENTS_FULL:
+        now = integrator_loops.Now(
+            *loop(law.compiled if use else law.plain, body, lines, now, samples, log, work)
+        )
         instants.append(np.array(log.time[: now.events], dtype=float))
         afters.append(np.array(log.phase[: now.events], dtype=np.int8))
         now = now._replace(events=0)
@@ -328,8 +330,8 @@ def integrate(
 
 
 def _march_loop(law: ScalarLaw) -> Callable[..., Any]:
-    """Return :func:`.march.march` compiled for a law with functions of its own."""
-    return jit.compiled('march', scalars, series, slip_series, march, law=law.module, inline=False)
+    """Return :func:`.integrator_loops.march` compiled for a law with functions of its own."""
+    return jit.compiled('march', scalars, series, slip_series, integrator_loops, law=law.module, inline=False)
 
 
 def is_compiled(compiled: bool | None) -> bool:
@@ -360,7 +362,7 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
         )
 
 
-def _make_body(bearing: Bearing, drive: Drive, pieces: int, accuracy: float) -> march.Body:
+def _make_body(bearing: Bearing, drive: Drive, pieces: int, accuracy: float) -> integrator_loops.Body:
     """Return the oscillator; its limit of steps is several times what its fastest time scale can need."""
     bounds = law_bounds(bearing.friction)
     fastest = bearing.natural_frequency + bearing.damping / bearing.mass
@@ -369,14 +371,14 @@ def _make_body(bearing: Bearing, drive: Drive, pieces: int, accuracy: float) -> 
     limit = int(min((1000.0 + 4.0 * (drive.time.size + steps)) * (pieces + 1), 2.0**62))
     damping = 2.0 * bearing.damping_ratio
     held = bounds.hold, bounds.top
-    return march.Body(bearing.natural_frequency, damping, bearing.momentum, *held, accuracy, limit)
+    return integrator_loops.Body(bearing.natural_frequency, damping, bearing.momentum, *held, accuracy, limit)
 
 
-def _starting_phase(body: march.Body, lines: march.Lines, state: MotionState) -> Phase:
+def _starting_phase(body: integrator_loops.Body, lines: integrator_loops.Lines, state: MotionState) -> Phase:
     """Return the phase in which the motion begins: that of the state if it has one, else by its motion."""
     if state.phase is not None:
         return state.phase
     if state.relative_speed != 0.0:
         return Phase.FORWARD if state.relative_speed > 0.0 else Phase.BACKWARD
-    medium = march.medium_at(body, lines, 0, 0.0, 1.0)
-    return Phase(march.phase_after_contact(body, medium, body.omega * state.displacement, 0))
+    medium = integrator_loops.medium_at(body, lines, 0, 0.0, 1.0)
+    return Phase(integrator_loops.phase_after_contact(body, medium, body.omega * state.displacement, 0))
