@@ -21,7 +21,7 @@ from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Recording, Request
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.offline.binding import bind
+from stickslip_monitor.offline.input_binding import bind
 
 _NO_TIME = 1 << 63
 _DATED = 10**17

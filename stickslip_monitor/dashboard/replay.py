@@ -16,8 +16,8 @@ from stickslip_monitor.monitor.input_faults import Graph
 from stickslip_monitor.monitor.parameters import MonitorConfig
 from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import Moment, NoLog, Session
-from stickslip_monitor.offline.binding import bind_at_least_one
 from stickslip_monitor.offline.check import requests_of
+from stickslip_monitor.offline.input_binding import bind_at_least_one
 
 # Time between two updates of the page [s], and for which samples are played before the page has its turn [s].
 _SHOWN_EVERY, _TURN = 0.2, 0.01

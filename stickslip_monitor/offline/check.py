@@ -32,9 +32,9 @@ from stickslip_monitor.monitor.rule_over_arrays import LONG, BearingScan, Scan, 
 from stickslip_monitor.monitor.sample_types import INPUTS, LEVEL, Stream
 from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.statements import Event, duration_text
-from stickslip_monitor.offline.binding import bind_at_least_one
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, sum_durations
 from stickslip_monitor.offline.held_values import HeldValues
+from stickslip_monitor.offline.input_binding import bind_at_least_one
 from stickslip_monitor.offline.input_columns import Bound, guess_of
 from stickslip_monitor.offline.input_report import COARSE, HOLDS, Gap, InputCheck, InputReport, Plausibility
 

@@ -19,8 +19,8 @@ from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_monitor.cli import main
 from stickslip_monitor.monitor.parameter_file import load_config, load_yaml
 from stickslip_monitor.monitor.parameters import InputConfig
-from stickslip_monitor.offline.binding import bind
 from stickslip_monitor.offline.check import check_recording
+from stickslip_monitor.offline.input_binding import bind
 
 CONFIG = Path(__file__).resolve().parents[3] / 'launch_configs/reference_bearing.yaml'
 
