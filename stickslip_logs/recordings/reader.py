@@ -42,14 +42,17 @@ def open_bag(path: str | Path) -> Recording:
 
     Returns:
         The recording. Truncated files and topics that cannot be decoded are part of it, not errors.
+        Its ``losses`` and ``warnings`` name them.
 
     Raises:
         BagError: There is no recording, it cannot be read, or it is of a kind that is not supported.
     """
-    path = find_stored_path(Path(path))
-    if not path.exists():
-        raise BagError(f"bag '{path}' does not exist{near_name(path)}")
-    findings = Findings()
+    path, findings = find_stored_path(Path(path)), Findings()
+    try:
+        if not path.exists():
+            raise BagError(f"bag '{path}' does not exist{near_name(path)}")
+    except OSError as error:
+        raise BagError(f"bag '{path}' cannot be read: {cause(error)}") from None
     if not path.is_dir():
         if not has_recording_name(path.name) and read_content(path).kind == TABLE:
             return TableRecording(path)
@@ -104,13 +107,13 @@ def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
         findings: Takes the loss of a truncated file.
 
     Raises:
-        BagError: Nothing of it can be unpacked, or it grows to more than its size allows.
+        BagError: It is damaged, nothing of it can be unpacked, it grows to more than its size allows, or the
+            disk does not take the copy.
     """
     if not read_begin(path).startswith(ZSTD):
         return path
-    target = scratch.folder / path.stem
-    max_bytes = limit_bytes(path.stat().st_size)
     try:
+        target, max_bytes = scratch.folder / path.stem, limit_bytes(path.stat().st_size)
         with open_unpacked(path) as packed, target.open('wb') as file:
             try:
                 # One read of the file below at a time: what comes before its end is kept.
@@ -142,6 +145,7 @@ def spool_stream(stream: IO[bytes], show: Callable[[str, int, int | None], None]
 
     Raises:
         BagError: Nothing is piped, or the disk does not take it.
+        OSError: The pipe cannot be read, or there is no folder for temporary files.
     """
     if stream.isatty():
         raise BagError("bag '-' is the terminal: pipe a recording into standard input")

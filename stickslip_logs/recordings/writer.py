@@ -45,8 +45,8 @@ TYPE_HASHES = {
 class BagWriter:
     """Writes a recording, used as a context manager.
 
-    The recording appears under its name when the block ends; if the block raises, nothing stays.
-    Equal input gives equal bytes.  Messages lie in the file in the order they were written.
+    The recording appears under its name when the block ends; if the block raises, nothing stays but missing
+    folders above it, which are made. Equal input gives equal bytes, in the order in which it was written.
 
     Args:
         path: A name ending in ``.mcap`` for a single file, any other for a rosbag2 folder.
@@ -55,8 +55,8 @@ class BagWriter:
         label: What the recording is, by which :func:`is_labelled` knows it again; None for nothing.
 
     Raises:
-        BagError: The path exists already, or the compression is unknown; at the end of the block, the disk
-            does not take the rest: nothing stays.
+        BagError: The path exists already, or the compression is unknown; as the block begins, a draft cannot
+            be created beside the path; as it ends, the disk does not take the rest: nothing stays.
 
     >>> import tempfile
     >>> from stickslip_logs.recordings.reader import open_bag
@@ -186,13 +186,15 @@ class BagWriter:
         """
         encoded = []
         for name, time, messages in columns:
-            times = np.asarray(time, np.int64)
             if name not in self._topics:
                 raise BagError(f"topic '{name}' was not added to bag '{self.path}'")
+            beyond = f"of topic '{name}' is not between 0 and {(1 << 63) - 1}"
+            try:
+                times = np.asarray(time, np.int64)
+            except OverflowError:
+                raise BagError(f'a log time {beyond} ns') from None
             for log_time in times[times < 0][:1].tolist():
-                raise BagError(
-                    f"log time {log_time} ns of topic '{name}' is not between 0 and {(1 << 63) - 1}"
-                )
+                raise BagError(f'log time {log_time} ns {beyond}')
             if len(messages) != times.size:
                 raise BagError(f"topic '{name}' has {times.size} log times for {len(messages)} messages")
             if times.size:
@@ -286,13 +288,12 @@ class BagWriter:
             raise BagError(f"bag '{self.path}' cannot be written: {cause(error)}") from error
 
     def _render_metadata(self) -> str:
-        """Return the ``metadata.yaml`` of the recording, in rosbag2's format of version 9."""
+        """Return the ``metadata.yaml`` in rosbag2's format of version 9; times are 0 without messages."""
         (start_ns, end_ns), counts = self._writer.span, self.message_counts
 
         def span() -> dict[str, Any]:
             """Return start, duration and number of messages, in a new object each time."""
-            # The same object twice would become a YAML alias, which rosbag2's reader need not
-            # know.
+            # The same object twice would become a YAML alias, which rosbag2's reader need not know.
             return {
                 'starting_time': {'nanoseconds_since_epoch': start_ns},
                 'duration': {'nanoseconds': end_ns - start_ns},
@@ -393,7 +394,7 @@ def encode_stamped(type_name: str, field: str, stamp_ns: ArrayLike, values: Arra
 
     Args:
         type_name: The type, one of ``STAMPED_FIELDS``.
-        field: Path of the number that is written; the others are zero.
+        field: Path of the number that is written, one of the type's; the others are zero.
         stamp_ns: Stamps from 1970 to 2038, shape (n,) [ns].
         values: The numbers, shape (n,).
 
@@ -448,10 +449,7 @@ class StatusFields:
 
 
 def encode_diagnostics(stamp_ns: int, statuses: Sequence[StatusFields]) -> bytes:
-    """Encode a ``diagnostic_msgs/DiagnosticArray`` with a stamp [ns] and an empty frame, in CDR.
-
-    The stamp is before 2038.
-    """
+    """Encode a ``diagnostic_msgs/DiagnosticArray`` in CDR: a stamp before 2038 [ns], and an empty frame."""
     body = bytearray(struct.pack('<iI', stamp_ns // SECOND_NS, stamp_ns % SECOND_NS))
 
     def put(item: bytes) -> None:

@@ -201,6 +201,15 @@ def test_unpacked_files_are_removed_with_their_recording(
         gc.collect()
     assert caught == []
     assert list(scratch.iterdir()) == []
+    scratch.rmdir()
+    with pytest.raises(BagError, match=r"b\.mcap\.zstd' cannot be unpacked: .*No such file"):
+        open_bag(packed)
+
+
+def test_a_path_that_the_system_refuses_is_named(tmp_path: Path) -> None:
+    # A name may have 255 bytes.
+    with pytest.raises(BagError, match="a' cannot be read: File name too long"):
+        open_bag(tmp_path / ('a' * 300))
 
 
 def test_a_file_with_nothing_to_read_yet_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -207,6 +207,7 @@ def test_recording_that_breaks_off_is_read_to_the_cut(tmp_path: Path, name: str)
         (lambda writer: writer.add_topic('/x', FLOAT64), "topic '/x' was added to bag '"),
         (lambda writer: writer.write('/y', 0, b''), "topic '/y' was not added to bag '"),
         (lambda writer: writer.write('/x', -1, b''), "log time -1 ns of topic '/x' is not"),
+        (lambda writer: writer.write('/x', 1 << 63, b''), "a log time of topic '/x' is not between 0 and 9"),
         (lambda writer: writer.write_float64s({'/x': ([1], [1, 2])}), 'has 1 log times for 2'),
         (lambda writer: writer.add_topic('/b', 'a/msg/B'), "type 'a/msg/B' needs a definition"),
     ],
