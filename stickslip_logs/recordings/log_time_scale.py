@@ -48,41 +48,36 @@ class LogTimes:
 
     Attributes:
         text: What is wrong with them, as a sentence; empty where nothing is.
-        replaced: Whether stamps count in their place.
+        are_replaced: Whether stamps count in their place.
     """
 
     def __init__(self) -> None:
-        self.text, self.replaced, self._begun = '', False, False
+        self.text, self.are_replaced, self._is_judged = '', False, False
 
-    def corrected(self, reading: Iterable[Part]) -> Iterator[Part]:
+    def correct_parts(self, reading: Iterable[Part]) -> Iterator[Part]:
         """Yield the parts of a reading, with stamps as log times where the log times were rewritten.
 
-        The first part with values decides for all parts, and sets ``text`` and ``replaced``. A stamp that
+        The first part with values decides for all parts, and sets ``text`` and ``are_replaced``. A stamp that
         steps back is raised to the highest one before it in its part.
         """
         for part in reading:
-            if not self._begun:
+            if not self._is_judged:
                 self._compare_paces(list(part.values()))
-            yield (
-                part
-                if not self.replaced
-                else {
-                    request: replace(series, log_time_ns=np.maximum.accumulate(series.stamp_ns))
-                    for request, series in part.items()
-                }
-            )
+            if self.are_replaced:
+                part = {r: replace(s, log_time_ns=np.maximum.accumulate(s.stamp_ns)) for r, s in part.items()}
+            yield part
 
     def _compare_paces(self, series: Sequence[Series]) -> None:
-        """Set ``text`` where log times pass at an unusual pace, and ``replaced`` if all series have stamps.
+        """Set ``text`` where log times pass at an odd pace; then ``are_replaced`` if all series have stamps.
 
         Where all series are empty the next part is compared too.
         """
         paces = [_measure_pace(item) for item in series if item.value.size]
-        self._begun = bool(paces)
+        self._is_judged = bool(paces)
         unusual = [pace for pace in paces if pace is not None and not 1 / MAX_PACE <= pace <= MAX_PACE]
         if unusual:
-            self.replaced = None not in paces
-            by = 'stamps' if self.replaced else 'log times, because an input has no stamps'
+            self.are_replaced = None not in paces
+            by = 'stamps' if self.are_replaced else 'log times, because an input has no stamps'
             self.text = (
                 f'Log times pass {unusual[0]:.3g} times as fast as the stamps, so they were rewritten:'
                 f' judged by the {by}.'

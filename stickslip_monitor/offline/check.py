@@ -150,7 +150,7 @@ def check_recording(
     # When it begins and ends is known when the order of what is read has been judged.
     span = SampleSpan(bag)
     is_begun = False
-    for stretch in _judge_stretches(times.corrected(reading), times, span, bag, checks, long):
+    for stretch in _judge_stretches(times.correct_parts(reading), times, span, bag, checks, long):
         for sink in sinks:
             # The start is known when the order of what is read first has been judged.
             if not is_begun:
@@ -204,11 +204,11 @@ def _judge_stretches(
         }
 
     for part in reading:
-        span.extend(part.values(), are_times_replaced=times.replaced)
+        span.extend(part.values(), are_times_replaced=times.are_replaced)
         ends = (int(series.log_time_ns[-1]) for series in part.values() if series.value.size)
         end_ns = max(ends, default=bag.start_ns or 0)
         yield Stretch(end_ns, take_part(part, end_ns))
-    last_ns = span.end_ns if times.replaced else bag.end_ns
+    last_ns = span.end_ns if times.are_replaced else bag.end_ns
     silence = {r: _NOTHING for item in checks.values() for r in item.requests if r}
     standing = take_part(silence, last_ns)
     if any(samples.repeats.any() for samples in standing.values()):
