@@ -510,9 +510,8 @@ def _date_runs(course: TimeCourse, key: int, source: _Source) -> list[_Run]:
 def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
     """Return whether steps back of a source are too many and too small for a clock that was set.
 
-    They are given as positive numbers [ns].
-    Loops have long and equal steps: more than four of a few intervals, or unequal ones below 10 s, are
-    disorder.
+    They are positive numbers [ns]. Loops have long and equal steps: more than four of a few intervals, or
+    unequal ones below 10 s, are disorder.
     """
     if len(back_ns) <= 4 or max(back_ns) >= _MAX_WAIT_NS:
         return False

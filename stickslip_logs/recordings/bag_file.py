@@ -84,11 +84,6 @@ class BagFile:
             return f"schema encoding '{schema.encoding}' is not ros2msg: export the topic as CSV"
         return ''
 
-    def find_type(self, channel: Channel) -> str:
-        """Return the name of the type of a channel's messages; empty for a channel without a known schema."""
-        schema = self.schemas.get(channel.schema_id)
-        return schema.name if schema is not None else ''
-
     def add_definition(self, record: bytes) -> bool | None:
         """Add a schema or channel to those of the file; the first definition of an id counts.
 
@@ -172,7 +167,8 @@ class BagFile:
     def read_all(self, heads: RecordHeads) -> None:
         """Fill in channels, counts, blocks, times and ``cut`` by reading all blocks; report oddities.
 
-        Messages of channels that are defined nowhere are lost and not counted. The heads were read before.
+        What lies behind the limit of a :class:`FilePass`, and messages of channels that are defined nowhere,
+        are lost and not counted. The heads were read before.
 
         Raises:
             BagError: The file cannot be read.
@@ -208,9 +204,9 @@ class BagFile:
             self.findings.lose(f"file '{name}' has {rest} behind its end, not read")
 
     def _read_blocks(self, blocks: list[Block]) -> int:
-        """Read all blocks; set ``counts``, and ``blocks`` to those with messages, with times and channels.
+        """Read blocks up to the limit of a pass; set ``counts``, and ``blocks`` to those with messages.
 
-        The span of the file is widened by their times.
+        These get their times and channels, and widen the span of the file.
 
         Returns:
             How many messages the last block that was read has; 0 without blocks.
@@ -318,15 +314,14 @@ class BagFile:
             share = 'all' if last == total else f'{last} of them'
             recovered = f'{share} from the unfinished chunk at byte {heads.offset} of {self.size}'
         text = f"file '{self.path.name}' is truncated: {plural(total, 'message')} recovered, {recovered}"
-        return Cut(self.path, heads.offset, self.size, self.end_ns, text)
+        return Cut(self.path, heads.offset, self.size, text)
 
 
 class FilePass:
     """One pass over the blocks of a file, as far as it takes no more than it may.
 
-    ``counts`` are the messages of each channel that were read. With ``is_over`` the pass has
-    reached its limit of memory, and yields nothing more. Messages of ``topics``
-    are needed; all when None.
+    ``counts`` are the messages of each channel that were read. With ``is_over`` the pass has reached its
+    limit of memory, and yields nothing more. Messages of ``topics`` are needed; all when None.
     """
 
     def __init__(self, file: BagFile, topics: Collection[str] | None = None) -> None:
@@ -395,7 +390,7 @@ def _definitions_of(channel: Channel) -> tuple[tuple[int, int], ...]:
 def scan_mcap_file(path: Path, findings: Findings) -> BagFile:
     """Return the contents of a file: by its summary, or where that cannot be trusted, by all its records.
 
-    An empty file, as of a recorder that was stopped at once, is a truncated one.
+    An empty file, as of a recorder that was stopped at once, is a truncated one. ``findings`` takes warnings.
 
     Raises:
         BagError: The file cannot be read, or is not MCAP.

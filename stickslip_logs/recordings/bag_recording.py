@@ -225,7 +225,9 @@ def _split_columns(columns: Columns, max_count: int) -> Iterator[Columns]:
 
 
 class BagReading:
-    """A pass over files for numbers of some topics; making it reads their times.
+    """A pass over files for numbers of some topics; making it judges the order of their times.
+
+    That adds warnings to the recording, and corrects its start and end where they were wrong.
 
     Args:
         recording: The recording.
@@ -296,7 +298,7 @@ class BagReading:
         return result
 
     def faults(self) -> dict[Request, tuple[Fault, ...]]:
-        """Return the faults of the messages read so far, by request."""
+        """Return the faults of the messages read so far, by request; an empty tuple where there are none."""
         return dict(pair for topic in self._wanted for pair in topic.faults())
 
     def _make_reader(self, wanted: TopicNumbers, file: BagFile, channel: Channel) -> FieldReader | BagError:
@@ -348,8 +350,7 @@ class BagRecording(Recording):
 
     Attributes:
         contents: What the files hold.
-        least_ns: The least log time that is one: among dates, 0 is that of a clock that was not
-            set [ns].
+        least_ns: The least valid log time [ns]: 0, or 1 beside dates, where 0 is that of a clock not set.
 
     Args:
         path: The file or folder by which it is named.
@@ -410,7 +411,7 @@ class BagRecording(Recording):
     def reading(self, requests: Iterable[Request], progress: Progress | None = None) -> BagReading:
         """Return a pass that reads numbers of some topics; errors as for :meth:`Recording.reading`.
 
-        The order of time is judged at once, which can add warnings.
+        The order of time is judged at once, which can add warnings and correct start and end.
         """
         wanted = [TopicNumbers(topic, paths) for topic, paths in self._group_requests(requests).items()]
         return BagReading(self, wanted, progress)
@@ -420,7 +421,7 @@ class BagRecording(Recording):
     ) -> Iterator[Message]:
         """Return messages as :meth:`.Recording.messages` does; judge the order of time, and raise, at once.
 
-        Blocks are read while iterating. One is in memory while its time lasts.
+        Blocks are read while iterating; one is in memory while its time lasts. Invalid times go unreported.
         """
         names = [
             (name, self._require_topic(name).type) for name in (self.topics if topics is None else topics)
@@ -450,13 +451,15 @@ class BagRecording(Recording):
 def _list_topics(files: Iterable[BagFile]) -> dict[str, TopicInfo]:
     """Return the topics of all files, sorted by name.
 
-    Channels of one name are one topic, which has a problem where one of them has, or their types differ.
+    Channels of one name are one topic, which has a problem where one of them has, or their types differ. The
+    type of a channel without a known schema is empty.
     """
     channels: dict[str, list[TopicInfo]] = {}
     for file in files:
         for key, channel in file.channels.items():
-            kind, encoding = file.find_type(channel), channel.message_encoding
-            info = TopicInfo(channel.topic, kind, file.counts[key], encoding, file.find_problem(channel))
+            schema, problem = file.schemas.get(channel.schema_id), file.find_problem(channel)
+            kind = '' if schema is None else schema.name
+            info = TopicInfo(channel.topic, kind, file.counts[key], channel.message_encoding, problem)
             channels.setdefault(channel.topic, []).append(info)
     topics = {}
     for name, infos in sorted(channels.items()):

@@ -62,14 +62,14 @@ class CourseOfBlocks:
         """
         if not self.course.shifts:
             return piece.log_time_ns
-        time_ns, is_time = piece.log_time_ns.copy(), _are_times(piece.log_time_ns, self.least_ns)
+        time_ns, is_time = piece.log_time_ns.copy(), _are_log_times(piece.log_time_ns, self.least_ns)
         own_ns, topic, byte = (column[is_time] for column in _rows_of(file, piece, self.numbers))
         time_ns[is_time] = self.course.follow(own_ns, topic, (number << _BYTE_BITS) + byte)
         return time_ns
 
 
 class BlockTimes:
-    """The times of the messages of files, read as far as they are asked for."""
+    """The times of the messages of files, from ``least_ns`` on, read as far as they are asked for."""
 
     def __init__(self, files: Sequence[BagFile], least_ns: int) -> None:
         self._files, self._least_ns, self._sparse_bytes = files, least_ns, 0
@@ -77,9 +77,9 @@ class BlockTimes:
     def judge_order(self, topics: Sequence[str]) -> CourseOfBlocks:
         """Read the times of some topics, numbered in this order; return their course.
 
-        Only blocks without indexes are decompressed.
-        Where times step back, blocks are decompressed to look for copies, and the files are read once more if
-        times have to be corrected.
+        Blocks without indexes are decompressed: larger ones than 16 MB, and those behind 32 MB with hardly a
+        message, are not, and their times do not count. Where times step back, blocks are decompressed to look
+        for copies, and the files are read once more if times have to be corrected.
 
         Raises:
             BagError: A file cannot be read; also OSError, where it cannot be opened.
@@ -114,8 +114,7 @@ class BlockTimes:
     def _iterate_blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, list[_TopicRows]]]:
         """Yield the number of each block with timed messages of some topics, and these, topic by topic.
 
-        The numbers of blocks rise.
-        Starts the count of sparse bytes anew.
+        The numbers of blocks rise. Starts the count of sparse bytes anew.
 
         Raises:
             BagError: A file cannot be read; also OSError, where it cannot be opened.
@@ -173,7 +172,7 @@ class BlockTimes:
     def _drop_untimed(self, rows: Iterable[_TopicRows]) -> Iterator[_TopicRows]:
         """Yield the messages of each topic that have a valid log time; skip a topic without any."""
         for topic, time_ns, byte in rows:
-            is_time = _are_times(time_ns, self._least_ns)
+            is_time = _are_log_times(time_ns, self._least_ns)
             if is_time.all():
                 yield topic, time_ns, byte
             elif is_time.any():
@@ -223,10 +222,8 @@ def _join_spans(spans: Iterable[tuple[int, int]]) -> tuple[int, int]:
     return min(starts), max(ends)
 
 
-def _are_times(time_ns: IntArray, least_ns: int) -> BoolArray:
-    """Return which log times [ns] lie from ``least_ns`` to ``MAX_TIME_NS``, both included, shape (n,)."""
-    if time_ns.size and least_ns <= time_ns.min() and time_ns.max() <= MAX_TIME_NS:
-        return np.ones(time_ns.size, np.bool_)
+def _are_log_times(time_ns: IntArray, least_ns: int) -> BoolArray:
+    """Return which times [ns] lie from ``least_ns`` to ``MAX_TIME_NS``, both included, shape (n,)."""
     result: BoolArray = (time_ns >= least_ns) & (time_ns <= MAX_TIME_NS)
     return result
 
@@ -235,7 +232,8 @@ def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_Top
     """Return the messages of a block by its indexes, without decompressing it.
 
     Those of a topic are by place in the block. ``file`` is the descriptor of the open file, ``keys`` has the
-    numbers of the topics by channel id. None where there are no indexes, or they cannot be right.
+    numbers of the topics by channel id. None where there are no indexes, or they cannot be right. An OSError
+    of reading goes through.
     """
     if not block.is_chunk or not block.index_length:
         return None

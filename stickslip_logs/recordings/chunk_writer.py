@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes the container of a recording: MCAP in compressed chunks with an index, by the column.
 
-Its bytes are those of ``mcap.writer.Writer``, which takes messages one by one; here the records of
-many messages are laid into one buffer by numpy. All other records are encoded by the ``mcap``
-package.
+Its bytes are those of ``mcap.writer.Writer``, which takes messages one by one; here the records of many
+messages are laid into one buffer by numpy. All other records are encoded by the ``mcap`` package.
 """
 
 from __future__ import annotations
@@ -52,10 +51,12 @@ _INDEX = np.dtype([('log_time', '<u8'), ('offset', '<u8')])
 
 
 class ChunkWriter:
-    """Writes chunks of messages and, at the end, the index of the file.
+    """Writes chunks of messages and, at the end, the index of the file; :meth:`start` comes first.
+
+    Methods that write raise OSError where the file takes no more.
 
     Args:
-        file: Where to.
+        file: Where to, open for writing at its beginning; not closed.
         chunk_size: Bytes after which a chunk is closed, before compression.
         compression: One of ``COMPRESSORS``.
     """
@@ -83,7 +84,10 @@ class ChunkWriter:
         self._metadata.append(MetadataIndex(offset=offset, length=len(data), name=name))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Append a type's definition to the unfinished chunk; return its id, new in each call, from 1."""
+        """Append a type's definition to the unfinished chunk; return its id, new in each call, from 1.
+
+        As with :meth:`add_channel`, a chunk that becomes full and has messages is written.
+        """
         self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
         self._add_definition(self._schemas[-1])
         return len(self._schemas)
@@ -130,7 +134,7 @@ class ChunkWriter:
         self._append_records(block, ends, channel[order], log_time[order])
 
     def finish(self) -> None:
-        """Write the unfinished chunk and the summary, once; the file stays open."""
+        """Write the unfinished chunk, unless it is without messages, and the summary; leave the file open."""
         self._write_chunk()
         self._file.write(_encode_records(DataEnd(0)))
         begin, summary, offsets = self._file.tell(), b'', []
@@ -204,22 +208,19 @@ class ChunkWriter:
                 self._index.setdefault(number, []).append(places)
             self._chunk_records += block[begin : ends[after - 1]].data
             row, begin = after, int(ends[after - 1])
-            self._write_full_chunk()
+            if len(self._chunk_records) > self._chunk_size:
+                self._write_chunk()
 
     def _add_definition(self, record: McapRecord) -> None:
-        """Append a schema or channel to the unfinished chunk; write the chunk if it is full."""
+        """Append a schema or channel to the unfinished chunk; write the chunk if it becomes full."""
         self._chunk_records += _encode_records(record)
-        self._write_full_chunk()
+        if len(self._chunk_records) > self._chunk_size:
+            self._write_chunk()
 
     def _begin_chunk(self) -> None:
         """Begin an empty chunk; drop what the unfinished one holds."""
         self._chunk_records = bytearray()
         self._index: dict[int, list[NDArray[np.void]]] = {}
-
-    def _write_full_chunk(self) -> None:
-        """Write the unfinished chunk if it is longer than the chunk size and has a message."""
-        if len(self._chunk_records) > self._chunk_size:
-            self._write_chunk()
 
     def _write_chunk(self) -> None:
         """Write the unfinished chunk and its indexes, and begin the next; do nothing without a message."""

@@ -78,7 +78,7 @@ def read_content(path: Path) -> Content:
     one of zstd is :data:`UNKNOWN`.
 
     Raises:
-        BagError: It cannot be read, or is of a known kind that is not supported; the text has the remedy.
+        BagError: It cannot be read, or its kind or packing is not supported; the text has the remedy.
     """
     begin = read_begin(path)
     is_packed = begin.startswith(PACKED)

@@ -70,15 +70,14 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
     """Find the recordings that are meant by some paths.
 
     Args:
-        paths: Files, rosbag2 folders, and folders that hold such at any depth. Files of a folder
-            without ``metadata.yaml`` are recordings of their own, unless all are numbered as
-            rosbag2 numbers the files of one, and follow on in time. Logs are meant where a folder
-            has nothing else.
+        paths: Files, rosbag2 folders, and folders that hold such at any depth; below these hidden files and
+            folders are left out. Files of a folder without ``metadata.yaml`` are recordings of their own,
+            unless all are numbered as rosbag2 numbers the files of one, and follow on in time. Logs are meant
+            where a folder has nothing else.
 
     Returns:
-        Each recording once, in the order of the paths, those of a folder by name (10 after 9). A
-        path without any, and a folder that cannot be read, are returned unchanged: opening them
-        raises the error.
+        Each recording once, in the order of the paths, those of a folder by name (10 after 9). A path without
+        any, and a folder that cannot be read, are returned unchanged: opening them raises the error.
     """
     bags: dict[Path, Path] = {}
     for path in map(find_stored_path, map(Path, paths)):
@@ -177,11 +176,10 @@ def _kind_of(path: Path) -> str:
     return _kind_by_content(path, status.st_size, status.st_mtime_ns) if status.st_size else _EXCLUDED
 
 
-@functools.lru_cache(
-    maxsize=1 << 16
-)  # what is checked and what is left out are asked for one after the other
+# What is checked and what is left out are asked for one after the other.
+@functools.lru_cache(maxsize=1 << 16)
 def _kind_by_content(path: Path, size: int, changed_ns: int) -> str:
-    """Return the kind of a file as :func:`_kind_of` does, by its content; the result is cached.
+    """Return the kind of a file as :func:`_kind_of` does, by reading it; cache it, 'other' for an error too.
 
     Args:
         path: The file.
@@ -250,10 +248,10 @@ def _are_parts(folder: Path, names: Sequence[str]) -> bool:
 def scan_part(path: Path, findings: Findings, scratch: Scratch, *, is_packed: bool = False) -> BagFile:
     """Return the contents of a file of MCAP or SQLite; ``is_packed`` is whether each message is compressed.
 
-    Copies are made in ``scratch``, and warnings go to ``findings``.
+    SQLite is known by name or first bytes. Copies are made in ``scratch``; ``findings`` takes the warnings.
 
     Raises:
-        BagError: It cannot be read.
+        BagError: It cannot be read, or is neither.
     """
     if has_sqlite_name(path.name) or read_begin(path).startswith(SQLITE):
         return SqliteFile(path, findings, scratch, is_packed=is_packed)
@@ -386,7 +384,7 @@ def read_metadata(folder: Path) -> Metadata | str:
 
     Returns:
         The files they list, each once, by name without a folder; or the reason, a clause, why there are none
-        or they cannot be used.
+        or they cannot be used, as where they have more than 8 MiB.
 
     Raises:
         BagError: They describe a recording of a kind this package cannot read.

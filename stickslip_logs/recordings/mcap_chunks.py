@@ -65,7 +65,7 @@ _FEEDS: dict[str, tuple[int, Callable[[], Callable[[bytes | memoryview], bytes]]
 
 
 def limit_bytes(size: int) -> int:
-    """Return how much a file of a size may grow to, unpacked or in memory [bytes]."""
+    """Return how much a file of a size may grow to, unpacked or in memory: some 100 times as much [bytes]."""
     return 160 * MIB + 100 * size
 
 
@@ -144,8 +144,8 @@ def load_block(block: Block) -> bytes:
     Of a truncated chunk the beginning is returned, up to 32 MiB and without a check of its checksum.
 
     Raises:
-        DamagedBlock: The file became shorter, or the chunk is no chunk, is too large, does not decompress, or
-            has a wrong checksum.
+        DamagedBlock: The file became shorter, or the chunk is no chunk, is larger than 128 MiB, does not
+            decompress, or has a wrong checksum; a checksum of 0 is none.
         BagError: The file cannot be read.
     """
     # In front of its compressed data a chunk has less than 200 bytes.

@@ -33,14 +33,14 @@ _INDEXED = HEAD.size + 24
 
 
 class RecordHeads:
-    """The heads of the records of a file, as far as it was walked.
+    """The heads of the records of a file: its ``blocks`` in order, and what its summary says.
 
-    To ``offset``, behind the last whole record, but for ``holes``, from byte to byte.
-    ``statistics`` and ``definitions`` (records with their heads, as bytes) are those of the summary,
-    ``indexed`` counts the messages of each channel after the message indexes. ``has_ended`` is whether
-    the data end before ``offset``, ``behind`` whether data follow that end, ``is_finished`` whether the
-    last magic bytes are there. All are empty until :meth:`read_heads` fills them. ``file`` is a
-    descriptor of the open file.
+    It was walked to ``offset``, behind the last whole record, but for ``holes``, each from byte to byte;
+    ``empty_count`` records have opcode 0. ``statistics``, None without, and ``definitions`` (records with
+    their heads, as bytes) are those of the summary; ``indexed`` counts the messages of each channel by the
+    message indexes. ``has_ended`` is whether the data end before ``offset``, ``behind`` whether data follow
+    that end, ``is_finished`` whether the last magic bytes are there. All are empty until :meth:`read_heads`
+    fills them. ``file`` is the descriptor of the open file, ``size`` how long it is [bytes].
     """
 
     def __init__(self, file: int, path: Path, size: int) -> None:
@@ -61,7 +61,8 @@ class RecordHeads:
     def read_heads(self) -> None:
         """Read the head of each record up to the footer, or to where the file is truncated.
 
-        Fills in all attributes; call it once. A truncated last chunk becomes a block with ``is_cut``.
+        Fills in all attributes; call it once. A truncated last chunk becomes a block with ``is_cut``. Damage
+        is a hole up to the next chunk by the index of chunks; without one the file counts as truncated there.
 
         Raises:
             OSError: The file cannot be read.

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads numbers out of CDR messages: where each lies, and the way to it in many messages at once.
 
-A message is a row of tokens.  A cursor steps over them: one number for all messages while nothing
-of variable length was met, an array of one per message behind it.
-Messages that this cannot follow are decoded one by one with mcap-ros2-support, which is also the
-reference for the bulk reader.
+A message is a row of tokens. A cursor steps over them: one number for all messages while nothing of variable
+length was met, an array of one per message behind it. Messages that this cannot follow are decoded one by one
+with mcap-ros2-support, which is also the reference for the bulk reader.
 """
 
 from __future__ import annotations
@@ -197,7 +196,7 @@ def _find_decoder(schema: Schema) -> Callable[[bytes], Any]:
     """Return the function that decodes one message.
 
     Raises:
-        SchemaError: The decoder refuses the definition, or its encoding.
+        SchemaError: The decoder refuses the definition, or its encoding is not ``ros2msg``.
     """
     try:
         # The parser prints what it raises.
@@ -296,6 +295,10 @@ class TopicNumbers:
 
 class FieldReader:
     """Reads the numbers wanted of a topic from messages of one definition, many at once.
+
+    Args:
+        wanted: The paths to the numbers; takes the counts of messages and faults.
+        schema: The definition.
 
     Raises:
         BagError: A path does not lead to a number, or the definition cannot be used.

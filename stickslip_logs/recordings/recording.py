@@ -29,7 +29,7 @@ class Scratch:
 
     @cached_property
     def folder(self) -> Path:
-        """The folder, made when it is first asked for, and removed with this object and all in it."""
+        """The folder, made when first asked for (OSError where that fails), and removed with this object."""
         path = tempfile.mkdtemp(prefix='stickslip-')
         weakref.finalize(self, shutil.rmtree, path, ignore_errors=True)
         return Path(path)
@@ -71,9 +71,8 @@ def _first_texts(texts: list[str]) -> tuple[str, ...]:
 class TopicInfo:
     """A topic of a recording.
 
-    ``problem`` is a clause on why its messages cannot be decoded, as far as that is known without
-    its definition, which is read when a field is asked for; else empty. ``value`` is one of its values
-    in a log.
+    ``problem`` is a clause on why its messages cannot be decoded, as far as that is known without its
+    definition, which is read when a field is asked for; else empty. ``value`` is one of its values in a log.
     """
 
     name: str
@@ -86,16 +85,15 @@ class TopicInfo:
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """Place where a recording file ends too early.
+    """Place where a file of a recording ends too early.
 
-    The byte at which its last whole record ends, its length [bytes], the latest log time among the
-    messages that were saved, None without any [ns], and a sentence on it.
+    ``offset`` is the byte at which its last whole record ends, ``size`` its length [bytes], ``text`` a
+    sentence on what was recovered.
     """
 
     path: Path
     offset: int
     size: int
-    last_time_ns: int | None
     text: str
 
 
@@ -121,10 +119,9 @@ class Fault:
 class Series:
     """One number of every message of a topic, in order of log time, then of place in the bag.
 
-    All arrays have one length.  ``stamp_ns`` is the header's stamp where there is one and it is
-    not zero, else the log time.  ``sequence`` numbers the messages of all topics read together, so
-    that several series merge by it alone.  ``value`` is NaN where ``faults`` counts a message
-    without one.
+    All arrays have one length. ``stamp_ns`` is the header's stamp where there is one and it is not zero, else
+    the log time. ``sequence`` numbers the messages of all topics read together, so that several series merge
+    by it alone. ``value`` is NaN where ``faults`` counts a message without one.
     """
 
     log_time_ns: IntArray
@@ -145,7 +142,11 @@ class Message:
 
 
 class TimeSpans:
-    """Stretches of time with first and last instant [ns], both included; they may overlap."""
+    """Stretches of time with first and last instant [ns], both included; ``spans`` are sorted and disjoint.
+
+    Args:
+        spans: The stretches, in any order; those that overlap are joined.
+    """
 
     def __init__(self, spans: Iterable[tuple[int, int]]) -> None:
         self.spans: list[tuple[int, int]] = []
@@ -251,7 +252,8 @@ class Recording(ABC):
     def read(self, requests: Iterable[Request], progress: Progress | None = None) -> dict[Request, Series]:
         """Read a whole recording at once; return a series for each request, with its faults.
 
-        What cannot be read is missing, and ``losses`` names it.
+        What cannot be read is missing, and ``losses`` names it. Without stamps ``stamp_ns`` is the same array
+        as ``log_time_ns``.
 
         Args:
             requests: The numbers to read.
@@ -260,7 +262,21 @@ class Recording(ABC):
         Raises:
             BagError: As for :meth:`reading`; also FieldError and OSError.
         """
-        return read_series(self.reading(requests, progress))
+        reading = self.reading(requests, progress)
+        parts = list(reading)
+        faults = reading.faults()
+
+        def whole(request: Request, name: str) -> Any:
+            return np.concatenate([getattr(part[request], name) for part in parts])
+
+        result = {}
+        for request in parts[0]:
+            log_time_ns = whole(request, 'log_time_ns')
+            is_unstamped = all(part[request].stamp_ns is part[request].log_time_ns for part in parts)
+            stamp_ns = log_time_ns if is_unstamped else whole(request, 'stamp_ns')
+            numbers = whole(request, 'sequence'), whole(request, 'value')
+            result[request] = Series(log_time_ns, stamp_ns, *numbers, faults[request])
+        return result
 
     @abstractmethod
     def messages(
@@ -270,7 +286,7 @@ class Recording(ABC):
 
         Args:
             topics: Which topics; all when None.
-            spans: The log times that are wanted; all when None.
+            spans: The log times that are wanted; all that are valid when None.
 
         Raises:
             BagError: A topic is not there, or a file cannot be read.
@@ -289,7 +305,7 @@ class Recording(ABC):
         """Return the topic of a name.
 
         Raises:
-            BagError: There is none; the text lists the others.
+            BagError: There is none; the text lists up to ten others.
         """
         if name not in self.topics:
             raise BagError(missing_topic(self.topics, name))
@@ -321,27 +337,6 @@ class Recording(ABC):
                 raise BagError(f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}")
             by_topic.setdefault(request.topic, {}).setdefault(path, []).append(request)
         return by_topic
-
-
-def read_series(reading: Reading) -> dict[Request, Series]:
-    """Read a pass, which is then used up, to its end; return one series for each request, with its faults.
-
-    Where a request has no stamps, ``stamp_ns`` is the same array as ``log_time_ns``.
-    """
-    parts = list(reading)
-    faults = reading.faults()
-
-    def whole(request: Request, name: str) -> Any:
-        return np.concatenate([getattr(part[request], name) for part in parts])
-
-    result = {}
-    for request in parts[0]:
-        log_time_ns = whole(request, 'log_time_ns')
-        is_unstamped = all(part[request].stamp_ns is part[request].log_time_ns for part in parts)
-        stamp_ns = log_time_ns if is_unstamped else whole(request, 'stamp_ns')
-        numbers = whole(request, 'sequence'), whole(request, 'value')
-        result[request] = Series(log_time_ns, stamp_ns, *numbers, faults[request])
-    return result
 
 
 def short_name(name: str) -> str:

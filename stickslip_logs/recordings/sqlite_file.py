@@ -149,7 +149,7 @@ class SqliteFile(BagFile):
         """Fill in counts, blocks and times; report messages of topics that are defined nowhere as lost.
 
         Messages without a valid time count too. Blocks are ranges of row ids: where these do not rise, as
-        in a damaged tree, the messages are copied, and the copy is scanned.
+        in a damaged tree, the messages are copied, and the copy is scanned: errors as :meth:`_copy_messages`.
         """
         unknown, end = Counter[Any](), -(1 << 63)
         for rows in self._iterate_rows(database, f'{_TIME}, timestamp, topic_id'):
@@ -182,7 +182,13 @@ class SqliteFile(BagFile):
             )
 
     def _copy_messages(self, database: sqlite3.Connection) -> None:
-        """Copy the messages to the temporary folder, in the order of the tree and with rising row ids."""
+        """Copy the messages to the temporary folder, in the order of the tree and with rising row ids.
+
+        Sets ``_copy``, which later connections open, and notes it.
+
+        Raises:
+            OSError: There is no folder for temporary files; also sqlite3.Error where its disk is full.
+        """
         copy = self._scratch.folder / f'{self.path.name}.messages'
         with contextlib.closing(sqlite3.connect(copy)) as target:
             target.execute('CREATE TABLE messages(timestamp, topic_id, data)')
@@ -193,9 +199,9 @@ class SqliteFile(BagFile):
         self.findings.note(f"file '{self.path.name}' is damaged (its row ids do not rise): read as a copy")
 
     def load_pieces(self, block: Block, topics: Collection[str] | None = None) -> tuple[int, Sequence[Piece]]:
-        """Read the messages of some topics, or all, in a block; without a time or data they are unreadable.
+        """Read the messages of some topics, or all, in a block; those without a time or data are unreadable.
 
-        Damaged pages are reported as a loss, not raised.
+        Damaged pages are reported as a loss, not raised; the data of a damaged packed message are empty.
 
         Returns:
             The bytes of these messages, and a piece that has all of them in the order of writing.

@@ -417,7 +417,8 @@ class ColumnRecording(Recording):
 
         Args:
             column: The column.
-            where: The text by the heading, or the number as ``#3``, of each other column.
+            where: The text by the heading, be it without its unit, or the number as ``#3``, of each other
+                column; of columns that are headed alike it is the first.
 
         Raises:
             BagError: A column is not there, or has no such text.

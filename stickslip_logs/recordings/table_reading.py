@@ -99,7 +99,7 @@ class TableReading:
 
     Args:
         recording: The table.
-        requests: What is wanted; the fields do not count.
+        requests: What is wanted; the fields are ignored.
         columns: The column of each topic of them, from left to right.
         progress: Given the rows done and the rows to do; None for nobody.
 
@@ -167,7 +167,7 @@ class TableReading:
     def _judge_order(self) -> tuple[TimeCourse, bool]:
         """Read the file, buffer its numbers, and judge the order of time of lines with numbers.
 
-        Times of the day are counted on over midnight. Reports losses and progress.
+        Times of the day are counted on over midnight. Reports losses, warnings and progress.
 
         Returns:
             The course, and whether any line fills all columns: then all lines are one source, else those
@@ -259,9 +259,10 @@ class TableReading:
         return np.fromiter(map(self._signals.__getitem__, lines), np.int64, len(lines))
 
     def _read_lines(self, begin: int, end: int, span_ns: tuple[int, int]) -> Iterator[Row]:
-        """Yield the lines from row ``begin`` to before row ``end`` with a time in a span [ns], ends included.
+        """Yield buffered lines from row ``begin`` to before ``end`` with a time in a span [ns], ends as well.
 
-        All are of one source, -1, as the order of whole lines is judged.
+        Rows without a time are not numbered. All are of one source, -1, as the order of whole lines is
+        judged; the content of a line is the bytes of its numbers.
         """
         row = 0
         for time_ns, _, values in self._buffer:
@@ -460,7 +461,8 @@ class TableReading:
     def _convert_units(self, numbers: Numbers, units: Sequence[str], column: LogColumn) -> None:
         """Convert numbers in other units to that of the column; set those in no such unit to NaN; note both.
 
-        The latter are counted among the words. Nothing is done for a column without a unit.
+        The latter are counted among the words. Nothing is done for a column without a unit, nor, unless they
+        were sent over a bus, for lines without one.
 
         Args:
             numbers: Numbers of a name in a long table; changed.

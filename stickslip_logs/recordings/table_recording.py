@@ -66,6 +66,7 @@ class TableRecording(ColumnRecording):
         """Yield as :meth:`.Recording.messages` what the sensors would have sent, by time, then by column.
 
         All delivered topics are meant where ``topics`` is None; errors are raised as the first is asked for.
+        A word in place of a number is sent as NaN.
         """
         names = list(self.by_topic if topics is None else topics)
         for part in self.reading([Request(name, 'data') for name in names]):
