@@ -20,10 +20,10 @@ from stickslip_logs.errors import BagError, did_you_mean, listed
 from stickslip_logs.recordings.recording import Findings, Recording, TopicInfo
 from stickslip_logs.tables.bus_log import first_name
 from stickslip_logs.tables.cell_times import DAY, Cells
-from stickslip_logs.tables.dialect import parse_heading, parse_number, with_unit
+from stickslip_logs.tables.dialect import is_number_as_unit, parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality_columns import find_quality, find_quality_columns, is_quality_of
-from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_column, find_numbered_columns, is_same_key
-from stickslip_logs.tables.table_file import open_table, texts_of
+from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_columns, is_same_key
+from stickslip_logs.tables.table_file import open_table
 from stickslip_logs.tables.time_columns import Clock, DayCounter, counted_from
 from stickslip_logs.time_order import DATES_FROM_NS, TimeOrder
 
@@ -214,8 +214,9 @@ class ColumnRecording(Recording):
         place = self.unit_place
         seen: dict[str, Counter[str]] = {}
         for row in self._rows_of_every_name(name):
-            units = seen.setdefault(row[name], Counter())
-            units[row[place] if place is not None and len(row) > place else ''] += 1
+            unit = row[place] if place is not None and len(row) > place else ''
+            if not is_number_as_unit(unit):
+                seen.setdefault(row[name], Counter())[unit] += 1
         for heading_text, units in seen.items():
             if not heading_text.strip():
                 continue  # a line without a number
@@ -231,9 +232,15 @@ class ColumnRecording(Recording):
 
     @property
     def unit_place(self) -> int | None:
-        """The place of the column of units in a table of one value a line; None where there is none."""
-        names = enumerate(self.table.names) if self.names is not None else ()
-        return next((k for k, text in names if _UNIT.fullmatch(parse_heading(text).name)), None)
+        """The place of the column of units in a table of one value a line; None where there is none.
+
+        A column of numbers alone, as of an engine, has no units.
+        """
+        for k, text in enumerate(self.table.names if self.names is not None else ()):
+            numbers = [parse_number(row[k]) for row in self.table.head if k < len(row) and row[k].strip()]
+            if _UNIT.fullmatch(parse_heading(text).name) and (None in numbers or not numbers):
+                return k
+        return None
 
     def _find_quality_column(self, column: int) -> int | None:
         """Return the first place of quality marks, known or not, of a column of numbers; None for none."""
@@ -304,9 +311,7 @@ class ColumnRecording(Recording):
         They have their blanks; an empty cell is an empty text, a null of Parquet 'None'.
         """
         blocks = self.table.blocks([column], _ignore_sentence, _ignore_sentence)
-        return list(
-            dict.fromkeys(text for rows in blocks for text in dict.fromkeys(texts_of(rows.columns[0])))
-        )
+        return list(dict.fromkeys(text for rows in blocks for text in dict.fromkeys(rows.texts(column))))
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
@@ -443,36 +448,33 @@ class ColumnRecording(Recording):
         return replace(column, where=tuple(pairs))
 
     def key_of(self, column: LogColumn) -> tuple[str, list[str]] | None:
-        """Return the heading of the column that tells several things apart, such as shafts, and its texts.
+        """Return the heading of the column whose words tell several things apart, such as shafts, and these.
 
-        Only head and tail are searched; the texts are each once, in their order. None where the rows of the
-        column are of one thing, or were sent over a bus.
+        Only head and tail are searched; the words are each once, in their order. None where the rows of the
+        column are of one thing, may be by :meth:`numbered_columns`, or were sent over a bus.
 
         Args:
             column: The column of the numbers of these things.
         """
-        if self.is_sent:
-            return None  # one sender is used, as live
-        rows, time_ns = self._rows_of(column, self._ends)
-        key = find_key_column(rows, time_ns, column.place, self.table.names, self._key_places(column))
+        key = next((place for place, is_numbered in self._find_keys(column) if not is_numbered), None)
         if key is None:
             return None
-        return self.table.names[key], list(
-            dict.fromkeys(row[key].strip() for row in rows if key < len(row) and row[key].strip())
-        )
+        words = [row[key].strip() for row in self._rows_of(column, self._ends)[0] if key < len(row)]
+        return self.table.names[key], list(dict.fromkeys(filter(None, words)))
 
     def numbered_columns(self, column: LogColumn) -> list[int]:
-        """Return the places of the columns that number the rows of one time; empty where they were sent.
-
-        Only head and tail are searched.
+        """Return the places of the columns whose numbers may tell things apart; head and tail are searched.
 
         Args:
-            column: The column of the numbers of these rows.
+            column: The column of the numbers of these things.
         """
-        if self.is_sent:
-            return []
-        rows, time_ns = self._rows_of(column, self._ends)
-        return find_numbered_columns(rows, time_ns, self.table.names, self._key_places(column))
+        return [place for place, is_numbered in self._find_keys(column) if is_numbered]
+
+    def _find_keys(self, column: LogColumn) -> Iterator[tuple[int, bool]]:
+        """Yield as :func:`.find_key_columns`; nothing for a log of a bus: one sender is used, as live."""
+        if not self.is_sent:
+            rows, time_ns = self._rows_of(column, self._ends)
+            yield from find_key_columns(rows, time_ns, self.table.names, self._key_places(column))
 
     def _key_places(self, column: LogColumn) -> list[int]:
         """Return the places of the columns that may tell rows of a column apart and were not chosen by."""

@@ -11,7 +11,6 @@ import weakref
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,9 +21,9 @@ from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
 from stickslip_logs.source_admission import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, first_name
 from stickslip_logs.tables.cell_times import DAY
-from stickslip_logs.tables.dialect import with_unit
+from stickslip_logs.tables.dialect import is_number_as_unit, with_unit
 from stickslip_logs.tables.row_keys import KeySteps, NumberedRows, find_end_columns, is_same_key
-from stickslip_logs.tables.table_file import Numbers, Rows, select_cells, texts_of
+from stickslip_logs.tables.table_file import Numbers, Rows, select_cells, unused_lines
 from stickslip_logs.time_order import Row, Sorter, TimeCourse, TimeOrder
 from stickslip_logs.units import MIB, SECOND_NS, conversion
 
@@ -118,7 +117,8 @@ class TableReading:
     ) -> None:
         self._recording, self._requests, self._columns = recording, requests, columns
         self._progress = progress
-        self._rows, self._last_ns, self._distinct = 0, dict.fromkeys(columns, -1), Counter[str]()
+        self._rows, self._damaged = 0, 0
+        self._last_ns, self._distinct = dict.fromkeys(columns, -1), Counter[str]()
         self._keys = {topic: recording.keys_of(source.column) for topic, source in columns.items()}
         # One column may be several topics; beyond 62 columns two share a bit.
         places_of = {column: k for k, column in enumerate({s.column: None for s in columns.values()})}
@@ -221,6 +221,8 @@ class TableReading:
             done += rows.time_ns.size
             if self._progress is not None:
                 self._progress(done, max(done, recording.table.line_count))
+        if self._damaged:
+            recording.lose(unused_lines(self._damaged, 'with a number in place of a unit'))
         self._require_one_thing()
         for block in blank if has_numbers else ():
             add(*block)
@@ -246,7 +248,7 @@ class TableReading:
         places = list(dict.fromkeys(place for pairs in self._keys.values() for place, _ in pairs))
         if not places or self._recording.is_sent:
             return np.zeros(len(at), np.int64)
-        columns = [texts_of(rows.columns[self._wanted.index(place)]) for place in places]
+        columns = [rows.texts(place) for place in places]
         lines = list(zip(*([column[k] for k in at] for column in columns), strict=True))
         for texts in dict.fromkeys(lines):
             if texts not in self._signals:
@@ -283,7 +285,7 @@ class TableReading:
         row_indexes = np.flatnonzero(rows.is_timed)[at].tolist()
         texts = {}
         for place in {*self._steps.places, *self._numbered.texts}:
-            cells = texts_of(rows.columns[self._wanted.index(place)])
+            cells = rows.texts(place)
             texts[place] = [cells[k].strip() for k in row_indexes]
         time_ns, is_there, values = part
         self._steps.add(time_ns[at], texts)
@@ -299,7 +301,7 @@ class TableReading:
         if (place := self._steps.place) is not None:
             texts = list(self._steps.texts[place])
         elif (place := self._numbered.place) is not None:
-            texts, how = list(self._numbered.texts[place]), 'at the same times, with values far apart'
+            texts, how = list(self._numbered.texts[place]), 'beside values that are far apart'
         else:
             return
         key, text = quote_for_yaml(names[place]), quote_for_yaml(texts[0])
@@ -365,32 +367,34 @@ class TableReading:
     def _read_rows(self, rows: Rows) -> Part:
         """Read the numbers of all topics from a block of rows; count words that stand in their place.
 
-        Numbers are as the sensor sends them, NaN for a word. Rows without a time are dropped. Numbers in
-        other units are converted, those of bad quality become NaN, and those of unused senders are dropped.
+        Numbers are as the sensor sends them, NaN for a word. Rows without a time are dropped, and rows with a
+        number in place of a unit, which are counted: ``rows.is_timed`` is changed. Numbers in other units are
+        converted, those of bad quality become NaN, and those of unused senders are dropped.
         """
+        units = [] if self._unit_place is None else rows.texts(self._unit_place)
+        if damaged := {text for text in {*units} if is_number_as_unit(text)}:
+            is_damaged = np.array([text in damaged for text in units], np.bool_)
+            self._damaged += int((is_damaged & rows.is_timed).sum())
+            rows.is_timed &= ~is_damaged
         time_ns = rows.time_ns[rows.is_timed]
         is_there = np.zeros((len(self._columns), time_ns.size), np.bool_)
         values = np.full(is_there.shape, np.nan)
         number = np.cumsum(rows.is_timed) - 1
         coded: dict[int, tuple[dict[str, int], IntArray]] = {}
         for k, (topic, source) in enumerate(self._columns.items()):
-            if not rows.clock.has_column(source.column.place):
+            column, status, where = source.column, source.status, None
+            if not rows.clock.has_column(column.place):
                 continue
-            cells, where = rows.columns[self._wanted.index(source.column.place)], None
-            status = source.status
-            marks = [] if status is None else texts_of(rows.columns[self._wanted.index(status)])
+            cells, marks = rows.columns[column.place], [] if status is None else rows.texts(status)
             if self._keys[topic]:
                 chosen = self._select_rows(rows, topic, coded)
+                if topic in self._admissions:
+                    chosen = self._admitted_rows(topic, rows, chosen)
                 cells, where = select_cells(cells, chosen), np.flatnonzero(chosen)
                 marks = select_cells(marks, chosen) if marks else marks
-            if topic in self._admissions and where is not None:
-                where = where[self._are_admitted(topic, cells, rows, where)]
-                chosen = np.isin(np.arange(chosen.size), where)
-                cells = select_cells(rows.columns[self._wanted.index(source.column.place)], chosen)
             numbers = self._recording.table.numbers(cells)
-            if source.column.name is not None and self._unit_place is not None:
-                texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
-                self._convert_units(numbers, select_cells(texts, chosen), source.column)
+            if column.name is not None and self._unit_place is not None:
+                self._convert_units(numbers, select_cells(units, chosen), column)
             if status is not None:
                 self._drop_bad_quality(numbers, marks, self._is_bad[status])
             self._count_words(topic, numbers.words)
@@ -401,8 +405,8 @@ class TableReading:
             values[k, number[row[keep]]] = source.sent(numbers.value[at[keep]])
         return time_ns, is_there, values
 
-    def _are_admitted(self, topic: str, cells: Any, rows: Rows, where: IntArray) -> BoolArray:
-        """Return which numbers of a topic are of the sender that is used at that time, shape (n,).
+    def _admitted_rows(self, topic: str, rows: Rows, chosen: BoolArray) -> BoolArray:
+        """Return which rows have numbers of a topic of the sender that is used at that time, shape (n,).
 
         The admission of the topic advances with each number, and notes who is left out or used instead. As in
         live operation, a number in a unit of another quantity counts for no sender; nor does one without a
@@ -410,24 +414,22 @@ class TableReading:
 
         Args:
             topic: The topic.
-            cells: The cells of its numbers and of those of other sources.
             rows: The rows of a block.
-            where: The indexes of the rows of these cells, shape (n,).
+            chosen: Which of them have its numbers, of whatever sender, shape (n,).
         """
-        sources = rows.columns[self._wanted.index(SOURCE)]
-        numbers = self._recording.table.numbers(cells)
+        sources, column = rows.columns[SOURCE], self._columns[topic].column
+        where = np.flatnonzero(chosen)
+        numbers = self._recording.table.numbers(select_cells(rows.columns[column.place], chosen))
         is_number = np.isfinite(numbers.value)
         if self._unit_place is not None:
-            texts = texts_of(rows.columns[self._wanted.index(self._unit_place)])
-            self._convert_units(numbers, [texts[k] for k in where], self._columns[topic].column)
+            self._convert_units(numbers, select_cells(rows.texts(self._unit_place), chosen), column)
         valid = np.isfinite(numbers.value)
         is_offered = (rows.is_timed[where] & (valid | ~is_number)).tolist()
         seconds = (rows.time_ns[where] * 1e-9).tolist()
         admits = self._admissions[topic].admits
         offers = zip(where.tolist(), is_offered, seconds, valid.tolist(), strict=True)
-        return np.array(
-            [counts and admits(sources[k], now, valid=good) for k, counts, now, good in offers], np.bool_
-        )
+        admitted = [k for k, counts, now, good in offers if counts and admits(sources[k], now, valid=good)]
+        return np.isin(np.arange(chosen.size), admitted)
 
     def _select_rows(
         self, rows: Rows, topic: str, coded: dict[int, tuple[dict[str, int], IntArray]]
@@ -435,7 +437,7 @@ class TableReading:
         """Return which rows belong to a topic, shape (n,).
 
         In a log of a bus, for an input with a time-out, also those of all other senders of the number: which
-        of them counts when is for :meth:`_are_admitted` to say.
+        of them counts when is for :meth:`_admitted_rows` to say.
 
         Args:
             rows: A block of rows.
@@ -446,7 +448,7 @@ class TableReading:
         chosen = np.ones(rows.time_ns.size, np.bool_)
         for place, text in self._keys[topic]:
             if place not in coded:
-                texts = texts_of(rows.columns[self._wanted.index(place)])
+                texts = rows.texts(place)
                 number = {text: k for k, text in enumerate(dict.fromkeys(texts))}
                 coded[place] = number, np.fromiter(map(number.__getitem__, texts), np.int64, len(texts))
             number, codes = coded[place]

@@ -19,8 +19,8 @@ from stickslip_logs.errors import MAX_SHOWN, BagError, plural
 from stickslip_logs.tables.bus_log import BUS_LOGS, NAMES, bus_log_of
 from stickslip_logs.tables.cell_times import Cells, is_day, is_stamp, is_time
 from stickslip_logs.tables.text_file import Extent, lines_of
-from stickslip_logs.tables.time_columns import TIME_WORDS, TableColumns
-from stickslip_logs.units import UNITS, find_unit, names_of
+from stickslip_logs.tables.time_columns import TIME_UNITS, TIME_WORDS, TableColumns
+from stickslip_logs.units import find_unit, names_of
 
 # Lines of the head by which the layout is detected.
 _MAX_LINES = 2000
@@ -141,6 +141,11 @@ def with_unit(name: str, unit: str) -> tuple[str, str | None]:
     whole = f'{name} [{unit}]'
     known_unit = parse_heading(whole).known_unit
     return (name, known_unit) if known_unit else (whole, None)
+
+
+def is_number_as_unit(text: str) -> bool:
+    """Return whether a text in place of a unit is a number other than 1, so that its line is damaged."""
+    return parse_number(text) is not None and find_unit(text, 'coefficient') is None
 
 
 def parse_number(cell: str, decimal: str = '.') -> float | None:
@@ -587,15 +592,20 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
 def _unit_suffix(rows: Sequence[Cells], place: int, heading: str) -> str:
     """Return the unit behind most numbers of a column, with the blank before it; empty where there is none.
 
-    The first 500 rows count. An 'N' is newtons only below the heading of a force; the 'A' of '1A' is no unit.
+    The first 500 rows count. Letters right behind whole numbers are a unit only if it is a known one, and a
+    single letter only below the heading of a force or a time: else the cells are names, as '1A' and '5s' of
+    shafts. An 'N' is newtons only below the heading of a force.
     """
     cells = [row[place] for row in rows[:500] if place < len(row) and row[place].strip()]
     counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
     suffix, count = counts.most_common(1)[0] if counts else ('', 0)
-    letter = suffix.strip()
-    is_north = letter == 'N' and not FORCE_WORDS & set(parse_heading(heading).name.split())
-    is_name = len(letter) == 1 and not any(letter in 'smhd' or find_unit(letter, u.quantity) for u in UNITS)
-    return '' if is_north or is_name or count <= 0.5 * len(cells) else suffix
+    unit, words = suffix.strip(), parse_heading(heading).name
+    is_force = bool(FORCE_WORDS & {*words.split()})
+    is_of_time = unit.lower() in TIME_UNITS and bool(TIME_WORDS.search(words))
+    is_known = is_of_time or (unit_of(unit, 'force' * is_force) and (is_force or len(unit) > 1))
+    is_whole = suffix == unit and not any(mark in cell for cell in cells for mark in '.,')
+    is_north = unit == 'N' and not is_force
+    return '' if is_north or (is_whole and not is_known) or count <= 0.5 * len(cells) else suffix
 
 
 def _bus_dialect(path: Path, encoding: str, kind: str, first: Sequence[str], last: Sequence[str]) -> Dialect:

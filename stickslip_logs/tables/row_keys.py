@@ -14,8 +14,8 @@ from stickslip_logs.units import SECOND_NS
 
 MAX_WORDS = 100
 """More words of a column are names of files, events or remarks: a fleet's list of ships is shorter."""
-# Values of one time that differ by more times what one thing's value changes are of several things: noise
-# alone makes it 1, and samples of one thing in a second stay below that.
+# Values beside each other that differ by more times what one thing's value changes are of several things:
+# noise alone makes it 1, and samples of one thing in a second stay below that.
 _MIN_STEP_RATIO = 3.0
 
 
@@ -30,52 +30,21 @@ def is_same_key(cell: str, text: str) -> bool:
     return number is not None and number == parse_number(cell)
 
 
-def find_key_column(
-    rows: Sequence[Cells], time_ns: IntArray, column: int, headings: Sequence[str], places: Iterable[int]
-) -> int | None:
-    """Return the place of the first column whose words tell rows of several things apart; None for none.
-
-    Such a column has different words in rows of one time, or a word that changes from row to row in most
-    rows; rows where it is empty are ignored. Whole numbers without a unit count as words if the values of one
-    time differ by more than they change. A column has two words to 100, and at most half as many as filled
-    rows; two are enough in any case. The rows have a value, in ``column``, and a time [ns]; ``places`` are
-    those of the candidates in the order in which they are tried.
-    """
-    for place, filled, key, is_apart, is_numbered in _possible_keys(rows, time_ns, headings, places):
-        if is_numbered:
-            numbered = NumberedRows([place])
-            texts = {place: [str(rows[k][place]).strip() for k in filled]}
-            values = [_read_number(str(rows[k][column])) for k in filled]
-            numbered.add(time_ns[filled], texts, [np.array(values)])
-            if numbered.place is not None:
-                return place
-        # A state of one thing changes seldom.
-        elif is_apart or np.count_nonzero(np.diff(key)) > max(2, 0.5 * len(filled)):
-            return place
-    return None
-
-
-def find_numbered_columns(
+def find_key_columns(
     rows: Sequence[Cells], time_ns: IntArray, headings: Sequence[str], places: Iterable[int]
-) -> list[int]:
-    """Return the places of the columns that number the rows of one time: things, or samples of one thing.
+) -> Iterator[tuple[int, bool]]:
+    """Yield the places of the columns that tell rows of several things apart, and whether they may do so.
 
-    Which of both they are, the values of a whole file tell: :class:`NumberedRows`. The arguments are those of
-    :func:`find_key_column`.
-    """
-    return [
-        place for place, *_, is_numbered in _possible_keys(rows, time_ns, headings, places) if is_numbered
-    ]
+    Such a column has different words in rows of one time, or ones that alternate, or a word that changes from
+    row to row in most rows; rows where it is empty are ignored. It has two words to 100, and at most half as
+    many as filled rows; two are enough in any case. Whole numbers without a unit that do either of the first
+    may be those of things, or of samples of one: the values of a whole file tell, by :class:`NumberedRows`.
 
-
-def _possible_keys(
-    rows: Sequence[Cells], time_ns: IntArray, headings: Sequence[str], places: Iterable[int]
-) -> Iterator[tuple[int, list[int], IntArray, bool, bool]]:
-    """Yield the columns whose words may tell rows apart; the arguments are those of :func:`find_key_column`.
-
-    Yields:
-        The place, the indexes of the m rows with a word, the number of the word of each, shape (m,), whether
-        different words share times, and whether the words are whole numbers without a unit that do.
+    Args:
+        rows: Rows with a value.
+        time_ns: Their times [ns], shape (n,).
+        headings: The headings of the table.
+        places: The places of the candidates, in the order in which they are tried.
     """
     for place in places:
         cells = [row[place].strip() if place < len(row) else '' for row in rows]
@@ -83,17 +52,14 @@ def _possible_keys(
         codes = {word: k for k, word in enumerate(dict.fromkeys(cells[k] for k in filled))}
         if not 2 <= len(codes) <= min(MAX_WORDS, max(len(filled) // 2, 2)):
             continue
-        key = np.array([codes[cells[k]] for k in filled])
-        is_apart = _are_times_shared(time_ns[filled], key)
+        key, times_ns = np.array([codes[cells[k]] for k in filled]), time_ns[filled]
+        is_apart = _are_times_shared(times_ns, key) or _are_alternating(times_ns, key)
+        # A state of one thing changes seldom.
         if not any(map(_is_number, codes)):
-            yield place, filled, key, is_apart, False
+            if is_apart or np.count_nonzero(np.diff(key)) > max(2, 0.5 * len(filled)):
+                yield place, False
         elif is_apart and parse_heading(headings[place]).unit is None and all(map(str.isdecimal, codes)):
-            yield place, filled, key, is_apart, True
-
-
-def _read_number(text: str) -> float:
-    """Return the number of a text, with either decimal sign; 0 for a text that is none."""
-    return parse_number(text) or parse_number(text, ',') or 0.0
+            yield place, True
 
 
 def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
@@ -109,6 +75,20 @@ def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
     return bool(shared >= max(2, 0.1 * key.size) and is_twice.sum() <= 0.05 * key.size)
 
 
+def _are_alternating(time_ns: IntArray, key: IntArray) -> bool:
+    """Return whether rows of different things follow each other often, each thing's at a steady pace.
+
+    At least two rows and a tenth of all must follow one of another thing; of each thing at most a tenth of
+    the steps in time from row to row may be more than twice, or less than half, the usual one. A state lasts.
+    """
+    for k in range(int(key.max()) + 1):
+        steps = np.diff(np.sort(time_ns[key == k]))
+        pace = np.median(steps) if steps.size else 0.0
+        if np.count_nonzero((steps > 2.0 * pace) | (steps < 0.5 * pace)) > 0.1 * steps.size:
+            return False
+    return bool(np.count_nonzero(np.diff(key)) >= max(2, 0.1 * key.size))
+
+
 def _is_number(word: str) -> bool:
     """Return whether a text is a number with either decimal sign, or one with a known unit behind a blank."""
     number, _, unit = word.partition(' ')
@@ -117,12 +97,12 @@ def _is_number(word: str) -> bool:
 
 
 def _value_steps(time_ns: IntArray, key: IntArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return absolute differences: of values within a time, and from one value of a thing to its next.
+    """Return absolute differences: from one row to the next of another thing, and of a thing to its own next.
 
     The time [ns], the number of the thing and the value of each row have the shape (n,).
     """
     by_time, by_key = np.lexsort((key, time_ns)), np.lexsort((time_ns, key))
-    beside = np.abs(np.diff(value[by_time]))[np.diff(time_ns[by_time]) == 0]
+    beside = np.abs(np.diff(value[by_time]))[np.diff(key[by_time]) != 0]
     behind = np.abs(np.diff(value[by_key]))[np.diff(key[by_key]) == 0]
     return beside, behind
 

@@ -9,7 +9,7 @@ import itertools
 import re
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -54,13 +54,18 @@ class Rows:
         clock: The clock.
         time_ns: Their times [ns], shape (n,); without meaning in a row that has none.
         is_timed: Which rows have one, shape (n,).
-        columns: The n cells of each column that was asked for: texts, or an array of pyarrow.
+        columns: By place, the n cells of each column that was asked for: texts, or an array of pyarrow.
     """
 
     clock: Clock
     time_ns: IntArray
     is_timed: BoolArray
-    columns: Sequence[Any]
+    columns: Mapping[int, Any]
+
+    def texts(self, place: int) -> list[str]:
+        """Return the cells of a column as texts: a list unchanged, of an array a null as 'None'."""
+        cells = self.columns[place]
+        return cells if isinstance(cells, list) else [str(cell) for cell in cells.to_pylist()]
 
 
 @dataclass(slots=True)
@@ -137,11 +142,6 @@ class NumberTable(ABC):
     @abstractmethod
     def numbers(self, cells: Any) -> Numbers:
         """Return the numbers of n cells of a column, as :meth:`blocks` yields them in ``Rows.columns``."""
-
-
-def texts_of(cells: Any) -> list[str]:
-    """Return cells of a block as texts: a list unchanged, of an array of pyarrow a null as 'None'."""
-    return cells if isinstance(cells, list) else [str(cell) for cell in cells.to_pylist()]
 
 
 def select_cells(cells: Any, chosen: BoolArray) -> Any:
@@ -288,15 +288,14 @@ class TextTable(NumberTable):
             rows = [row for row in batch if row]
             unspoken = batch.count(NO_SENTENCE)
             lost, foreign = lost + len(batch) - len(rows) - unspoken, foreign + unspoken
-            columns = [[row[k] for row in rows] for k in (*clock.columns, *wanted)]
-            begin = len(clock.columns)
-            time_ns, is_timed = clock.read(columns[:begin])
+            columns = {k: [row[k] for row in rows] for k in (*clock.columns, *wanted)}
+            time_ns, is_timed = clock.read([columns[k] for k in clock.columns])
             lost += int((~is_timed).sum())
-            yield Rows(clock, time_ns, is_timed, columns[begin:])
+            yield Rows(clock, time_ns, is_timed, columns)
         if lost:
-            lose(_not_used(lost, 'damaged, or without a time'))
+            lose(unused_lines(lost, 'damaged, or without a time'))
         if foreign:
-            note(_not_used(foreign, 'without a sentence'))
+            note(unused_lines(foreign, 'without a sentence'))
 
     def _read_batches(self) -> Iterator[tuple[list[list[str]], int]]:
         """Yield batches of up to 16384 rows below the headings, each with how many lines are not rows.
@@ -375,24 +374,26 @@ class _TextReading:
             ]
             cells = iter(columns)
             times = [clock.read([*itertools.islice(cells, len(clock.columns))]) for clock in self._clocks]
-            values = [*cells]
+            values = dict(zip(self._wanted, cells, strict=True))
             untimed = np.flatnonzero(~np.any([is_timed for _, is_timed in times], axis=0)).tolist()
             end = next((k for k in untimed if self._is_heading(batch[k])), len(batch))
             for k in untimed:
                 if k < end:
                     self._count_untimed(batch[k])
-                for column in values:
+                for column in values.values():
                     column[k] = ''
             for clock, (time_ns, is_timed) in zip(self._clocks, times, strict=True):
                 if len(self._clocks) > 1:
                     self._blank_untimed(clock, is_timed[:end], values)
-                yield Rows(clock, time_ns[:end], is_timed[:end], [column[:end] for column in values])
+                yield Rows(
+                    clock, time_ns[:end], is_timed[:end], {k: column[:end] for k, column in values.items()}
+                )
             self._follow_heading(batch[end] if end < len(batch) else None)
             batch = batch[end + 1 :]
 
-    def _blank_untimed(self, clock: Clock, is_timed: BoolArray, values: Sequence[list[str]]) -> None:
+    def _blank_untimed(self, clock: Clock, is_timed: BoolArray, values: Mapping[int, list[str]]) -> None:
         """Empty the cells of signals whose clock has no time in a row; count the rows that had a value."""
-        columns = [column for k, column in zip(self._wanted, values, strict=True) if clock.has_column(k)]
+        columns = [column for k, column in values.items() if clock.has_column(k)]
         lacking = [
             k for k in np.flatnonzero(~is_timed).tolist() if any(column[k].strip() for column in columns)
         ]
@@ -476,16 +477,16 @@ class _TextReading:
         """Report how many rows were not used, and how often headings were repeated."""
         if self._untimed:
             shown = f", the first '{self._shown}'" if self._shown else ''
-            lose(_not_used(self._untimed, 'without a time', shown))
+            lose(unused_lines(self._untimed, 'without a time', shown))
         if self.short:
-            lose(_not_used(self.short, 'damaged, or of too few or too many cells'))
+            lose(unused_lines(self.short, 'damaged, or of too few or too many cells'))
         if self._foreign:
-            lose(_not_used(self._foreign, f"under other headings ('{self._foreign_heading[:MAX_SHOWN]}')"))
+            lose(unused_lines(self._foreign, f"under other headings ('{self._foreign_heading[:MAX_SHOWN]}')"))
         if self._repeated:
             note(f'the headings come {plural(self._repeated, "time")} more in the middle')
 
 
-def _not_used(count: int, subject: str, more: str = '') -> str:
+def unused_lines(count: int, subject: str, more: str = '') -> str:
     """Return the clause that some lines were not used, as '2 lines without a time were not used' + more."""
     return f'{plural(count, "line")} {subject} {"was" if count == 1 else "were"} not used{more}'
 
@@ -558,11 +559,11 @@ class ParquetTable(NumberTable):
                             [is_time.to_numpy(zero_copy_only=False) for is_time in timed], axis=0
                         )
                     untimed += int(lacking.sum())
-                    yield Rows(clock, *times, [columns[k] for k in wanted])
+                    yield Rows(clock, *times, columns)
         except Exception as error:  # pyarrow's errors have no common root
             lose(f'the file is damaged ({str(error)[:100]}): not read from there on')
         if untimed:
-            lose(_not_used(untimed, 'without a time'))
+            lose(unused_lines(untimed, 'without a time'))
 
 
 def _open_parquet(path: Path) -> Any:

@@ -65,7 +65,8 @@ _SPELLED = {
     3600 * SECOND_NS: 'h hr hrs hour hours',
     DAY: 'd day days',
 }
-_UNITS = {name: unit for unit, names in _SPELLED.items() for name in names.split()}
+TIME_UNITS = {name: unit for unit, names in _SPELLED.items() for name in names.split()}
+"""Units of time [ns] by their names in headings, in lower case."""
 # Days since the end of 1899, in the years 1954 to 2050, since 1858 (from 2009), since the year 0, and since
 # 4713 BC (from 2009): their limits, what is added for 1970, and their name.
 _DAYS_SINCE = (
@@ -261,7 +262,7 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
         name, (words, written) = table.names[k], table.headings[k]
         unit = _unit_of_times(words, written)
         is_asked = unit == '' and written is None and whole_ns == SECOND_NS
-        unit_ns = SECOND_NS if is_asked else _UNITS.get(unit, DAY)
+        unit_ns = SECOND_NS if is_asked else TIME_UNITS.get(unit, DAY)
         if k in clock.columns or unit_ns > whole_ns:
             continue
         read_fraction = number_reader(unit_ns, 0, table.decimal)
@@ -415,7 +416,7 @@ def _clock_of_unit_columns(table: TableColumns) -> Clock | None:
     The units have to be from large to small, and the sum of nearly all rows must be a time, in order.
     """
     rows, width = table.rows_with(range(len(table.names))), len(table.names)
-    units = [_UNITS.get(words, 0) for words, _ in table.headings]
+    units = [TIME_UNITS.get(words, 0) for words, _ in table.headings]
     for first in range(width if rows else 0):
         smaller = itertools.takewhile(lambda k: units[k - 1] > units[k] > 0, range(first + 1, width))
         columns = first, *smaller
@@ -634,7 +635,7 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
         in words; and a question on it, empty where it is certain.
     """
     unit, largest = _unit_of_times(words, written), float(np.abs(values).max())
-    unit_ns = _UNITS.get(unit, SECOND_NS)
+    unit_ns = TIME_UNITS.get(unit, SECOND_NS)
     # With a unit in which they are no dates they count from a start.
     is_elapsed = unit != '' and largest * unit_ns < _DATES_FROM * SECOND_NS
     for factor, begin, name in () if is_elapsed else _EPOCHS:
@@ -699,7 +700,7 @@ def _unit_of_times(words: str, written: str | None) -> str:
     last = rest.rpartition(' ')[2]
     # The last word of a time of day is no unit.
     candidates = (written or '').lower(), rest, '' if rest else first, last if last != 'day' else ''
-    return next((text for text in candidates if text in _UNITS), '')
+    return next((text for text in candidates if text in TIME_UNITS), '')
 
 
 def _number_of(cell: str, decimal: str) -> float:

@@ -190,9 +190,23 @@ def test_a_database_that_is_no_recording_is_named(tmp_path: Path) -> None:
 
 def test_a_damaged_unit_of_the_first_line_is_that_of_no_other(tmp_path: Path) -> None:
     lines = ''.join(f'{k},speed,{30 + k},rpm\n{k},load,900,N\n' for k in range(20))
-    (tmp_path / 'a.csv').write_text('time,name,value,unit\n' + lines.replace('rpm', '1e17', 1))
+    (tmp_path / 'a.csv').write_text('time,name,value,unit\n' + lines.replace('rpm', 'r?m', 1))
     recording = open_bag(tmp_path / 'a.csv')
     series_by_request = recording.read([Request('speed', 'data')])
     (series,) = series_by_request.values()
     assert series.value[1:].tolist() == [31.0 + k for k in range(19)]
-    assert "'speed' changes its unit: lines in 1e17 are left out" in recording.warnings
+    assert "'speed' changes its unit: lines in r?m are left out" in recording.warnings
+
+
+@pytest.mark.parametrize(
+    'line', ['2026-05-04T06:01:{:02},000Z;30,0;1,5\n', '2026-05-04T06:01:{:02}Z,speed,30,1e17\n']
+)
+def test_lines_with_a_number_in_place_of_a_unit_are_damaged(line: str, tmp_path: Path) -> None:
+    """Lines with decimal commas behind a table of commas were signals of names that nobody asked for."""
+    rows = ''.join(f'2026-05-04T06:00:{k:02}Z,speed,{30 + k},rpm\n' for k in range(20))
+    text = f'time,name,value,unit\n{rows}' + ''.join(map(line.format, range(10)))
+    recording = open_log(tmp_path, text)
+    assert [column.heading for column in recording.all_columns] == ['speed']
+    (series,) = recording.read([Request('speed', 'data')]).values()
+    assert series.value.tolist() == [30.0 + k for k in range(20)]
+    assert recording.losses == ('10 lines with a number in place of a unit were not used',)

@@ -24,14 +24,29 @@ def log_of_two(head: str, form: str, count: int = 12) -> str:
 
 SEVERAL = {
     'shafts': log_of_two('time,shaft,rpm', '{at}Z,port,{slow}\n{at}Z,stbd,{fast}\n'),
-    'ships by number': log_of_two('time,imo,rpm', '{at}Z,9074729,{slow}\n{at}Z,9319466,{fast}\n'),
     'devices with times of their own': log_of_two('time,device,rpm', '{at}.0Z,a,{slow}\n{at}.4Z,b,{fast}\n'),
     'one value a line': log_of_two('time,device,name,value', '{at}Z,a,rpm,{slow}\n{at}Z,b,rpm,{fast}\n'),
     'one after the other': log_of_two('time,ship,rpm', '{at}Z,A,{slow}\n')
     + log_of_two('', '{at}Z,B,{fast}\n')[1:],
+    'words behind digits': log_of_two('time,shaft,rpm', '{at}Z,5s,{slow}\n{at}Z,7s,{fast}\n'),
+    'engines': log_of_two('time,engine,rpm', '{at}Z,1ME,{slow}\n{at}Z,2ME,{fast}\n'),
+    'one at a fifth of the pace of the other': ''.join(
+        f'{t},{"b" if t % 6 == 5 else "a"},{(20, 136)[t % 6 == 5] + t // 6 % 2}\n' for t in range(60)
+    ).join(['time,device,rpm\n', '']),
     'one is slower': log_of_two('time,shaft,rpm', '{at}.0Z,p,{slow}\n{at}.5Z,p,{slow}\n{at}.0Z,s,{fast}\n'),
 }
+NUMBERED = {
+    'ships': log_of_two('time,imo,rpm', '{at}Z,9074729,{slow}\n{at}Z,9319466,{fast}\n'),
+    'one value a line': log_of_two('time,unit,name,value', '{at}Z,1,rpm,{slow}\n{at}Z,2,rpm,{fast}\n'),
+    'times of their own': log_of_two('time,device,rpm', '{at}.0Z,101,{slow}\n{at}.4Z,102,{fast}\n'),
+    'paces of their own': log_of_two(
+        'time,device,rpm', '{at}.0Z,1,{slow}\n{at}.4Z,2,{fast}\n{at}.5Z,1,{slow}\n'
+    ),
+}
 ONE = {
+    'a state that comes and goes': 'time,fix,rpm\n'
+    + ''.join(f'{t},{"V" if t in (3, 19, 22, 40, 58) else "A"},20\n' for t in range(60)),
+    'a state that lasts': 'time,valve,rpm\n' + ''.join(f'{t},{"ab"[t // 5 % 2]},20\n' for t in range(60)),
     'a state': log_of_two('time,state,rpm', '{at}Z,ahead,{slow}\n') + '2026-04-13T10:01:00Z,astern,20\n' * 2,
     'parts of a second': log_of_two(
         'time,ms,rpm', '{at}Z,0,{slow}\n{at}Z,250,{slow}\n{at}Z,500,{slow}\n{at}Z,750,{slow}\n'
@@ -42,6 +57,8 @@ ONE = {
     'the quality of another signal': log_of_two(
         'time,load_quality,rpm,load', '{at}Z,Good,{slow},1\n{at}.5Z,Bad,{slow},1\n'
     ),
+    'numbers that say what the speed is': log_of_two('time,order,rpm', '{at}.0Z,1,20\n{at}.4Z,1,20\n')
+    + '2026-04-13T10:01:00Z,2,136\n2026-04-13T10:01:07Z,2,136\n2026-04-13T10:01:20Z,1,20\n',
     'another source of the load': log_of_two('time,source,rpm,load', '{at}Z,a,{slow},\n{at}Z,b,,900\n'),
 }
 
@@ -56,6 +73,19 @@ def test_the_column_that_tells_lines_apart_is_found(name: str, tmp_path: Path) -
     values = [values_of(recording, {key: text}) for text in texts]
     assert sorted(map(max, values)) == [21, 137]
     assert recording.key_of(recording.choose_rows(column, {key: texts[0]})) is None
+
+
+@pytest.mark.parametrize('name', NUMBERED)
+def test_things_with_numbers_are_told_apart_by_their_values(name: str, tmp_path: Path) -> None:
+    recording = open_log(tmp_path, NUMBERED[name])
+    column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
+    (key,) = (recording.table.names[place] for place in recording.numbered_columns(column))
+    with pytest.raises(
+        BagError, match=rf"column '{key}' has '(\w+)', '\w+' beside .* where: {{'{key}': '\1'}}"
+    ):
+        recording.read([Request('rpm', 'data')])
+    texts = dict.fromkeys(row[recording.table.names.index(key)] for row in recording.table.head)
+    assert sorted(max(values_of(recording, {key: text})) for text in texts) == [21, 137]
 
 
 @pytest.mark.parametrize('name', ONE)
@@ -128,7 +158,7 @@ def test_shafts_that_turn_alike_at_the_ends_of_a_log_are_told_apart_by_its_middl
     recording = open_log(tmp_path, log_of_twins(noise=1, begin=1500))
     column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
     assert recording.key_of(column) is None
-    with pytest.raises(BagError, match=r"'shaft' has '1', '2' at the same times, .* where: \{'shaft': '1'\}"):
+    with pytest.raises(BagError, match=r"'shaft' has '1', '2' beside values .* where: \{'shaft': '1'\}"):
         recording.read([Request('rpm', 'data')])
     assert min(values_of(recording, {'shaft': '2'})) == 15
     assert min(values_of(recording, {'shaft': '1'})) == 90
