@@ -23,7 +23,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.physics import averaging
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.boundary_table import known_table
+from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.lubrication import as_measured
 
 LAGS = (-0.75, 0.0, 0.75, 1.5, 2.25)
@@ -54,7 +54,7 @@ class Reference:
 
     def __init__(self, bearing: Bearing) -> None:
         bearing = as_measured(bearing)
-        table = known_table(bearing)
+        table = boundary_table(bearing)
         if not (bearing.damping > 0.0 and math.isfinite(table.first)):
             raise CalibrationError(
                 'a calibration needs a bearing with a fold: damping above 0, and a friction law'

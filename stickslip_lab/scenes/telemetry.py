@@ -31,7 +31,7 @@ from stickslip_monitor.monitor.parameters import (
 )
 from stickslip_monitor.monitor.sample_types import INPUTS, LEVEL, QUANTITIES, WATER
 from stickslip_monitor.monitor.value_check import refused
-from stickslip_monitor.physics.averages_by_quadrature import equilibrium_table
+from stickslip_monitor.physics.averages_by_quadrature import steady_slope_table
 from stickslip_monitor.physics.averaging import fold_speed, hopf_load
 from stickslip_monitor.physics.friction import speed_scales
 from stickslip_monitor.physics.lubrication import as_measured
@@ -65,7 +65,7 @@ def nominal_load(config: BearingConfig) -> float:
         return config.load.assumed[1]
     law = config.bearing.friction
     # Not every law falls fastest at once: a Gaussian one and a table may begin flat.
-    speeds = equilibrium_table(law)[0] if speed_scales(law) else np.empty(0)
+    speeds = steady_slope_table(law)[0] if speed_scales(law) else np.empty(0)
     loads = hopf_load(as_measured(config.bearing), np.append(0.0, speeds))
     # The nominal load of the reference bearing is 1 kN, and its sliding unstable from 200 N on.
     load = 5.0 * float(np.fmin.reduce(loads))

@@ -20,7 +20,7 @@ from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.severity import WordEnum
 from stickslip_monitor.physics import averages_closed_form, averaging
 from stickslip_monitor.physics.bearing import Bearing, damping_per_load
-from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
+from stickslip_monitor.physics.boundary_table import BoundaryTable, boundary_table
 from stickslip_monitor.physics.cycles import exact_amplitude, exact_fold_speed
 from stickslip_monitor.physics.deciding_load import deciding_load
 from stickslip_monitor.physics.folds import deciding_fold
@@ -190,7 +190,7 @@ class _Assessed(Generic[_Number]):
     def lower_end(self) -> _Number:
         """Speed below which friction that first rises leaves no cycle [m/s]; 0 for none."""
         reference, _, load = self._reference
-        return known_table(reference).lower_end(load) * self.scale
+        return boundary_table(reference).lower_end(load) * self.scale
 
     @property
     def fold_share(self) -> _Number:
@@ -448,7 +448,7 @@ def assess(
     """
     shape, (v, n) = flatten(speed, load)
     if table is None and v.size > _FEW:
-        table = known_table(bearing)
+        table = boundary_table(bearing)
     lubrication, water = bearing.lubrication, None
     if lubrication is not None and temperature is not None:
         water = np.broadcast_to(np.asarray(temperature, float), shape).reshape(-1)

@@ -371,7 +371,7 @@ class _Section:
         if not source:
             return lubrication
         # Until a temperature has come friction is taken as measured.
-        return lubrication.at(values['friction.at_temperature'] if math.isnan(water) else water)
+        return lubrication.in_water(values['friction.at_temperature'] if math.isnan(water) else water)
 
     def _water_key(self) -> str:
         """Return the parameter that gives the water's temperature, without the bearing's name; '' for none.

@@ -23,7 +23,7 @@ from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS, BearingConfig
 from stickslip_monitor.monitor.sample_types import INPUTS, Input
 from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.boundary_table import BoundaryTable, known_table
+from stickslip_monitor.physics.boundary_table import BoundaryTable, boundary_table
 from stickslip_monitor.physics.lubrication import MIN_TEMPERATURE, Lubrication, as_measured, viscosity
 from stickslip_monitor.physics.scalar_law import ScalarLaw, scalar_law
 
@@ -326,7 +326,7 @@ def settings_of(config: BearingConfig) -> RuleSettings:
     An input that is not configured has the numbers of the speed, which are not read.
     """
     bearing, alarm, belief, level = config.bearing, config.alarm, config.belief, config.level
-    table, lubrication = known_table(as_measured(bearing)), bearing.lubrication or Lubrication()
+    table, lubrication = boundary_table(as_measured(bearing)), bearing.lubrication or Lubrication()
     # What is not measured has numbers of no matter.
     inputs = [config.inputs.get(name, config.speed) for name in INPUTS]
     in_db = level is not None and level.unit == 'dB'

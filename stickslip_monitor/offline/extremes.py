@@ -20,7 +20,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_over_arrays import Scan
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.statements import Event
-from stickslip_monitor.physics.boundary_table import known_table
+from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.lubrication import as_measured
 
 # Groups of rows at most; of each up to eleven rows stay in an outline.
@@ -312,7 +312,7 @@ class Extremes:
         max_load = scan.load.max()
         if self._top is None or not max_load <= self._top.load[0] <= 1.1 * max_load:
             top = scan.assessed(np.array([scan.load.argmax()]))
-            table = known_table(as_measured(top.bearing))
+            table = boundary_table(as_measured(top.bearing))
             highest: Any = top.scale * table.highest_fold(top.load / top.scale)
             self._top = replace(top, fold_speed=highest)
         return self._top

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
-from stickslip_monitor.physics.bearing import damping_per_load, load_for
+from stickslip_monitor.physics.bearing import balancing_load, damping_per_load
 from stickslip_monitor.physics.friction import FrictionLaw, speed_scales
 from stickslip_monitor.physics.numerics import gauss_rule, last_above, root_on_bracket
 
@@ -180,13 +180,12 @@ def slope_surface(law: FrictionLaw, x: FloatArray, speed: FloatArray) -> FloatAr
     return rho
 
 
-def _find_vertex(x: FloatArray, y: FloatArray, beyond: float = 0.0) -> FloatArray:
-    """Return the place where the parabola through three points turns.
+def _find_vertex(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the place where the parabola through three points turns, clipped to the first and the last.
 
     Args:
         x: Places, rising along the first axis, shape (3, n).
         y: Values there, shape (3, n).
-        beyond: Distance before the first and behind the last of them at which the place is clipped.
 
     Returns:
         Shape (n,); the middle place where the points lie on a line.
@@ -194,7 +193,7 @@ def _find_vertex(x: FloatArray, y: FloatArray, beyond: float = 0.0) -> FloatArra
     left, right = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
     with np.errstate(all='ignore'):
         place = 0.5 * (x[0] + x[1]) + 0.5 * (x[2] - x[0]) * left / (left - right)
-    return np.where(np.isfinite(place), np.clip(place, x[0] - beyond, x[2] + beyond), x[1])
+    return np.where(np.isfinite(place), np.clip(place, x[0], x[2]), x[1])
 
 
 def _find_turns(
@@ -284,7 +283,7 @@ def _find_peaks(law: FrictionLaw, speed: FloatArray) -> tuple[FloatArray, FloatA
     """Return ``max_a rho(a; V)`` and ``rho`` at the sliding limit [s/m] at speeds > 0, shape (n,) each.
 
     Beyond the sliding limit ``rho`` falls, so the highest stands at an amplitude ``a <= V``: at rest, at the
-    limit, or where it turns between, about the highest of a rough scan.
+    limit, or where it turns between, about the highest of a rough scan. A peak that is rounding is 0.
     """
     best = np.empty(speed.size, np.intp)
     for part in _scan_blocks(speed.size):
@@ -353,15 +352,16 @@ def average_curve(law: FrictionLaw) -> AverageCurve:
 
 
 def _outstanding_speeds(law: FrictionLaw) -> FloatArray:
-    """Return speeds of a table whose highest ``rho`` may exceed that of all higher speeds, shape (n,) [m/s].
+    """Return speeds at which the highest ``rho`` may exceed that of all higher speeds, for a scan to include.
 
-    They are unordered. The law has one breakpoint at least.
+    Of shape (n,), unordered [m/s]. They are sought at and between the breakpoints, of which the law has one
+    at least, and where steady sliding falls most.
 
     ``rho`` is the mean of ``-mu'`` about ``V`` with the weight ``sqrt(a^2 - (v - V)^2)``, and so a mean of
     its means over windows ``V - h`` to ``V + h``: the steepest of these bounds it. A table of 300 points that
     scatters by 0.001 has its fold at 1.235 m/s; by 40 speeds of the curve alone it was at 0.62.
     """
-    breaks, (steady, fall) = np.array(speed_scales(law)), equilibrium_table(law)
+    breaks, (steady, fall) = np.array(speed_scales(law)), steady_slope_table(law)
     steepest = steady[1:-1][(fall[1:-1] > fall[:-2]) & (fall[1:-1] >= fall[2:])]
     speed = np.unique(np.concatenate([breaks, 0.5 * (breaks[1:] + breaks[:-1]), steepest]))
     at_rest = -law.slope(speed)
@@ -376,10 +376,11 @@ def _outstanding_speeds(law: FrictionLaw) -> FloatArray:
 
 
 @lru_cache(maxsize=32)
-def equilibrium_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
-    """Return rising speeds up to the last breakpoint [m/s], and ``rho(0) = -mu'`` there [s/m].
+def steady_slope_table(law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
+    """Return rising speeds up to the last breakpoint [m/s], and the fall ``-mu'`` of steady sliding [s/m].
 
-    The speeds of the steepest falls are among them. Each of shape (n,); cached. The law needs a breakpoint.
+    The speeds of the steepest falls are among them. Each of shape (n,); cached. The law needs a breakpoint,
+    or a scale that :func:`.speed_scales` finds.
     """
     edges = np.append(0.0, speed_scales(law))
     share = np.arange(1, 25) / 24
@@ -406,7 +407,7 @@ def cusp_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
 
 def hopf_load(law: FrictionLaw, speed: FloatArray, damping: float) -> FloatArray:
     """Return ``N_H = -c/mu'(V)`` [N], shape of ``speed``; ``nan`` where friction does not fall."""
-    return load_for(-law.slope(speed), damping)
+    return balancing_load(-law.slope(speed), damping)
 
 
 def boundaries(law: FrictionLaw, q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -424,7 +425,7 @@ def hopf_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
     """
     if not speed_scales(law):
         return np.full_like(q, np.nan)
-    speeds, heights = equilibrium_table(law)
+    speeds, heights = steady_slope_table(law)
     result = _last_root(lambda v: -law.slope(v), speeds, heights, q)
     # A law that ends on a falling stretch is flat beyond it: its last speed is the boundary.
     return np.where(result == np.inf, speeds[-1], result)

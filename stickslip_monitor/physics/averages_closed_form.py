@@ -25,7 +25,7 @@ import numpy as np
 
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray
 from stickslip_monitor.physics import averages_by_quadrature
-from stickslip_monitor.physics.bearing import damping_per_load, load_for
+from stickslip_monitor.physics.bearing import balancing_load, damping_per_load
 from stickslip_monitor.physics.bessel import i0e, i1e
 from stickslip_monitor.physics.friction import Stribeck
 from stickslip_monitor.physics.numerics import gauss_rule, root_on_bracket
@@ -229,7 +229,7 @@ def hopf_load(law: Stribeck, speed: FloatArray, damping: float) -> FloatArray:
     underflows from ``beta V`` = 708 on, long before ``N_H`` overflows.
     """
     if law.viscous > 0.0:
-        return load_for(-law.slope(speed), damping)
+        return balancing_load(-law.slope(speed), damping)
     fall = _total_fall(law)
     if fall <= 0.0:
         return np.full_like(speed, np.nan)

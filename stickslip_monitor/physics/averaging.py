@@ -25,13 +25,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from stickslip_monitor.arrays import FloatArray, flatten, mapped
 from stickslip_monitor.physics import averages_by_quadrature, averages_closed_form
-from stickslip_monitor.physics.bearing import Bearing, damping_per_load, load_for
+from stickslip_monitor.physics.bearing import Bearing, balancing_load, damping_per_load
 from stickslip_monitor.physics.friction import FrictionLaw, Stribeck, computes_as
 from stickslip_monitor.physics.lubrication import at_points, gives_load, gives_speed, reference_point
 
 
 def averages_of(law: FrictionLaw) -> Any:
-    """Return the module of a law's averaged equations: closed forms for ``Stribeck``, else quadrature."""
+    """Return the module with a law's averages: closed forms for a plain ``Stribeck``, else quadrature."""
     return averages_closed_form if computes_as(law, Stribeck) else averages_by_quadrature
 
 
@@ -116,7 +116,7 @@ def fold_load(bearing: Bearing, speed: ArrayLike) -> Any:
     1000.0
     """
     law, c = bearing.friction, bearing.damping
-    return mapped(lambda v: load_for(averages_of(law).peak_slope(law, np.abs(v)), c), speed)
+    return mapped(lambda v: balancing_load(averages_of(law).peak_slope(law, np.abs(v)), c), speed)
 
 
 @at_points(lambda rate, _: rate)
@@ -205,7 +205,8 @@ def count_cycles(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> NDArray
         load: Load [N]; broadcasts with ``speed``.
 
     Returns:
-        Counts of the broadcast shape; 0 at rest, without load or where an input is not finite.
+        Counts, an array of the broadcast shape, 0-d for numbers; 0 at rest, without load or where an input is
+        not finite.
 
     >>> count_cycles(bearing, bearing.speed.to_surface([20.0, 34.0, 50.0], 'rpm'), 1000.0).tolist()
     [1, 2, 0]
@@ -221,9 +222,9 @@ def count_cycles(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> NDArray
 def _usable_points(
     speed: ArrayLike, load: ArrayLike
 ) -> tuple[tuple[int, ...], list[FloatArray], NDArray[np.bool_]]:
-    """Return the broadcast shape of points, their speeds (magnitudes) and loads, and whether each is usable.
+    """Return the broadcast shape of points, their speed magnitudes and loads as a list, and which are usable.
 
-    The last three are of shape (n,). A point is usable where both are finite and the shaft turns.
+    The arrays are of shape (n,). A point is usable where both are finite and the shaft turns.
     """
     shape, (v, n) = flatten(speed, load)
     v = np.abs(v)
@@ -272,7 +273,7 @@ def harmonic(law: FrictionLaw, speed: ArrayLike, amplitude: ArrayLike) -> FloatA
         amplitude: Velocity amplitude ``a`` >= 0 [m/s]; broadcasts with ``speed``.
 
     Returns:
-        ``S`` [-], shape of the broadcast inputs.
+        ``S`` [-], an array of the broadcast shape; 0 where ``a`` is not above 0.
     """
     v, a = np.broadcast_arrays(np.abs(np.asarray(speed, float)), np.asarray(amplitude, float))
     moving = a > 0.0

@@ -177,7 +177,8 @@ class Bearing:
         """Return the deflection of steady sliding ``x_e = N mu(V) / k`` [m], of the broadcast shape.
 
         Args:
-            speed: Journal surface speed ``V`` [m/s]; the deflection has its sign.
+            speed: Journal surface speed ``V`` [m/s]; the deflection has its sign. At 0 it is the largest of
+                sticking ahead.
             load: Bearing load ``N`` [N].
         """
         coefficient = self.friction.coefficient(reference_point(self, speed, load)[0])
@@ -191,26 +192,26 @@ class Bearing:
                 one has no viscosity above 0.
         """
         lubrication = self.lubrication
-        return self if lubrication is None else replace(self, lubrication=lubrication.at(temperature))
+        return self if lubrication is None else replace(self, lubrication=lubrication.in_water(temperature))
 
 
 def damping_per_load(damping: float, load: FloatArray) -> FloatArray:
-    """Return ``q = c/N`` [s/m], shape of ``load`` [N]; ``inf`` where the load is not positive.
+    """Return ``q = c/N`` [s/m], shape of ``load`` [N]; ``inf`` where the load is not positive, or ``nan``.
 
     numpy warns of a division by zero for a load of 0; the caller silences it.
     """
     return np.where(load > 0.0, damping / load, np.inf)
 
 
-def load_for(slope: FloatArray, damping: float) -> FloatArray:
-    """Return the load at which a fall of friction outweighs the damping [N], of the shape of ``slope``.
+def balancing_load(fall: FloatArray, damping: float) -> FloatArray:
+    """Return the load at which a fall of friction outweighs the damping [N], of the shape of ``fall``.
 
     Args:
-        slope: Fall of friction with the speed, ``-mu'`` or a mean of it [s/m].
-        damping: ``c`` [N s/m].
+        fall: Fall of friction with the speed, ``-mu'`` or a mean of it [s/m].
+        damping: ``c`` >= 0 [N s/m].
 
     Returns:
-        ``c/slope``; ``nan`` where friction does not fall.
+        ``c/fall``, 0 without damping; ``nan`` where friction does not fall.
     """
-    falling = slope > 0.0
-    return np.where(falling, damping / np.where(falling, slope, 1.0), np.nan)
+    falling = fall > 0.0
+    return np.where(falling, damping / np.where(falling, fall, 1.0), np.nan)

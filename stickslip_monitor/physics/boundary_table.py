@@ -27,7 +27,7 @@ from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics import averages_closed_form, averaging
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.fold_curve import fold_curve
-from stickslip_monitor.physics.folds import last_cycles
+from stickslip_monitor.physics.folds import last_cycle_speeds
 from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.numerics import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.scalar_law import law_bounds
@@ -138,8 +138,9 @@ def _averaged_growth(last: FloatArray, step: float) -> float:
     return min(max(float(last[1] + 2.0 * last[2] + 3.0 * last[3]) / speed, 0.0), step)
 
 
+@lru_cache(maxsize=64)
 def boundary_table(bearing: Bearing) -> BoundaryTable:
-    """Tabulate the fold that decides, the averaged one and the lower end of stick-slip over the load.
+    """Tabulate the fold that decides, the averaged one and the lower end of stick-slip over the load; cached.
 
     They are those of friction as measured, at reference points (:mod:`.lubrication`). Where friction does not
     fall or no load has a cycle the table has no boundary, and :attr:`BoundaryTable.first` is ``inf``. Without
@@ -158,10 +159,10 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
         return _NONE
     onset = math.log(curve.onset)
     octaves = math.log2(curve.top / curve.onset)
-    points = round(octaves * (_SMOOTH_POINTS if curve.smooth else _PIECEWISE_POINTS)) + 1
+    points = round(octaves * (_SMOOTH_POINTS if curve.is_smooth else _PIECEWISE_POINTS)) + 1
     grid = np.linspace(0.0, octaves * math.log(2.0), points)
     # The exact fold is not in proportion to the load beyond the last one then.
-    ends = curve.larger.size > 0 or bearing.damping_ratio >= 1.0 or curve.contact.rises
+    ends = curve.larger.size > 0 or bearing.damping_ratio >= 1.0 or curve.contact.rises_beyond_scale
     if ends:  # in a step of its own: the line to what is unknown is no fold
         grid = np.append(grid, grid[-1] + grid[1])
     load = np.exp(onset + grid)
@@ -173,8 +174,8 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     # At its onset the fold of a law that falls most at rest is no speed yet.
     begins = averaged[:1] < curve.exact[0, 0]
     exact[:1] = np.where(begins, averaged[:1], exact[:1])
-    fold = last_cycles(exact, averaged, sticking_end)
-    join = _spline_pieces if curve.smooth else _linear_pieces
+    fold = last_cycle_speeds(exact, averaged, sticking_end)
+    join = _spline_pieces if curve.is_smooth else _linear_pieces
     kbm, step = join(averaged), float(grid[1])
     pieces = np.stack(
         [_linear_pieces(fold) if ends else join(fold), kbm, _linear_pieces(curve.lower_end(load))]
@@ -184,8 +185,6 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
 
 
 _NONE = BoundaryTable(math.inf, 1.0, np.zeros((3, 1, 4)), np.zeros(3))
-known_table = lru_cache(maxsize=64)(boundary_table)
-"""The boundaries of a bearing, tabulated once."""
 
 
 def _linear_pieces(speed: FloatArray) -> FloatArray:

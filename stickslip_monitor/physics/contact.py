@@ -45,30 +45,30 @@ def meets_belt(bearing: Bearing, speed: FloatArray, load: FloatArray, error: flo
 
 
 class Contact:
-    """Speeds and loads at which the lining of a bearing, without lubrication, can stick.
+    """Speeds and loads at which a lining can stick; of a bearing with lubrication, for friction as measured.
 
     Attributes:
         bearing: The bearing.
         law: Its friction law.
-        use: The bounds and kinks of the law.
+        bounds: The bounds and kinks of the law.
         scales: The speeds at which the law changes; 1 m/s for one that is the same at all [m/s].
-        rate: What a turn of the free vibration takes of the logarithm of its amplitude.
+        decrement: What a turn of the free vibration takes of the logarithm of its amplitude, ``2 pi zeta``.
         fine: Error of a step, relative to the speeds, for a margin to all digits that matter.
         coarse: Error of a step for a scan.
     """
 
     def __init__(self, bearing: Bearing) -> None:
-        self.bearing, self.law, self.use = bearing, bearing.friction, law_bounds(bearing.friction)
+        self.bearing, self.law, self.bounds = bearing, bearing.friction, law_bounds(bearing.friction)
         self.scales = list(speed_scales(self.law)) or [1.0]
         # A damping ratio of 1e-12 stands for none: a vibration loses 1e-11 of its energy in a turn.
-        self.rate = 2.0 * math.pi * max(bearing.damping_ratio, 1e-12)
-        # A margin is the rate times the excess of the load: its error has to be a share of the rate. With
-        # 1e-7 alone the fold at ``kappa`` 0.97 and a damping ratio of 1.5e-6 was 8 % low.
-        self.fine = min(max(1e-10 * self.rate, 1e-13), 1e-11)
+        self.decrement = 2.0 * math.pi * max(bearing.damping_ratio, 1e-12)
+        # A margin is the decrement times the excess of the load, and its error has to be a share of that.
+        # With 1e-7 alone the fold at ``kappa`` 0.97 and a damping ratio of 1.5e-6 was 8 % low.
+        self.fine = min(max(1e-10 * self.decrement, 1e-13), 1e-11)
         # Kinks make steps short: of a table those of 1e-6 leave 8e-5 of a fold in place of 3e-5, for half.
-        self.coarse = min(max(1e-4 * self.rate, self.fine), 1e-7 if self.is_smooth else 1e-6)
+        self.coarse = min(max(1e-4 * self.decrement, self.fine), 1e-7 if self.is_smooth else 1e-6)
 
-    def margin(self, speed: FloatArray, load: FloatArray, error: float) -> FloatArray:
+    def grazing_margin(self, speed: FloatArray, load: FloatArray, error: float) -> FloatArray:
         """Return the logarithm of the slip amplitude over the amplitude that grazes the belt.
 
         Positive where the lining sticks again after its slip, negative where it does not, 0 at the fold.
@@ -90,7 +90,7 @@ class Contact:
             field = slip_field(self.bearing, speed, load)
             slip = follow(field, begin, begin, Route(2, error, max_steps=max_steps))
             graze = follow(field, -field.offset, begin, Route(1, error, -1.0, max_steps=max_steps))
-            rest = field.rest()
+            rest = field.steady_displacement()
             margin = np.log((rest - slip.place) / (rest - graze.place))
         is_known = np.isfinite(margin)
         rows = np.flatnonzero(~is_known & ((slip.end == TURNED) | (slip.end == EXHAUSTED)))
@@ -101,15 +101,15 @@ class Contact:
     @property
     def is_smooth(self) -> bool:
         """Whether the law has no kinks; else it is in pieces, as a measured table."""
-        return not self.use.kinks
+        return not self.bounds.kinks
 
     @property
     def falls_most_at_rest(self) -> bool:
         """Whether friction falls most at rest, up to the rounding of its bound."""
-        return -float(self.law.slope(ALMOST_REST)) >= self.use.fall * (1.0 - 1e-9)
+        return -float(self.law.slope(ALMOST_REST)) >= self.bounds.fall * (1.0 - 1e-9)
 
     @property
-    def rises(self) -> bool:
+    def rises_beyond_scale(self) -> bool:
         """Whether friction rises beyond the last speed of its scale: large loads stick less then."""
         return float(self.law.slope(4.0 * self.scales[-1])) > 0.0
 
@@ -122,7 +122,7 @@ class Contact:
         v = np.geomspace(1e-4 * self.scales[0], 1e3 * self.scales[-1], 700)
         v = np.sort(np.append(v, self.scales))
         mu = np.asarray(self.law.coefficient(v))
-        below = np.maximum.accumulate(np.maximum(mu, self.use.hold))
+        below = np.maximum.accumulate(np.maximum(mu, self.bounds.hold))
         above = np.minimum.accumulate(mu[::-1])[::-1]
         return v, np.append(below[1:], below[-1]) - above
 
@@ -140,9 +140,9 @@ class Contact:
         return 0.5 / (self.bearing.momentum * math.tanh(0.5 * half_turn))
 
     def highest_speed(self, load: float) -> float:
-        """Return an upper bound of the speeds at which the lining can stick at a load [N], whatever the law.
+        """Return an upper bound of the speeds [m/s] at which the lining can stick at a load > 0 [N].
 
-        It is 0 where friction gains nothing [m/s].
+        It is 0 where friction gains nothing, and may be ``inf``.
         """
         v, gains = self.friction_gains
         with np.errstate(over='ignore'):
@@ -164,4 +164,4 @@ class Contact:
         v, gains = self.friction_gains
         gain = gains[np.clip(np.searchsorted(v, speed, side='right') - 1, 0, v.size - 1)]
         with np.errstate(divide='ignore'):
-            return np.maximum(speed / (self._max_swing * gain), self.bearing.damping / self.use.fall)
+            return np.maximum(speed / (self._max_swing * gain), self.bearing.damping / self.bounds.fall)

@@ -196,7 +196,7 @@ def _start_state(bearing: Bearing, speed: float, load: float, start: float, slip
     """
     field = slip_field(bearing, np.array([abs(speed)]), np.array([load]))
     place = float(field.force[0]) * law_bounds(bearing.friction).hold - field.damping
-    place += float(field.rest()[0]) - start if slips else start
+    place += float(field.steady_displacement()[0]) - start if slips else start
     displacement = math.copysign(1.0, speed) * place * abs(speed) / bearing.natural_frequency
     phase = Phase(int(math.copysign(1.0, speed)))
     return MotionState(displacement, float(speed) if slips else 0.0, phase)
@@ -455,11 +455,11 @@ def _find_stable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: bo
     The kind is ``NONE`` where there is neither, ``UNRESOLVED`` where the steps ran out. ``field`` is that of
     the linings, ``load`` [N] of its shape; ``weigh`` as of :func:`_find_cycles`.
     """
-    cycles = _through_belt(field, weigh)
+    cycles = _find_through_belt(field, weigh)
     rest = np.flatnonzero(cycles.kind == CycleKind.NONE)
     undecided = ~_slides_steadily(field.take(rest))
     undecided |= _may_vibrate(bearing, field.speed[rest], load[rest])
-    cycles.put(rest[undecided], _pure_slip(field.take(rest[undecided]), True, weigh))
+    cycles.put(rest[undecided], _find_pure_slip(field.take(rest[undecided]), True, weigh))
     return cycles
 
 
@@ -471,14 +471,14 @@ def _find_unstable(bearing: Bearing, field: SlipField, load: FloatArray, weigh: 
     """
     rows = np.flatnonzero(_slides_steadily(field))
     cycles = FoundCycles.none(np.full(load.size, CycleKind.NONE))
-    cycles.put(rows, _pure_slip(field.take(rows), False, weigh))
+    cycles.put(rows, _find_pure_slip(field.take(rows), False, weigh))
     if math.isinf(law_bounds(field.law).fall):
         rows = rows[cycles.kind[rows] == CycleKind.NONE]
-        cycles.put(rows, _grazing_cycle(field.take(rows)))
+        cycles.put(rows, _find_grazing(field.take(rows)))
     return cycles
 
 
-def _grazing_cycle(field: SlipField) -> FoundCycles:
+def _find_grazing(field: SlipField) -> FoundCycles:
     """Return the unstable cycles of a law that falls at once: the orbits that graze the belt.
 
     They are what the cycles of a law that falls ever faster come to; their multiplier is infinite, and
@@ -551,7 +551,7 @@ def _follow_rounds(
     return one, over
 
 
-def _through_belt(field: SlipField, weigh: bool) -> FoundCycles:
+def _find_through_belt(field: SlipField, weigh: bool) -> FoundCycles:
     """Find the stable cycles that reach the belt's speed: stick-slip and overtaking ones.
 
     Args:
@@ -619,7 +619,7 @@ def _find_overtaking(field: SlipField, first: FloatArray, weigh: bool) -> FoundC
     return cycles
 
 
-def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
+def _find_pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
     """Find the cycles about steady sliding whose lining never reaches the belt's speed.
 
     Args:
@@ -635,7 +635,7 @@ def _pure_slip(field: SlipField, stable: bool, weigh: bool) -> FoundCycles:
     # The amplitude of the orbit that grazes the belt, by going back in time from there.
     outer = follow(field, -field.offset, np.zeros(field.speed.size), Route(1, _ERROR, -1.0))
     slip_cycles.kind[outer.end == EXHAUSTED] = CycleKind.UNRESOLVED
-    largest = field.rest() - outer.turns[0]
+    largest = field.steady_displacement() - outer.turns[0]
     rows = np.flatnonzero((outer.end == TURNED) & (largest > 0.0))
     if not rows.size:
         return slip_cycles

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import FloatArray, mapped
 from stickslip_monitor.physics.averaging import fold_load
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.boundary_table import known_table
+from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.lubrication import MAX_SURFACE_SPEED, gives_load
 from stickslip_monitor.physics.numerics import root_on_bracket
 
@@ -29,7 +29,7 @@ def load_of_fold(bearing: Bearing, speed: ArrayLike) -> Any:
     >>> round(load_of_fold(bearing, 0.213198), 2)
     1000.0
     """
-    table = known_table(bearing)
+    table = boundary_table(bearing)
     last_fold = float(table.pieces[0, -1].sum())
     place = np.arange(len(table.pieces[0]) + 1.0)
     if last_fold > 0.0 and table.growth[0] > 0.0:
@@ -68,7 +68,7 @@ def deciding_load(bearing: Bearing, speed: ArrayLike) -> Any:
     >>> round(deciding_load(bearing, 0.213198), 2)
     1000.0
     """
-    table = known_table(bearing)
+    table = boundary_table(bearing)
 
     def loads(v: FloatArray) -> FloatArray:
         """Return loads [N] at speeds of either sign, shape (n,) [m/s]; 0 for every load, ``nan`` for none."""

@@ -62,21 +62,21 @@ class FoldCurve:
     larger: FloatArray
 
     @property
-    def smooth(self) -> bool:
+    def is_smooth(self) -> bool:
         """Whether a spline joins the points of the curve; else monotone cubics."""
         return self.contact.is_smooth
 
     def averaged_fold(self, load: FloatArray) -> FloatArray:
-        """Return the last speeds with a cycle under averaging at loads [N], shape (n,) [m/s]; or ``nan``."""
-        return last_speeds(self.averaged[:2], load, self.smooth)
+        """Return the last speeds with an averaged cycle at loads [N], shape (n,) [m/s]; ``nan``: none."""
+        return last_speeds(self.averaged[:2], load, self.is_smooth)
 
     def averaged_sticking_end(self, load: FloatArray) -> FloatArray:
-        """Return the last speeds that stick under averaging at loads [N], shape (n,) [m/s]; or ``nan``."""
-        return last_speeds(self.averaged[::2], load, self.smooth)
+        """Return the last speeds that stick under averaging at loads [N], shape (n,) [m/s]; ``nan``: none."""
+        return last_speeds(self.averaged[::2], load, self.is_smooth)
 
     def exact_fold(self, load: FloatArray) -> FloatArray:
         """Return the last speeds at which the lining sticks at loads [N], shape (n,) [m/s]; ``nan``: none."""
-        speed = last_speeds(self.exact, load, self.smooth)
+        speed = last_speeds(self.exact, load, self.is_smooth)
         x, y = self.larger
         rows = np.flatnonzero(np.log(load) > x[0]) if x.size else np.zeros(0, int)
         if rows.size:
@@ -118,7 +118,7 @@ def fold_curve(bearing: Bearing) -> FoldCurve | None:
     """
     contact, law = Contact(bearing), bearing.friction
     averaged = _averaged_curve(contact)
-    lowest, fall = SLOWEST * contact.scales[0], contact.use.fall
+    lowest, fall = SLOWEST * contact.scales[0], contact.bounds.fall
     # 200 kN, or until friction would move the lining by 0.1 m: a soft lining (50 kg, 3 Hz) has slip so stiff
     # at 200 kN that it takes minutes.
     of_use = min(2e5, 0.1 * bearing.stiffness / max(law.static, 1e-9))
@@ -144,7 +144,10 @@ def fold_curve(bearing: Bearing) -> FoldCurve | None:
 
 
 def _averaged_curve(contact: Contact) -> FloatArray:
-    """Return the averaged fold and end of sticking as curves: :attr:`FoldCurve.averaged`."""
+    """Return :attr:`FoldCurve.averaged`, from far below the law's first scale to far beyond its last.
+
+    All loads are ``inf`` for a law that is the same at all speeds.
+    """
     law = contact.law
     speed = np.geomspace(SLOWEST * contact.scales[0], 300.0 * contact.scales[-1], 161)
     if (solver := averaging.averages_of(law)) is averages_closed_form:
@@ -177,12 +180,15 @@ def _solve_nodes(contact: Contact, place: FloatArray, unit: float, max_load: flo
 
 
 def _join_neighbours(x: FloatArray, solved: Grazing, at: FloatArray) -> Grazing:
-    """Return guesses between loads that were solved, in the shape of ``at``.
+    """Return guesses between loads that were solved, and beyond them as at the ends, in the shape of ``at``.
 
     Args:
         x: Rising places, shape (n,).
         solved: Loads, or ratios of loads, > 0 and slopes there.
         at: Places.
+
+    Returns:
+        Loads by cubics and slopes by lines; ``nan`` where fewer than two places were solved.
     """
     if x.size < 2:
         return Grazing(*np.full((2, at.size), np.nan))
@@ -209,7 +215,7 @@ def _exact_curve(
     # the first node above the largest load no fold rises faster than its load.
     least_node = int(np.argmin(np.nan_to_num(nodes.load, nan=np.inf)))
     first = min(max(least_node - 1, 0) if contact.is_smooth else 0, _NODES - 2)
-    beyond = int(np.append(first, np.flatnonzero(nodes.load <= top))[-1]) + (2 if contact.rises else 1)
+    beyond = int(np.append(first, np.flatnonzero(nodes.load <= top))[-1]) + 1 + contact.rises_beyond_scale
     last = min(beyond, _NODES - 1)
     # Of seven scattered tables of 100 points 90 % of the folds are right to 1.2e-4, with 128 to 2e-4.
     every, total, error = (64, 16, 1e-9) if contact.is_smooth else (16, 176, 1e-5)
@@ -236,7 +242,7 @@ def _exact_curve(
         rows = np.union1d(rows, doubtful)
         exact, doubtful = _join_loads(contact, place, base, rows, loads)
         guess = Grazing(exact, np.interp(place, place[rows], slopes[rows]))
-    if np.isfinite(loads[-1]) and not contact.rises:
+    if np.isfinite(loads[-1]) and not contact.rises_beyond_scale:
         return np.stack([speed, exact]), np.zeros((2, 0))
     # The curve ends where it is vertical: there the least and the largest load that stick meet.
     highest = float(np.max(speed[np.isfinite(loads)], initial=speed[0]))
@@ -294,9 +300,9 @@ def _base_loads(contact: Contact, speed: FloatArray) -> FloatArray:
     that falls at once they are in proportion to the speed, as the loads are.
     """
     if contact.is_smooth:
-        return speed if contact.use.fall == math.inf else np.ones(speed.size)
+        return speed if contact.bounds.fall == math.inf else np.ones(speed.size)
     slope = cusp_slope(contact.law, speed)
-    return contact.bearing.damping / np.maximum(slope, 1e-3 * contact.use.fall)
+    return contact.bearing.damping / np.maximum(slope, 1e-3 * contact.bounds.fall)
 
 
 def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray:

@@ -26,7 +26,7 @@ SLOWEST = 1e-3
 
 
 def last_sticking_speed(contact: Contact, load: float) -> float:
-    """Return the last speed at which the lining sticks at a load > 0 [N]; ``nan`` for none [m/s]."""
+    """Return the last speed, up to 1e140, at which the lining sticks at a load > 0 [N]; or ``nan`` [m/s]."""
     # The squares of larger speeds, and of their orbits, would be no numbers.
     top = min(contact.highest_speed(load), 1e140)
     slowest = SLOWEST * min(contact.scales[0], top)
@@ -60,13 +60,13 @@ def _try_speeds(contact: Contact, load: float, speed: FloatArray) -> tuple[Float
     Returns:
         Speeds, falling, and the margins there.
     """
-    margin = contact.margin(speed, np.full(speed.size, load), contact.coarse)
+    margin = contact.grazing_margin(speed, np.full(speed.size, load), contact.coarse)
     left, middle, right = margin[:-2], margin[1:-1], margin[2:]
     near = (middle < 0.0) & (middle >= left) & (middle >= right) & np.logical_and.accumulate(left <= 0.0)
     near &= -middle < np.maximum(middle - left, middle - right)
     for k in np.flatnonzero(near):
         closer = np.geomspace(speed[k], speed[k + 2], 17)
-        inner = contact.margin(closer, np.full(closer.size, load), contact.coarse)
+        inner = contact.grazing_margin(closer, np.full(closer.size, load), contact.coarse)
         if np.any(inner > 0.0):
             return closer, inner
     return speed, margin
@@ -84,7 +84,7 @@ def _solve_fold(contact: Contact, load: float, speed: FloatArray, margin: FloatA
 
     def fine_margin(x: FloatArray) -> FloatArray:
         """Return the margins at ``ln V``; steps of 1e-13 give a fold to 1e-12."""
-        return contact.margin(np.exp(x), np.full(x.size, load), 1e-13)
+        return contact.grazing_margin(np.exp(x), np.full(x.size, load), 1e-13)
 
     (high, low), (missing, excess) = np.log(speed)[:, None], margin[:, None]
     return float(np.exp(root_on_bracket(fine_margin, low, high, (excess, missing))[0]))
@@ -107,24 +107,24 @@ def least_sticking_loads(
 ) -> Grazing:
     """Return the least loads at which slip grazes the belt at speeds; friction must fall somewhere.
 
-    By secants from a guess, or upward from the least load at which the lining can stick, until a bracket is
-    halved instead.
+    By secants, until a bracket is halved instead.
 
     Args:
         contact: The bearing's contact.
         speed: ``V`` > 0, shape (n,) [m/s].
         max_load: Where the search ends, one for all speeds or of their shape [N].
-        guess: Where to begin, if known.
-        error: Error allowed in ``ln N``.
+        guess: Where to begin at each speed; ``None`` for the least loads at which the lining can stick.
+        error: Error allowed in ``ln N``; below 1e-5 the orbits take finer steps.
 
     Returns:
-        Loads, ``nan`` where none up to ``max_load`` grazes, or 60 rounds do not find it.
+        Loads, ``nan`` where none up to ``max_load`` grazes, or 60 rounds do not find it: there the slope has
+        no meaning.
     """
     step_error = contact.coarse if error >= 1e-5 else contact.fine
     n, out = speed.size, np.full(speed.size, np.nan)
     with np.errstate(divide='ignore'):
         low, max_x = np.log(contact.least_loads(speed)), np.log(np.broadcast_to(max_load, n))
-    x, slope = low.copy(), np.full(n, contact.rate)
+    x, slope = low.copy(), np.full(n, contact.decrement)
     # The slope of a first margin is known to a tenth: to 5 % as a rule, to 40 % far out. Between others it is
     # to 1 %, of a table of 1,000 points that scatters to 8 %.
     last_move = np.full(n, 0.1)
@@ -138,15 +138,15 @@ def least_sticking_loads(
         if not live.size:
             break
         at, v = x[live], speed[live]
-        value = contact.margin(v, np.exp(at), step_error)
+        value = contact.grazing_margin(v, np.exp(at), step_error)
         is_above = value > 0.0
         high[live] = np.where(is_above, np.minimum(high[live], at), high[live])
         low[live] = np.where(is_above, low[live], np.maximum(low[live], at))
         with np.errstate(all='ignore'):
-            secant = (value - value_before[live]) / (at - before[live]) / contact.rate
+            secant = (value - value_before[live]) / (at - before[live]) / contact.decrement
         # One that is not straight jumps: halve.
         is_straight = ((secant > 0.2) & (secant < 5.0)) | np.isnan(before[live])
-        slope[live] = np.where(is_straight & np.isfinite(secant), secant * contact.rate, slope[live])
+        slope[live] = np.where(is_straight & np.isfinite(secant), secant * contact.decrement, slope[live])
         new = np.minimum(at + np.clip(-value / slope[live], -0.4, 0.4), max_x[live])
         halves = np.isfinite(high[live]) & ~(is_straight & (new > low[live]) & (new < high[live]))
         new = np.where(halves, 0.5 * (low[live] + high[live]), new)
@@ -197,8 +197,8 @@ def last_sticking_speeds(bearing: Bearing, load: FloatArray) -> FloatArray:
     if contact.is_smooth and contact.falls_most_at_rest:
         averaged = np.asarray(averaging.fold_speed(bearing, load))
         # Orbits gain too little there to improve it.
-        slight = load * contact.use.fall < 1.003 * bearing.damping
-        gain = contact.rate * (load * contact.use.fall / bearing.damping - 1.0)
+        slight = load * contact.bounds.fall < 1.003 * bearing.damping
+        gain = contact.decrement * (load * contact.bounds.fall / bearing.damping - 1.0)
         with np.errstate(all='ignore'):
             # Orbits have ``ln V`` to the rounding of a margin over the gain of a turn. Averaging, right to
             # the square of the force, is better where that is less. Measured for ``kappa`` 0.001 to 0.99:
@@ -224,10 +224,10 @@ def deciding_fold(bearing: Bearing, load: FloatArray, exact: FloatArray, average
     Returns:
         Shape (n,); the averaged fold where the lining sticks at no speed.
     """
-    return last_cycles(exact, averaged, np.asarray(averaging.sticking_end(bearing, load)))
+    return last_cycle_speeds(exact, averaged, np.asarray(averaging.sticking_end(bearing, load)))
 
 
-def last_cycles(exact: FloatArray, averaged: FloatArray, sticking_end: FloatArray) -> FloatArray:
+def last_cycle_speeds(exact: FloatArray, averaged: FloatArray, sticking_end: FloatArray) -> FloatArray:
     """Return :func:`deciding_fold` from the ends of sticking and of cycles, each of shape (n,) [m/s].
 
     Where the averaged slope is highest below the sliding limit, a cycle lives on without sticking, up to the

@@ -84,7 +84,7 @@ _Law = TypeVar('_Law')
 
 
 def computes_as(law: object, kind: type[_Law]) -> TypeGuard[_Law]:
-    """Return whether a law is of a kind and has its ``static``, ``coefficient`` and ``slope`` unchanged.
+    """Return whether a law is of a class and has its ``static``, ``coefficient`` and ``slope`` unchanged.
 
     A subclass that overrides one of these is a law of the user's own: closed forms, tables
     and kernels of its parent do not hold for it.
@@ -258,7 +258,7 @@ class Coulomb:
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """None: the law is constant on each side of zero."""
+        """No speed: the law is constant on each side of zero."""
         return ()
 
     def coefficient(self, speed: ArrayLike) -> FloatArray:

@@ -256,7 +256,7 @@ def integrate(
         bearing: The bearing.
         drive: Speed and load; its span is that of the motion.
         state: The state at its begin.
-        times: Times of the samples, which do not fall, within the drive, shape (n,) [s].
+        times: Times of the samples, which do not fall, within the drive, shape (n,) [s]; none by default.
         accuracy: Error of a step of a slip phase relative to the speeds, > 0 [-].
         compiled: Whether numba compiles the inner loops; ``None`` for where it may be used. The results are
             the same.
@@ -279,7 +279,7 @@ def integrate(
     at = np.atleast_1d(np.asarray(times, dtype=float))
     _check_times(at, drive)
     require_positive('accuracy', accuracy)
-    law, use = scalar_law(bearing.friction), is_compiled(compiled)
+    law, use = scalar_law(bearing.friction), should_compile(compiled)
     body = _make_body(bearing, drive, law.pieces, accuracy)
 
     def columns(kind: type, *values: Any) -> Any:
@@ -298,15 +298,13 @@ def integrate(
     log = integrator_loops.TransitionLog(*columns(float, room), *columns(int, room))
     x, z = float(state.displacement), float(state.relative_speed)
     begun = (0, 0.0, 0.0, x, z, int(phase), float(state.trial), 0, 0, 0, 0, 0)
-    now = integrator_loops.Now(integrator_loops.EVENTS_FULL, *begun)
+    now = integrator_loops.MarchState(integrator_loops.EVENTS_FULL, *begun)
     (work,) = columns(float, series.new_work())
-    loop = _march_loop(law) if use else integrator_loops.march
+    loop, law_numbers = (_march_loop(law), law.compiled) if use else (integrator_loops.march, law.plain)
     instants: list[FloatArray] = []
     afters: list[Phases] = [np.array([phase], dtype=np.int8)]
     while now.status == integrator_loops.EVENTS_FULL:
-        now = integrator_loops.Now(
-            *loop(law.compiled if use else law.plain, body, lines, now, samples, log, work)
-        )
+        now = integrator_loops.MarchState(*loop(law_numbers, body, lines, now, samples, log, work))
         instants.append(np.array(log.time[: now.events], dtype=float))
         afters.append(np.array(log.phase[: now.events], dtype=np.int8))
         now = now._replace(events=0)
@@ -334,7 +332,7 @@ def _march_loop(law: ScalarLaw) -> Callable[..., Any]:
     return jit.compiled('march', scalars, series, slip_series, integrator_loops, law=law.module, inline=False)
 
 
-def is_compiled(compiled: bool | None) -> bool:
+def should_compile(compiled: bool | None) -> bool:
     """Return whether to compile: ``compiled``, or for ``None`` whether numba may be used.
 
     Raises:

@@ -72,7 +72,7 @@ class Lines(NamedTuple):
     load_rate: Sequence[float]
 
 
-class Now(NamedTuple):
+class MarchState(NamedTuple):
     """State of a march: place of the motion, and counts.
 
     Attributes:
@@ -82,7 +82,7 @@ class Now(NamedTuple):
         rest: What rounding took from that [s].
         x: Displacement [m].
         z: ``V - x'`` [m/s].
-        phase: Sign of the relative speed.
+        phase: Sign of the relative speed; 0 while the lining sticks.
         trial: Unit of the step to try next [1/omega]; 0 for none yet.
         cursor: Number of samples written.
         events: Number of transitions in the log.
@@ -142,7 +142,7 @@ class Advance(NamedTuple):
     trial: float
 
 
-class Whole(NamedTuple):
+class CompletedStep(NamedTuple):
     """A step with what :func:`write_samples` needs beside it.
 
     Attributes:
@@ -337,7 +337,7 @@ def phase_after_contact(body: Body, medium: Medium, e: float, sign: int) -> int:
 
 
 def write_samples(
-    work: Sequence[float], omega: float, whole: Whole, samples: MotionSamples, cursor: int, end: float
+    work: Sequence[float], omega: float, whole: CompletedStep, samples: MotionSamples, cursor: int, end: float
 ) -> int:
     """Write the samples that lie within a step to ``samples``.
 
@@ -392,7 +392,7 @@ def march(
     law_numbers: Any,
     body: Body,
     lines: Lines,
-    now: Now,
+    now: MarchState,
     samples: MotionSamples,
     log: TransitionLog,
     work: MutableSequence[float],
@@ -404,8 +404,8 @@ def march(
     ``NOT_FINITE`` where the state overflows.
 
     Returns:
-        The fields of :class:`Now` as a plain tuple. Compiled code makes a named one by a call of Python,
-        which runs the handler of a pending signal; numba does not check whether that has raised.
+        The fields of :class:`MarchState` as a plain tuple. Compiled code makes a named one by a call of
+        Python, which runs the handler of a pending signal; numba does not check whether that has raised.
     """
     _, piece, time, rest, x, z, phase, trial, cursor, events, steps, slips, stalled = now
     status, omega = DONE, body.omega
@@ -431,7 +431,7 @@ def march(
         if not (trial < math.inf and abs(e_after) < math.inf and abs(z_after) < math.inf):
             status = NOT_FINITE
             continue
-        whole = Whole(base, time, rest, e, phase, medium, step)
+        whole = CompletedStep(base, time, rest, e, phase, medium, step)
         is_last = event == NOTHING and h >= left * omega
         cursor = write_samples(work, omega, whole, samples, cursor, end if is_last else math.inf)
         x, z = (e + side * e_after) / omega, side * z_after

@@ -45,7 +45,7 @@ def viscosity(temperature: Any, salinity: float = SEA) -> Any:
     """Return the dynamic viscosity of water [Pa s], of the shape of ``temperature``, to 1.5 %.
 
     M. H. Sharqawy, J. H. Lienhard and S. M. Zubair, Desalination and Water Treatment 16, 2010, equations 22
-    and 23. Plain arithmetic, for numbers and arrays and for compiled loops.
+    and 23. Plain arithmetic, for numbers and arrays and for compiled loops; no temperature is refused.
 
     Args:
         temperature: Of the water [C].
@@ -72,11 +72,11 @@ class Lubrication:
         temperature: ``T0`` of the water at the measurement [C]; ``nan`` where it is not known.
         salinity: Of the water at the measurement [g/kg].
         water_salinity: Of the present water [g/kg].
-        viscosity_ratio: ``eta(T)/eta(T0)`` of the present water: it counts, and not the temperatures.
+        viscosity_ratio: ``eta(T)/eta(T0)`` > 0 of the present water: it counts, and not the temperatures.
         water_temperature: ``T`` of the present water [C]; ``nan`` where it is that of the measurement.
 
     Raises:
-        PhysicsError: A quantity breaks its rule.
+        PhysicsError: The load, the exponent or the viscosity ratio breaks its rule; the water is not checked.
 
     >>> Lubrication(1000.0, 1.0, 15.0).scale(4000.0)
     4.0
@@ -106,7 +106,7 @@ class Lubrication:
             return self.viscosity_ratio
         return viscosity(temperature, self.water_salinity) / viscosity(self.temperature, self.salinity)
 
-    def at(self, temperature: float) -> Lubrication:
+    def in_water(self, temperature: float) -> Lubrication:
         """Return a copy for water of another temperature [C], with the viscosity ratio there.
 
         Raises:

@@ -80,7 +80,7 @@ class SlipField:
         columns = self.speed, self.force, self.offset, self.origin
         return SlipField(self.law, self.damping, self.drift, *(column[rows] for column in columns))
 
-    def rest(self) -> FloatArray:
+    def steady_displacement(self) -> FloatArray:
         """Return the displacement of steady sliding, shape (n,) [V/omega]; 0 where it counts from there."""
         if self.drift == 0.0:
             return np.zeros(self.speed.size)
@@ -157,7 +157,7 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
     """Follow orbits from displacements and relative speeds to their ends.
 
     The loop runs interpreted until this process has taken :data:`PATIENCE` steps, which are counted here,
-    and compiled from then on where numba may be used. Orbits that creep to rest are not followed.
+    and compiled from then on where numba may be used. Orbits that creep to rest end ``RESTED`` unfollowed.
 
     Args:
         field: What the linings slip in.
@@ -280,7 +280,9 @@ def _creep_to_rest(field: SlipField, e: FloatArray, z: FloatArray, direction: Fl
         rows = rows[towards * damping >= critical]
         towards, beyond = direction[rows], z[rows] - 1.0
         from_belt = (towards > 0.0) & (beyond <= 0.0) & (e[rows] >= -field.offset[rows])
-        held = (towards * beyond >= 0.0) & (e[rows] - field.take(rows).rest() >= towards * beyond)
+        held = (towards * beyond >= 0.0) & (
+            e[rows] - field.take(rows).steady_displacement() >= towards * beyond
+        )
         creeps[rows[from_belt | held]] = True
     return creeps
 

@@ -102,7 +102,8 @@ class Tolerance:
     def of_fall(self, law: FrictionLaw) -> float:
         """Return the relative standard deviation of ``mu_s - mu_k``, the fall of friction with speed.
 
-        A law whose coefficients are equal has :data:`UNKNOWN_FALL`, or 0 where both are exact.
+        ``mu_k`` of a table is its least coefficient, of a law that states none 0. A law whose coefficients
+        are equal has :data:`UNKNOWN_FALL`, or 0 where both are exact.
         """
         kinetic = _least_coefficient(law)
         fall = abs(law.static - kinetic)
@@ -157,8 +158,9 @@ class Belief:
     """The distribution of a bearing's boundaries, as probabilities and quantiles.
 
     Speeds are magnitudes of the journal's surface speed [m/s]; loads are in N. A probability is 0
-    without load, and ``nan`` where the shaft is at rest or an input is not finite. All are of the reference
-    points of :mod:`.lubrication`: those of the bearing where friction depends on speed alone.
+    without load, and ``nan`` where the shaft is at rest or an input is not finite. Speeds below 1 mm/s and
+    above 30 m/s count as these. All are of the reference points of :mod:`.lubrication`: those of the bearing
+    where friction depends on speed alone.
 
     Attributes:
         bearing: The one in the middle.
@@ -227,7 +229,9 @@ class Belief:
         return restore(out[:, 0], shape), restore(out[:, 1], shape)
 
     def fold_speed(self, load: ArrayLike, p: float) -> Any:
-        """Return the ``p`` quantile of the averaged fold at loads [N], of their shape; 0 for none [m/s].
+        """Return the ``p`` quantile of the averaged fold [m/s] at loads [N], of their shape.
+
+        It is 0 for no fold, or one below 1 mm/s, and 30 m/s for one above.
 
         Raises:
             PhysicsError: ``p`` is not above 0 and below 1.
@@ -235,7 +239,9 @@ class Belief:
         return self._boundary_quantile(FOLD, load, p)
 
     def hopf_speed(self, load: ArrayLike, p: float) -> Any:
-        """Return the ``p`` quantile of the Hopf speed at loads [N], of their shape; 0 for none [m/s].
+        """Return the ``p`` quantile of the Hopf speed [m/s] at loads [N], of their shape.
+
+        It is 0 for no Hopf speed, or one below 1 mm/s, and 30 m/s for one above.
 
         Raises:
             PhysicsError: ``p`` is not above 0 and below 1.
@@ -273,8 +279,8 @@ class Belief:
             load: Load [N].
 
         Returns:
-            Two results of the broadcast shape; ``inf`` where that quantile of the fold is no speed,
-            ``nan`` at rest or where an input is not finite.
+            Two results of the broadcast shape, the lower margin first; ``inf`` where that quantile of the
+            fold is no speed, ``nan`` at rest or where an input is not finite.
         """
         shape, (v, n) = flatten(speed, load)
         is_known = np.isfinite(v) & np.isfinite(n) & (v != 0.0)

@@ -117,6 +117,9 @@ class LawBounds(NamedTuple):
 def law_bounds(law: FrictionLaw) -> LawBounds:
     """Return the bounds and kinks of a law; cached.
 
+    Slopes are sought up to four times its last scale (:func:`.speed_scales`), beyond which no law may be
+    steeper.
+
     >>> law_bounds(Stribeck(0.3, 0.1, 10.0)).hold
     0.3
     """
@@ -173,6 +176,8 @@ class ScalarLaw:
 def scalar_law(law: FrictionLaw) -> ScalarLaw:
     """Return a friction law as plain functions of one speed, with its power series; cached.
 
+    A law without numbers of its own is fitted, see :func:`fit_pieces`.
+
     >>> scalar_law(Tabulated([0.0, 0.1, 0.4], [0.30, 0.17, 0.11])).pieces
     3
     """
@@ -183,7 +188,10 @@ def scalar_law(law: FrictionLaw) -> ScalarLaw:
 
 
 def _own_numbers(law: FrictionLaw) -> Exponential | Pieces | None:
-    """Return the numbers of a law of this package; ``None`` for one that has to be fitted."""
+    """Return the numbers that a law states of itself; ``None`` for one that has to be fitted.
+
+    So has an exponential with an exponent other than 1 and 2, and a class that overrides what they describe.
+    """
     kind = next((base for base in type(law).__mro__ if 'numbers' in vars(base)), None)
     numbers = getattr(law, 'numbers', None) if kind is not None and computes_as(law, kind) else None
     if isinstance(numbers, Exponential):

@@ -186,7 +186,7 @@ def test_with_and_without_numba_the_bits_are_the_same(
     listed.append({'friction_drift': {'parameter': 'decay', 'points': [[0, 10], [8, 14]]}})
     scene = make_scene(effects=listed, duration=8.0)
     compiled = truth_by_topic(scene)
-    monkeypatch.setattr(integrator, 'is_compiled', lambda _: False)
+    monkeypatch.setattr(integrator, 'should_compile', lambda _: False)
     plain = truth_by_topic(scene)
     assert len(plain['stick'][1]) > 50
     assert_same(compiled, plain)

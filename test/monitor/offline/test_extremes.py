@@ -27,7 +27,7 @@ from stickslip_monitor.offline.extremes import (
 )
 from stickslip_monitor.offline.input_report import HOLDS
 from stickslip_monitor.physics.bearing import Bearing
-from stickslip_monitor.physics.boundary_table import known_table
+from stickslip_monitor.physics.boundary_table import boundary_table
 from stickslip_monitor.physics.friction import FrictionLaw, Stretched
 
 NS = 10**9
@@ -83,9 +83,9 @@ def make_scan(bearing: Bearing, speed: FloatArray, load: FloatArray) -> Any:
         until_ns=1 << np.arange(speed.size) % 40,
         sticking=np.zeros(speed.size, bool),
         config=SimpleNamespace(water_temperature=None),
-        assessed=lambda rows: assess(bearing, speed[rows], load[rows], table=known_table(bearing)),
+        assessed=lambda rows: assess(bearing, speed[rows], load[rows], table=boundary_table(bearing)),
         fold_speed=lambda rows: (
-            assess(bearing, speed[rows], load[rows], table=known_table(bearing)).fold_speed
+            assess(bearing, speed[rows], load[rows], table=boundary_table(bearing)).fold_speed
         ),
     )
 
@@ -142,7 +142,7 @@ def test_skipped_points_change_neither_regimes_nor_least_margins(law: FrictionLa
     """Compare with the assessment of every point, in parts that begin with the known extremes."""
     bearing, rng = bearing_of(law), np.random.default_rng(1)
     load = rng.uniform(-50.0, 1000.0, (5, 400)) * np.array([[1.0], [1.2], [5.0], [0.5], [0.9]])
-    table, extremes = known_table(bearing), Extremes()
+    table, extremes = boundary_table(bearing), Extremes()
     # Most about the highest boundary of their part, some at rest.
     limit = np.nan_to_num(assess(bearing, 0.1, load, table=table).fold_speed, posinf=0.0).max(1)
     speed = rng.choice([-1.0, 0.0, 1.0, 1.0], load.shape) * rng.uniform(0.6, 1.1, load.shape)

@@ -30,7 +30,7 @@ def test_a_margin_is_positive_where_slip_meets_the_belt(name, damping_ratio):
     speed, load = (
         grid.ravel() for grid in np.meshgrid(np.geomspace(1e-3, 5.0, 9), np.geomspace(300, 2e5, 7))
     )
-    margin = Contact(bearing).margin(speed, load, 1e-11)
+    margin = Contact(bearing).grazing_margin(speed, load, 1e-11)
     np.testing.assert_array_equal(margin > 0.0, meets_belt(bearing, speed, load, 1e-13))
 
 
@@ -40,7 +40,7 @@ def test_a_margin_rises_by_a_turns_loss_of_amplitude_with_the_logarithm_of_the_l
     contact = Contact(Bearing(50.0, 400.0, 2.0e6, Stribeck(0.3, 0.1, decay), 0.1))
     speed = np.array([1.0, 2.0]) / decay
     load, slope = least_sticking_loads(contact, speed, 1e6, error=1e-10)
-    margin = contact.margin(speed, load * 1.001, 1e-13) / math.log(1.001)
+    margin = contact.grazing_margin(speed, load * 1.001, 1e-13) / math.log(1.001)
     np.testing.assert_allclose(margin, 2.0 * math.pi * 0.02, rtol=0.1)
     np.testing.assert_allclose(slope, margin, rtol=1e-2)
 
@@ -61,9 +61,9 @@ def test_no_lining_sticks_beyond_its_bounds_of_speed_and_load(name):
 def test_the_margin_of_slip_that_comes_to_rest_before_it_turns_is_negative():
     law = Tabulated([0.0, 0.1, 1.0], [0.1, 0.2, 0.3])
     contact = Contact(Bearing(50.0, 1.8e4, 2.0e6, law, 0.1))
-    np.testing.assert_array_equal(contact.margin(np.array([0.01, 0.1]), np.full(2, 1e5), 1e-11), -9.0)
+    np.testing.assert_array_equal(contact.grazing_margin(np.array([0.01, 0.1]), np.full(2, 1e5), 1e-11), -9.0)
 
 
 @pytest.mark.parametrize(('name', 'rises'), [('Stribeck', False), ('viscous', True), ('table', False)])
 def test_friction_rises_where_it_does_beyond_its_last_scale(name, rises):
-    assert Contact(Bearing(50.0, 400.0, 2.0e6, LAWS[name], 0.1)).rises == rises
+    assert Contact(Bearing(50.0, 400.0, 2.0e6, LAWS[name], 0.1)).rises_beyond_scale == rises

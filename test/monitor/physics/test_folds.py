@@ -231,6 +231,7 @@ def test_few_orbits_tabulate_a_measured_table(count, noise, monkeypatch):
         return orbits.follow(field, *arguments)
 
     fold_curve.cache_clear()
+    boundary_table.cache_clear()
     monkeypatch.setattr(contact, 'follow', counted)
     bearing = bearing_of(measured_curve(count, noise, count))
     boundary_table(bearing)
@@ -244,6 +245,7 @@ def test_few_steps_tabulate_a_table_that_scatters(monkeypatch):
     # Its 100 kinks make steps short: 170,000 of them, as they once were, keep a node busy for 4 s.
     monkeypatch.setattr(orbits, 'PATIENCE', math.inf)
     fold_curve.cache_clear()
+    boundary_table.cache_clear()
     steps_before = orbits._Effort.steps
     bearing = bearing_of(measured_curve(100, 0.004, 3))
     boundary_table(bearing)
@@ -256,6 +258,7 @@ def test_few_steps_tabulate_a_law_of_ones_own(monkeypatch):
     # 10,300 of them, as they once were, took half a second where numba is missing.
     monkeypatch.setattr(orbits, 'PATIENCE', math.inf)
     fold_curve.cache_clear()
+    boundary_table.cache_clear()
     steps_before = orbits._Effort.steps
     bearing = bearing_of(OwnLaw(0.3, 0.1, 10.0))
     table = boundary_table(bearing)
@@ -267,13 +270,13 @@ def test_few_steps_tabulate_a_law_of_ones_own(monkeypatch):
 
 def test_where_a_lining_never_sticks_no_load_beyond_the_largest_is_tried(monkeypatch):
     """Friction first rises: up to eight times that load at such speeds took 1.7 of 2.2 s, compiled."""
-    tried, margin = [], contact.Contact.margin
+    tried, margin = [], contact.Contact.grazing_margin
 
     def recorded(self, speed, load, error):
         tried.append(np.stack([speed, load]))
         return margin(self, speed, load, error)
 
-    monkeypatch.setattr(contact.Contact, 'margin', recorded)
+    monkeypatch.setattr(contact.Contact, 'grazing_margin', recorded)
     fold_curve.cache_clear()
     curve = fold_curve(bearing_of(RISES_FIRST))
     speed, load = np.concatenate(tried, axis=1)
@@ -292,6 +295,7 @@ def test_a_soft_lining_is_tabulated_by_no_stiff_orbits(monkeypatch):
         return step(*arguments)
 
     fold_curve.cache_clear()
+    boundary_table.cache_clear()
     monkeypatch.setattr(orbits, 'expand', counted)
     monkeypatch.setattr(orbits, 'PATIENCE', math.inf)
     speed = [0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8]

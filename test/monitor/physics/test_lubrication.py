@@ -132,7 +132,7 @@ def test_a_motion_is_that_of_the_law_written_out():
 
 
 def test_a_scale_of_one_number_is_that_of_an_array():
-    lubrication = Lubrication(1000.0, 0.7, 15.0).at(5.0)
+    lubrication = Lubrication(1000.0, 0.7, 15.0).in_water(5.0)
     loads = np.array([-1.0, 0.0, 1e-3, 300.0, 1e7])
     assert np.allclose(
         lubrication.scale(loads), [lubrication.scale(float(n)) for n in loads], rtol=1e-15, atol=0.0
