@@ -25,8 +25,9 @@ from stickslip_lab.scenes.truth_topics import TruthRecord, has_truth, known_trut
 from stickslip_logs.recordings.recording import Recording
 from stickslip_monitor import jit
 from stickslip_monitor.errors import PhysicsError, SceneError
+from stickslip_monitor.monitor.alarm_causes import LASTING_NS
 from stickslip_monitor.monitor.alarm_list import Action, AlarmChange, Annunciator
-from stickslip_monitor.monitor.alarm_states import LASTING_NS, LATCHING, AlarmState
+from stickslip_monitor.monitor.alarm_states import LATCHING, AlarmState
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.input_faults import SourceWatch, least_gap
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig

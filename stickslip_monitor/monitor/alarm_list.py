@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from stickslip_logs.units import SECOND_NS
+from stickslip_monitor.monitor.alarm_causes import Causes
 from stickslip_monitor.monitor.alarm_states import (
     LATCHING,
     RUNG_OF,
     AlarmKind,
     AlarmState,
-    Causes,
     Facts,
     Priority,
     Trigger,

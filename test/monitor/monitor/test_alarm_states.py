@@ -6,17 +6,8 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
-from sending import configured
 
-from stickslip_monitor.monitor.alarm_states import (
-    TABLE,
-    AlarmKind,
-    AlarmState,
-    Causes,
-    Facts,
-    Trigger,
-    next_state,
-)
+from stickslip_monitor.monitor.alarm_states import TABLE, AlarmState, Facts, Trigger, next_state
 
 EVERY_FACTS = [Facts(*values) for values in product((False, True), repeat=len(Facts._fields))]
 CAUSES = (Trigger.RAISE, Trigger.CLEAR, Trigger.SUPPRESS, Trigger.UNSUPPRESS)
@@ -83,11 +74,3 @@ def test_the_published_transitions() -> None:
 def test_a_returning_alarm_with_its_cause_is_raised_again(state: AlarmState, trigger: Trigger) -> None:
     assert next_state(state, trigger, Facts(active=True)) is AlarmState.UNACKNOWLEDGED
     assert next_state(state, trigger, Facts(active=True, covered=True)) is AlarmState.ACKNOWLEDGED
-
-
-def test_a_cause_that_waits_for_the_end_of_a_mix_keeps_restored_causes() -> None:
-    causes = Causes(configured().bearings[0], {AlarmKind.INPUT_LOST})
-    causes.recall({AlarmKind.STICK_SLIP}, 0)
-    assert causes.recalled == {AlarmKind.INPUT_LOST, AlarmKind.STICK_SLIP}
-    causes.advance(3600 * 10**9)
-    assert not causes.recalled

@@ -18,8 +18,8 @@ from shared import ROOT
 from simulation import DURATION, LENGTH, Run, repeated_by, run
 
 from stickslip_monitor.monitor import rule
+from stickslip_monitor.monitor.alarm_causes import Causes
 from stickslip_monitor.monitor.alarm_list import LiveAlarm
-from stickslip_monitor.monitor.alarm_states import Causes
 
 BATCH = 15
 
