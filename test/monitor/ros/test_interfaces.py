@@ -58,7 +58,7 @@ def documented_fields(title: str) -> list[str]:
 
 def test_the_services() -> None:
     pytest.importorskip('rclpy', reason='ROS 2 is not installed')
-    from stickslip_monitor.ros.node_loop import SWITCHES, TRIGGERS
+    from stickslip_monitor.ros.actions import SWITCHES, TRIGGERS
 
     assert documented_fields('Services') == [*TRIGGERS, *SWITCHES]
 
