@@ -34,7 +34,7 @@ from stickslip_monitor.safe_files import read_token
 
 if TYPE_CHECKING:
     from stickslip_monitor.dashboard.access import Access
-    from stickslip_monitor.dashboard.page_records import EventLog
+    from stickslip_monitor.dashboard.event_log import EventLog
     from stickslip_monitor.dashboard.replay import Replay
     from stickslip_monitor.dashboard.seen_monitors import BearingView, DashboardState, WatchedMonitor
     from stickslip_monitor.monitor.session import Sink
@@ -163,7 +163,7 @@ def open_event_log(args: argparse.Namespace) -> Iterator[EventLog]:
     Raises:
         RosError: The file is somebody else's, or another dashboard uses it.
     """
-    from stickslip_monitor.dashboard.page_records import LOG_FAMILY, EventLog
+    from stickslip_monitor.dashboard.event_log import LOG_FAMILY, EventLog
 
     if args.log is None:
         yield EventLog()

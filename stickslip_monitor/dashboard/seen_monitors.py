@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from stickslip_logs.units import SECOND_NS
-from stickslip_monitor.dashboard.page_records import EventLog, checked_alarms, checked_record
+from stickslip_monitor.dashboard.event_log import EventLog
+from stickslip_monitor.dashboard.page_records import checked_alarms, checked_record
 from stickslip_monitor.errors import DashboardError
 from stickslip_monitor.host import SHOW_NS
 from stickslip_monitor.monitor.alarm_records import ActionRequest

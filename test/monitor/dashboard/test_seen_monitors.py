@@ -14,16 +14,8 @@ from typing import Any
 import pytest
 from shared import CONFIG
 
-from stickslip_monitor.dashboard.page_records import (
-    LOG_FAMILY,
-    MAX_ENTRIES,
-    MAX_SHOWN,
-    NUMBERS,
-    OFFERED,
-    EventLog,
-    checked_alarms,
-    checked_record,
-)
+from stickslip_monitor.dashboard.event_log import LOG_FAMILY, MAX_ENTRIES, MAX_SHOWN, EventLog
+from stickslip_monitor.dashboard.page_records import NUMBERS, OFFERED, checked_alarms, checked_record
 from stickslip_monitor.dashboard.seen_monitors import SPAN, STEP, BearingView, DashboardState, WatchedMonitor
 from stickslip_monitor.errors import DashboardError, RosError
 from stickslip_monitor.monitor.alarm_list import Action, Annunciator
