@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.host import HostClock
-from stickslip_monitor.links.buses import TICK, LiveMonitor
+from stickslip_monitor.links.live_monitor import TICK, LiveMonitor
 from stickslip_monitor.links.nmea import NmeaInputs, SentenceStream
 from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.monitor.parameter_file import load_config

@@ -18,7 +18,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from stickslip_monitor.links.buses import INPUT_PARAMETERS, LINK_PARAMETERS
+from stickslip_monitor.links.links_config import INPUT_PARAMETERS, LINK_PARAMETERS
 from stickslip_monitor.monitor.alarm_states import LIFE, AlarmState
 from stickslip_monitor.monitor.parameters import BEARING_PARAMETERS, NODE_PARAMETERS
 from stickslip_monitor.monitor.parameters import INPUT_PARAMETERS as INPUTS

@@ -48,7 +48,7 @@ PLANTED = (
     ('stickslip_monitor.links', 'stickslip_logs.tables.table_file'),
     ('stickslip_monitor.links', 'std_msgs'),
     ('stickslip_monitor.dashboard', 'stickslip_monitor.commands.check'),
-    ('stickslip_monitor.drawing', 'stickslip_monitor.links.buses'),
+    ('stickslip_monitor.drawing', 'stickslip_monitor.links.live_monitor'),
     ('stickslip_monitor.report', 'stickslip_lab.drawing.studies'),
     ('stickslip_lab.scenes', 'stickslip_lab.calibration.calibration'),
     ('stickslip_lab.friction', 'stickslip_monitor.ros.node'),

@@ -27,7 +27,7 @@ from stickslip_monitor import jit
 from stickslip_monitor.commands import options
 from stickslip_monitor.drawing.map import boundaries, map_ranges
 from stickslip_monitor.errors import ConfigurationError, DashboardError, missing_ros_error
-from stickslip_monitor.links.buses import is_loopback
+from stickslip_monitor.links.links_config import is_loopback
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, load_config
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.safe_files import read_token

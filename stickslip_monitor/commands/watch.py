@@ -27,15 +27,8 @@ from stickslip_monitor.commands import dashboard, options
 from stickslip_monitor.dashboard.seen_monitors import SILENT
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.host import ServiceManager, end_signals, unblocked_log
-from stickslip_monitor.links.buses import (
-    NMEA,
-    SIGNALK,
-    LinksConfig,
-    LiveMonitor,
-    MonitorSide,
-    build_links,
-    is_loopback,
-)
+from stickslip_monitor.links.links_config import NMEA, SIGNALK, LinksConfig, build_links, is_loopback
+from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
 from stickslip_monitor.monitor.config_questions import question_sentences
 from stickslip_monitor.monitor.configuration import bearing_names, build_config

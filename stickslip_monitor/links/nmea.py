@@ -16,7 +16,8 @@ from functools import reduce
 from operator import xor
 from typing import Any
 
-from stickslip_monitor.links.buses import BusInput, BusInputs
+from stickslip_monitor.links.bus_inputs import BusInputs
+from stickslip_monitor.links.links_config import BusInput
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
 from stickslip_monitor.monitor.alarm_states import AlarmKind, AlarmState, Priority

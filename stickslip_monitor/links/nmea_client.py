@@ -22,7 +22,8 @@ from typing import Any
 
 from stickslip_logs.units import KIB
 from stickslip_monitor.errors import LinkError, cause
-from stickslip_monitor.links.buses import UNHEARD, BusInput, MonitorSide, NmeaLink, check_port
+from stickslip_monitor.links.links_config import UNHEARD, BusInput, NmeaLink, check_port
+from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.nmea import Alerts, NmeaInputs, SentenceStream
 from stickslip_monitor.monitor.session import Sink
 

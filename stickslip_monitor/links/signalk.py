@@ -16,7 +16,8 @@ from typing import Any
 from stickslip_logs.field_paths import signalk_source
 from stickslip_logs.units import conversion_from_text
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.links.buses import UNITS, BusInput, BusInputs
+from stickslip_monitor.links.bus_inputs import BusInputs
+from stickslip_monitor.links.links_config import UNITS, BusInput
 from stickslip_monitor.monitor import record_fields
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest
@@ -121,8 +122,8 @@ class SignalKInputs(BusInputs):
     def take(self, frame: object, now: float) -> Iterator[tuple[str, Input, float, int | None]]:
         """Yield bearing, input, number and stamp [ns] of each fresh sample of an admitted source.
 
-        The number is converted from the unit of its meta data to that of :data:`.buses.UNITS` (Hz, N, K), and
-        NaN if invalid; the stamp is ``None`` if unreadable. ``now`` is of a steady clock [s]; units, sources
+        The number is converted from the unit of its meta data to that of :data:`.links_config.UNITS` (Hz, N,
+        K), and NaN if invalid; the stamp is ``None`` if unreadable. ``now`` is of a steady clock [s]; units, sources
         and times of values are stored. Other vessels, and what is malformed, are skipped. Call :meth:`greet`
         first.
         """

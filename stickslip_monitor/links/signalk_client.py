@@ -21,7 +21,8 @@ import aiohttp
 from stickslip_logs.units import MIB, SECOND_NS
 from stickslip_monitor.errors import LinkError, cause
 from stickslip_monitor.host import SHOW_NS
-from stickslip_monitor.links.buses import UNHEARD, BusInput, MonitorSide, SignalKLink, is_loopback
+from stickslip_monitor.links.links_config import UNHEARD, BusInput, SignalKLink, is_loopback
+from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.signalk import (
     SAFE_ACTIONS,
     Notifications,

@@ -15,7 +15,7 @@ from typing import Any
 import aiohttp
 
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.links.buses import SignalKLink
+from stickslip_monitor.links.links_config import SignalKLink
 from stickslip_monitor.links.signalk_client import failure_reason, make_ssl_context
 from stickslip_monitor.safe_files import MAX_TOKEN_BYTES, read_token
 

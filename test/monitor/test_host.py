@@ -15,7 +15,7 @@ import pytest
 from sending import SECOND, T0, Ship, configured
 
 from stickslip_monitor.host import HostClock, ServiceManager
-from stickslip_monitor.links.buses import LiveMonitor
+from stickslip_monitor.links.live_monitor import LiveMonitor
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import NoLog, Sink

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from sending import Ship
 from shared import CONFIG
 
-from stickslip_monitor.links.buses import BusInput
+from stickslip_monitor.links.links_config import BusInput
 from stickslip_monitor.links.nmea import (
     MAX_SENTENCE,
     Alerts,

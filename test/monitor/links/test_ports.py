@@ -21,7 +21,8 @@ from shared import wait_until
 
 from stickslip_monitor.errors import LinkError
 from stickslip_monitor.links import nmea_client
-from stickslip_monitor.links.buses import BusInput, MonitorSide, NmeaLink
+from stickslip_monitor.links.links_config import BusInput, NmeaLink
+from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.nmea import format_sentence
 from stickslip_monitor.links.nmea_client import NmeaClient, Port
 from stickslip_monitor.monitor.sample_types import Input

@@ -11,7 +11,7 @@ import pytest
 
 from stickslip_logs.field_paths import signalk_source
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.links.buses import BusInput
+from stickslip_monitor.links.links_config import BusInput
 from stickslip_monitor.links.signalk import Notifications, SignalKInputs, SignalKValues
 from stickslip_monitor.monitor.alarm_list import Action
 from stickslip_monitor.monitor.alarm_records import ActionRequest

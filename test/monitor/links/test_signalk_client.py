@@ -20,7 +20,8 @@ pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.errors import ConfigurationError, LinkError
 from stickslip_monitor.links import signalk_client
-from stickslip_monitor.links.buses import BusInput, MonitorSide, SignalKLink
+from stickslip_monitor.links.links_config import BusInput, SignalKLink
+from stickslip_monitor.links.live_monitor import MonitorSide
 from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient
 from stickslip_monitor.links.signalk_token import read_signalk_token, request_token

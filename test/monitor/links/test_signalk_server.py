@@ -19,7 +19,8 @@ import aiohttp
 from benchmarks.signalk_servers import RealServer, missing_program, officer_token
 from stickslip_monitor import build_config
 from stickslip_monitor.errors import LinkError
-from stickslip_monitor.links.buses import BusInput, LiveMonitor, MonitorSide, SignalKLink
+from stickslip_monitor.links.links_config import BusInput, SignalKLink
+from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
 from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.links.signalk_client import SignalKClient
 from stickslip_monitor.links.signalk_token import request_token

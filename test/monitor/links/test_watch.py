@@ -28,7 +28,7 @@ pytest.importorskip('aiohttp', reason="the extra 'links' is not installed")
 from benchmarks.signalk_servers import SmallServer
 from stickslip_monitor.cli import main
 from stickslip_monitor.commands.watch import LinkStates, load_watch, without_copies
-from stickslip_monitor.links.buses import LiveMonitor
+from stickslip_monitor.links.live_monitor import LiveMonitor
 from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import NoLog, Sink
 

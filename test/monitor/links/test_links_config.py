@@ -13,7 +13,9 @@ from shared import ROOT
 
 from stickslip_monitor.commands.watch import load_watch
 from stickslip_monitor.errors import ConfigurationError
-from stickslip_monitor.links.buses import BusInput, BusInputs, LiveMonitor
+from stickslip_monitor.links.bus_inputs import BusInputs
+from stickslip_monitor.links.links_config import BusInput
+from stickslip_monitor.links.live_monitor import LiveMonitor
 from stickslip_monitor.links.signalk import SignalKInputs
 from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import NoLog, Sink
