@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip_lab.scenes.effects import UNITS, SceneRun, effect
 from stickslip_lab.scenes.lining import (
     FACTOR,
     LENGTH_DECIMALS,
@@ -41,7 +42,6 @@ from stickslip_lab.scenes.lining import (
     replace_parameters,
 )
 from stickslip_lab.scenes.settings import Profile, Settings, check_points, random_stream, read_profile
-from stickslip_lab.scenes.shaft_effects import UNITS, SceneRun, effect
 from stickslip_lab.scenes.telemetry import MAX_RATE, Channel, TimeBlock, nominal_load
 from stickslip_lab.scenes.truth_topics import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_logs.units import factors_of, names_of

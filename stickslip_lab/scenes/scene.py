@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-# The first two are imported for the effects that they declare.
-from stickslip_lab.scenes import lining_effects, sensor_effects, telemetry  # noqa: F401
+# Those of effects are imported for what they declare.
+from stickslip_lab.scenes import lining_effects, sensor_effects, shaft_effects, telemetry  # noqa: F401
+from stickslip_lab.scenes.effects import DECLARED, Effect, SceneRun
 from stickslip_lab.scenes.settings import Settings, draw_numbers, read_parameter_error, suggestion
-from stickslip_lab.scenes.shaft_effects import DECLARED, Effect, SceneRun
 from stickslip_lab.scenes.telemetry import Channel, Shaft, Signal, TimeBlock, read_channels
 from stickslip_lab.scenes.truth_topics import BOOL, FLOAT64, STRING
 from stickslip_logs.recordings.writer import (

@@ -20,15 +20,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from stickslip_lab.scenes.effects import Change, SceneRun, channel_effect, effect, read_unit, require_header
 from stickslip_lab.scenes.settings import Settings, check_points, read_sample_mask, read_windows
-from stickslip_lab.scenes.shaft_effects import (
-    Change,
-    SceneRun,
-    channel_effect,
-    effect,
-    read_unit,
-    require_header,
-)
 from stickslip_lab.scenes.telemetry import (
     CHANNELS,
     MAX_RATE,

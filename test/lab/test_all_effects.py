@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
+from stickslip_lab.scenes import effects as effect_module
 from stickslip_lab.scenes import lining_effects
-from stickslip_lab.scenes import shaft_effects as effect_module
 from stickslip_lab.scenes.scene import EFFECTS, KEYS, STAGES, Scene, load_scene, write_bag
 from stickslip_lab.scenes.settings import random_stream
 from stickslip_lab.scenes.telemetry import Messages

@@ -20,9 +20,9 @@ import pytest
 from own_law import OwnLaw
 
 from benchmarks.voyages import with_parameter_errors
+from stickslip_lab.scenes.portable_math import cos_turns, exp
 from stickslip_lab.scenes.scene import Scene
 from stickslip_lab.scenes.settings import draw_numbers
-from stickslip_lab.scenes.shaft_effects import cos_turns, exp
 from stickslip_lab.scenes.telemetry import Channel, Messages, nominal_load
 from stickslip_monitor.errors import SceneError
 from stickslip_monitor.monitor.parameter_file import load_config
@@ -159,7 +159,7 @@ RANDOM = np.random.default_rng(3)
 CODE = """
 import hashlib
 import numpy as np
-from stickslip_lab.scenes.shaft_effects import cos_turns, exp
+from stickslip_lab.scenes.portable_math import cos_turns, exp
 x = np.random.default_rng(3).uniform(-40.0, 0.0, 20_000)
 print(hashlib.sha256(exp(x).tobytes() + cos_turns(x * 1e4).tobytes()).hexdigest())
 """
