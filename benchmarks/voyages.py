@@ -33,7 +33,7 @@ from stickslip_monitor.monitor.input_faults import SourceWatch, least_gap
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_over_arrays import BearingScan, Scan
-from stickslip_monitor.monitor.rule_state import settings_of
+from stickslip_monitor.monitor.rule_settings import settings_of
 from stickslip_monitor.monitor.sample_types import Input, Stream
 from stickslip_monitor.monitor.severity import LADDER, Condition, Severity
 from stickslip_monitor.monitor.statements import Verdict

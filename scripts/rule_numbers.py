@@ -26,7 +26,7 @@ from benchmarks.voyages import Sailed, SensorRecord, cases_of, output_of, sounds
 from benchmarks.warning_quality import FIGURES, Quality, format_figure, pool_qualities, quality_of
 from stickslip_lab.scenes.scene import load_scene
 from stickslip_lab.scenes.truth_topics import TruthRecord
-from stickslip_monitor.monitor import rule, rule_state, vibration_rule
+from stickslip_monitor.monitor import rule, rule_settings, rule_state, vibration_rule
 from stickslip_monitor.monitor.rule_over_arrays import BearingScan
 from stickslip_monitor.offline.processes import core_count, run_in_processes
 
@@ -82,7 +82,7 @@ def _judge_with_number(case: Sailed, sent: SensorRecord, number: str) -> Quality
     with ExitStack() as changed:
         if hasattr(config.alarm, name):
             config = replace(config, alarm=replace(config.alarm, **{name: float(value)}))
-        for module in (rule, rule_state, vibration_rule):
+        for module in (rule, rule_settings, rule_state, vibration_rule):
             if hasattr(module, name):
                 new_value = first if value == 'first' else type(getattr(module, name))(float(value))
                 changed.enter_context(mock.patch.object(module, name, new_value))

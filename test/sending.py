@@ -26,7 +26,8 @@ from stickslip_monitor.monitor.alarm_states import AlarmKind
 from stickslip_monitor.monitor.bearing_monitor import Update
 from stickslip_monitor.monitor.bearing_records import BearingState, bearing_record
 from stickslip_monitor.monitor.input_faults import Graph
-from stickslip_monitor.monitor.rule_state import State, settings_of
+from stickslip_monitor.monitor.rule_settings import settings_of
+from stickslip_monitor.monitor.rule_state import State
 from stickslip_monitor.monitor.sample_types import Input
 from stickslip_monitor.monitor.session import Moment, Session, Sink
 from stickslip_monitor.monitor.severity import CONDITIONS, Condition

@@ -123,8 +123,8 @@ class SignalKInputs(BusInputs):
         """Yield bearing, input, number and stamp [ns] of each fresh sample of an admitted source.
 
         The number is converted from the unit of its meta data to Hz, N or K, and NaN if invalid; the stamp is
-        ``None`` if unreadable. ``now`` is of a steady clock [s]; units, sources and times of values are stored.
-        Other vessels, and what is malformed, are skipped. Call :meth:`greet` first.
+        ``None`` if unreadable. ``now`` is of a steady clock [s]; units, sources and times of values are
+        stored. Other vessels, and what is malformed, are skipped. Call :meth:`greet` first.
         """
         self._take_units(frame)
         for update, source, path, value in _own_values(frame, self._own):

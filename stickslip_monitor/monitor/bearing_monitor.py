@@ -20,7 +20,8 @@ from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.level_comparison import LevelComparison, compare_streams
 from stickslip_monitor.monitor.parameters import BearingConfig, MonitorConfig
 from stickslip_monitor.monitor.rule_over_arrays import BearingScan, Scan
-from stickslip_monitor.monitor.rule_state import NEVER, RuleNumbers, State, settings_of
+from stickslip_monitor.monitor.rule_settings import RuleNumbers, settings_of
+from stickslip_monitor.monitor.rule_state import NEVER, State
 from stickslip_monitor.monitor.sample_types import INPUTS, VALUE_FAULTS, Input, Sample, Status, Stream
 from stickslip_monitor.monitor.severity import Condition, Unknown
 from stickslip_monitor.monitor.statements import Event, Standing, Verdict, size_cycle

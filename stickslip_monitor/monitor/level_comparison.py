@@ -21,7 +21,8 @@ from stickslip_monitor.arrays import FloatArray, IntArray
 from stickslip_monitor.monitor import rule, vibration_rule
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import ACCEPTED, LATE, MEMORY, judge_value, si_value
-from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, NEVER, RuleNumbers, settings_of
+from stickslip_monitor.monitor.rule_settings import RuleNumbers, settings_of
+from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, NEVER
 from stickslip_monitor.monitor.sample_types import Stream
 from stickslip_monitor.monitor.vibration_rule import excess_over_threshold
 

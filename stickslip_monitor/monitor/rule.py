@@ -7,8 +7,8 @@ disturbance grown since the last operating point, what does the new point ask fo
 alarm change. What a measured level says is in :mod:`.vibration_rule`. It is plain scalar Python: live it
 runs as it stands, over a recording the loop of :mod:`.rule_over_arrays` is compiled.
 
-Everywhere ``s`` is the memory and ``c`` the numbers of the configuration (:mod:`.rule_state`);
-``model`` are the numbers of the friction law, those of the boundaries over the load
+Everywhere ``s`` is the memory (:mod:`.rule_state`) and ``c`` the numbers of the configuration
+(:mod:`.rule_settings`); ``model`` are the numbers of the friction law, those of the boundaries over the load
 (:mod:`stickslip_monitor.physics.boundary_table`) and those of a belief, of no matter without one.
 """
 
@@ -21,7 +21,8 @@ from typing import TypeAlias, TypeVar
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.monitor.parameters import MAX_LOAD_POINTS
-from stickslip_monitor.monitor.rule_state import LEVEL, LOAD, NEVER, SPEED, WATER, RuleNumbers, State
+from stickslip_monitor.monitor.rule_settings import RuleNumbers
+from stickslip_monitor.monitor.rule_state import LEVEL, LOAD, NEVER, SPEED, WATER, State
 from stickslip_monitor.monitor.sample_types import LEAST_NO_VALUE, NO_VALUES, Status
 from stickslip_monitor.monitor.vibration_rule import (
     QUIET,

@@ -36,17 +36,8 @@ from stickslip_monitor.monitor.rule import (
     repeat_value,
     take_value,
 )
-from stickslip_monitor.monitor.rule_state import (
-    LEVEL,
-    LOAD,
-    NEVER,
-    SPEED,
-    STATE_TYPE,
-    RuleNumbers,
-    RuleSettings,
-    State,
-    settings_of,
-)
+from stickslip_monitor.monitor.rule_settings import RuleNumbers, RuleSettings, settings_of
+from stickslip_monitor.monitor.rule_state import LEVEL, LOAD, NEVER, SPEED, STATE_TYPE, State
 from stickslip_monitor.monitor.sample_types import Input, Status, Stream
 from stickslip_monitor.monitor.severity import Unknown
 from stickslip_monitor.monitor.statements import Event, Standing, size_cycle

@@ -14,7 +14,8 @@ from functools import cached_property, partial
 from stickslip_monitor.monitor import rule
 from stickslip_monitor.monitor.assessment import Assessment, Outcome, assess
 from stickslip_monitor.monitor.parameters import BearingConfig
-from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, NEVER, WATER, RuleSettings, State
+from stickslip_monitor.monitor.rule_settings import RuleSettings
+from stickslip_monitor.monitor.rule_state import DOUBT, LEVEL, NEVER, WATER, State
 from stickslip_monitor.monitor.sample_types import QUANTITIES
 from stickslip_monitor.monitor.severity import (
     CONDITIONS,

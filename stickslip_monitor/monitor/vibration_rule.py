@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 
 from stickslip_logs.units import SECOND_NS
-from stickslip_monitor.monitor.rule_state import DOUBT, SPEED, RuleNumbers, State
+from stickslip_monitor.monitor.rule_settings import RuleNumbers
+from stickslip_monitor.monitor.rule_state import DOUBT, SPEED, State
 
 UNKNOWN, QUIET, VIBRATING = 0, 1, 2
 # Each with the measurement that chose it: docs/rule.md, "Why these numbers".

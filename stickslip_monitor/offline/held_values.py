@@ -10,7 +10,7 @@ from stickslip_monitor.arrays import BoolArray, FloatArray, IntArray
 from stickslip_monitor.monitor.bearing_monitor import repeat_step
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import judge_value, si_value
-from stickslip_monitor.monitor.rule_state import settings_of
+from stickslip_monitor.monitor.rule_settings import settings_of
 from stickslip_monitor.monitor.sample_types import QUANTITIES, Status, Stream
 
 

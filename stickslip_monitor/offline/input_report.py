@@ -30,7 +30,7 @@ from stickslip_monitor.monitor.input_fitness import FitnessWatch
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule import si_value
 from stickslip_monitor.monitor.rule_over_arrays import Scan
-from stickslip_monitor.monitor.rule_state import settings_of
+from stickslip_monitor.monitor.rule_settings import settings_of
 from stickslip_monitor.monitor.sample_types import INPUTS, LEVEL, STATUS_SENTENCES, Status, Stream
 from stickslip_monitor.monitor.statements import duration_text, rounded_text
 

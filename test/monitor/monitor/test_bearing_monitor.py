@@ -12,7 +12,8 @@ from shared import REFERENCE
 from stickslip_monitor import Monitor, MonitorConfig, Sample, Stream, build_config
 from stickslip_monitor.errors import ConfigurationError
 from stickslip_monitor.monitor.bearing_monitor import BearingMonitor
-from stickslip_monitor.monitor.rule_state import DOUBT, State, settings_of
+from stickslip_monitor.monitor.rule_settings import settings_of
+from stickslip_monitor.monitor.rule_state import DOUBT, State
 from stickslip_monitor.monitor.sample_types import NO_VALUES, Input, Status
 from stickslip_monitor.monitor.severity import LADDER, Condition
 from stickslip_monitor.monitor.statements import OrderKind, SpeedOrder, order
