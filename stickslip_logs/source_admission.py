@@ -17,7 +17,7 @@ class SourceAdmission:
 
     Args:
         label: What the value is, for a person.
-        timeout: Time-out of the input [s].
+        timeout: Time-out of the input; a source without a number for half of it is given up [s].
         only: The only source to use; empty to stay with the first that sends.
         log: Given a line for each source that is left out, once, and for each change.
     """

@@ -275,7 +275,7 @@ class _Source:
         return max(_MIN_STEP_NS, 5 * self.interval_ns // 2)
 
     @property
-    def steps_often(self) -> bool:
+    def has_many_steps(self) -> bool:
         """Whether it steps back more often than clocks are set: more than 32 times, or a quarter of few rows.
 
         Two steps back are never too many.
@@ -365,16 +365,16 @@ class TimeOrder:
 
         Args:
             wanted: The numbers of the sources; None for all.
-            read_rows: Reads rows again, as written. With it rows behind a step that are a copy of earlier
-                ones make no clock that was set: all are to be sorted by the times as written. None to look
-                for no copies.
+            read_rows: Reads rows again, as written; its errors go through. With it rows behind a step that
+                are a copy of earlier ones make no clock that was set: all are to be sorted by the times as
+                written. None to look for no copies.
             files: The places at which further files of the recording begin, rising.
         """
         sources = {k: segments for k, segments in self._sources.items() if wanted is None or k in wanted}
         if not sources:
             return TimeCourse()
         course = TimeCourse()
-        if any(segments.steps_often for segments in sources.values()) or not _explain_steps(course, sources):
+        if any(s.has_many_steps for s in sources.values()) or not _explain_steps(course, sources):
             course = TimeCourse(wait_ns=None, is_unordered=True)
             course.start_ns = min(segments.least_ns for segments in sources.values())
             course.end_ns = max(segments.most_ns for segments in sources.values())
@@ -630,8 +630,8 @@ def _set_clocks(
 def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     """Set start, end, longest gap, and how long rows wait for their turn, in the course.
 
-    Also set whether its rows are unordered: they would wait too long, and none of them was late. All times
-    are those that its shifts give, which must be complete; of late rows it must have the count.
+    Also set whether its rows are unordered: they would wait too long (``wait_ns`` says how long), and none of
+    them was late. Times are those that its shifts give, which must be complete, as the count of late rows.
     """
     parts, own_late_ns = [], 0
     for key, times_of_source in sources.items():

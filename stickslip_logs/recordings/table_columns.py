@@ -82,7 +82,7 @@ class SourceColumn:
     status: int | None = None
     timeout: float | None = None
 
-    def sent(self, values: FloatArray) -> FloatArray:
+    def convert_numbers(self, values: FloatArray) -> FloatArray:
         """Return numbers of the column as the sensor would have sent them; those in ``no_values`` unchanged.
 
         Numbers that become too large are infinite. Without a conversion the array itself is returned.
@@ -98,7 +98,8 @@ class ColumnRecording(Recording):
     """A table as the recording that it stands for, without the way to its numbers.
 
     Its topics are its columns, or the names in a table of one value a line, until :meth:`deliver` chooses
-    which of them stand for which topics. Making it reads the head and the tail of the file.
+    which of them stand for which topics. Making it reads the head and the tail of the file; methods that read
+    it anew raise OSError where it is gone.
 
     Args:
         path: The file.
@@ -399,7 +400,7 @@ class ColumnRecording(Recording):
         Returns:
             The rows, and their times [ns], shape (n,).
         """
-        keys = self.keys_of(column)
+        keys = self.chosen_keys(column)
         last_place = max([column.place, *(place for place, _ in keys)])
         column_rows = [
             row
@@ -410,7 +411,7 @@ class ColumnRecording(Recording):
         ]
         return _drop_untimed(column_rows, self.table.clock_of(column.place))
 
-    def keys_of(self, column: LogColumn) -> tuple[tuple[int, str], ...]:
+    def chosen_keys(self, column: LogColumn) -> tuple[tuple[int, str], ...]:
         """Return places and texts of the cells by which rows belong to a column; empty where all rows do."""
         name = () if self.names is None or column.name is None else ((self.names[0], column.name),)
         return (*name, *column.where)
@@ -447,7 +448,7 @@ class ColumnRecording(Recording):
             pairs.append((matching[0], text))
         return replace(column, where=tuple(pairs))
 
-    def key_of(self, column: LogColumn) -> tuple[str, list[str]] | None:
+    def find_unchosen_key(self, column: LogColumn) -> tuple[str, list[str]] | None:
         """Return the heading of the column whose words tell several things apart, such as shafts, and these.
 
         Only head and tail are searched; the words are each once, in their order. None where the rows of the
@@ -479,7 +480,7 @@ class ColumnRecording(Recording):
     def _key_places(self, column: LogColumn) -> list[int]:
         """Return the places of the columns that may tell rows of a column apart and were not chosen by."""
         names, status = self.table.names, self._find_quality_column(column.place)
-        taken = {column.place, *self.table.time_columns, *(place for place, _ in self.keys_of(column))}
+        taken = {column.place, *self.table.time_columns, *(place for place, _ in self.chosen_keys(column))}
         taken |= {*(self.names or ()), *(k for k in (self.unit_place, status) if k is not None)}
         taken |= find_quality_columns(names)
         return [k for k in range(len(names)) if k not in taken]

@@ -119,7 +119,7 @@ class TableReading:
         self._progress = progress
         self._rows, self._damaged = 0, 0
         self._last_ns, self._distinct = dict.fromkeys(columns, -1), Counter[str]()
-        self._keys = {topic: recording.keys_of(source.column) for topic, source in columns.items()}
+        self._keys = {topic: recording.chosen_keys(source.column) for topic, source in columns.items()}
         # One column may be several topics; beyond 62 columns two share a bit.
         places_of = {column: k for k, column in enumerate({s.column: None for s in columns.values()})}
         self._bits = [places_of[source.column] % _BITS for source in columns.values()]
@@ -402,7 +402,7 @@ class TableReading:
             row = at if where is None else where[at]
             keep = rows.is_timed[row]
             is_there[k, number[row[keep]]] = True
-            values[k, number[row[keep]]] = source.sent(numbers.value[at[keep]])
+            values[k, number[row[keep]]] = source.convert_numbers(numbers.value[at[keep]])
         return time_ns, is_there, values
 
     def _admitted_rows(self, topic: str, rows: Rows, chosen: BoolArray) -> BoolArray:

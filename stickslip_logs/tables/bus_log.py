@@ -52,9 +52,8 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     None for a damaged sentence, for a line that only begins as one, and for a number without a time, as
     behind a clock that fell silent; an empty row for a line of something else, nothing for a blank line.
 
-    A row with only a time stands for the first and for the last time of the log,
-    if no number has it: other instruments may go on where a sender falls silent. Numbers of a second talker
-    are named 'NAME from TALKER'.
+    A row with only a time stands for the first and for the last time of the log, if no number has it: others
+    may go on where a sender falls silent. Numbers of a second talker are named 'NAME from TALKER'.
     """
     when, has_clock, first = '', False, dict[str, str]()
     latest = ''  # the time of the latest row
@@ -77,7 +76,7 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
             for number, value, unit in _sentence_numbers(kind, fields):
                 name = _name_of(number, talker, first)
                 latest = when
-                is_timed = when and tallies.setdefault(name, _Tally()).is_timed(clocks)
+                is_timed = when and tallies.setdefault(name, _Tally()).count_number(clocks)
                 yield (when, name, value, unit, talker) if is_timed else None
             if when and not latest:
                 latest = when
@@ -94,7 +93,7 @@ class _Tally:
     def __init__(self) -> None:
         self._clock = self._count = self._most = 0
 
-    def is_timed(self, clock: int) -> bool:
+    def count_number(self, clock: int) -> bool:
         """Count a number; return whether the last time that was read may be its own.
 
         It is not where far more numbers have come since than ever came between two times: the clock fell
@@ -211,7 +210,7 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
             context = name if kind == 'vessels' else kind
             if not context:
                 raise ValueError('a delta is of somebody')
-            if context != 'self' and not own_vessel and kind == 'vessels' and _is_own(delta):
+            if context != 'self' and not own_vessel and kind == 'vessels' and _is_of_own_vessel(delta):
                 own_vessel = name
             if context not in (own_vessel, 'self'):
                 silent = delta
@@ -229,7 +228,7 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
         yield _row_of_time(when)
 
 
-def _is_own(delta: Any) -> bool:
+def _is_of_own_vessel(delta: Any) -> bool:
     """Return whether a delta has a path that no vessel sends by AIS, so that it is of the own vessel.
 
     Raises:
@@ -263,7 +262,7 @@ def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> lis
         delta: The delta.
         first: The first source of each path, to which new ones are added. Numbers of a later source are named
             'PATH from SOURCE'.
-        units: The units of paths by their meta data, to which new ones are added.
+        units: The units of paths by their meta data, to which new ones are added; some paths need none.
 
     Raises:
         TypeError: A time is no text; other errors where the delta is damaged.

@@ -264,7 +264,7 @@ def _table_dialect(
     above, below = rows[:first], rows[first:]
     heading, units = _fit_headings(*_find_headings(above, width), below, width)
     names = heading or [f'#{k + 1}' for k in range(width)]
-    suffixes = [_unit_suffix(below, k, names[k]) for k in range(width)]
+    suffixes = [_unit_behind_numbers(below, k, names[k]) for k in range(width)]
     headings = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
     if any(suffixes):
         # A row may be longer or shorter than others.
@@ -589,7 +589,7 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
     return (), (distinct or named)[-1] if len({*named[-1]}) < len(named[-1]) else named[-1]
 
 
-def _unit_suffix(rows: Sequence[Cells], place: int, heading: str) -> str:
+def _unit_behind_numbers(rows: Sequence[Cells], place: int, heading: str) -> str:
     """Return the unit behind most numbers of a column, with the blank before it; empty where there is none.
 
     The first 500 rows count. Letters right behind whole numbers are a unit only if it is a known one, and a

@@ -62,11 +62,11 @@ def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
         if not is_named and (main.is_count or all(parse_number(row[k]) is not None for row in filled)):
             continue
         counter = clock_of_numbers(table, filled, k, is_named=True) if main.is_count else clock
-        if counter is not None and _goes_on(counter, filled, direction):
+        if counter is not None and _has_steady_times(counter, filled, direction):
             yield counter
 
 
-def _goes_on(clock: Clock, rows: Sequence[Cells], direction: int) -> bool:
+def _has_steady_times(clock: Clock, rows: Sequence[Cells], direction: int) -> bool:
     """Return whether more than half of rows have times of a clock, a tenth at most against a direction.
 
     The direction is 1 for rising times, else -1.

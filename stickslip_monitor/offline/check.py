@@ -32,7 +32,7 @@ from stickslip_monitor.monitor.rule_over_arrays import LONG, BearingScan, Scan, 
 from stickslip_monitor.monitor.sample_types import INPUTS, LEVEL, Stream
 from stickslip_monitor.monitor.severity import MEASURED
 from stickslip_monitor.monitor.statements import Event, duration_text
-from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, Outliner, sum_durations
+from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, OutlineBuilder, sum_durations
 from stickslip_monitor.offline.held_values import HeldValues
 from stickslip_monitor.offline.input_binding import bind_at_least_one
 from stickslip_monitor.offline.input_columns import Bound, guess_of
@@ -270,7 +270,7 @@ class _BearingCheck:
         self._questions = {of: text for (name, of), text in bound.questions.items() if name == config.name}
         self._scan: BearingScan | None = None
         self._held = HeldValues(config)
-        self._outliner = Outliner(config) if outlined else None
+        self._outline_builder = OutlineBuilder(config) if outlined else None
         self._inputs = [InputCheck(config, k, text) for k, text in zip(config.places, absent, strict=True)]
         self._plausibility, self._fitness = Plausibility(config), FitnessWatch()
         self._extremes = Extremes()
@@ -333,8 +333,8 @@ class _BearingCheck:
         self._extremes.take(scan)
         if scan.measured is not None:
             self._measured_ns += sum_durations(scan.measured, scan.until_ns - scan.time_ns, len(MEASURED))
-        if self._outliner is not None:
-            self._outliner.take(scan)
+        if self._outline_builder is not None:
+            self._outline_builder.add_scan(scan)
 
     def report(
         self, span: SampleSpan, faults: Mapping[Request, tuple[Fault, ...]], clock: str
@@ -376,7 +376,7 @@ class _BearingCheck:
                 for input_check, request in zip(self._inputs, self.requests, strict=True)
             ),
             None if self.config.level is None else dict(measured),
-            None if self._outliner is None else self._outliner.outline(),
+            None if self._outline_builder is None else self._outline_builder.build(),
         )
 
 

@@ -62,7 +62,7 @@ _ROW = np.dtype(
 """A point that may stay."""
 
 
-class Outliner:
+class OutlineBuilder:
     """Follows a bearing and keeps the outline of its verdicts.
 
     The points are taken in stretches of one length, which doubles when they become too many. Of
@@ -78,7 +78,7 @@ class Outliner:
         self._events: list[Event] = []
         self._last: tuple[int, int] | None = None
 
-    def take(self, scan: Scan) -> None:
+    def add_scan(self, scan: Scan) -> None:
         """Take the next verdicts: keep their events, and rows that may be extreme; lengthen the groups."""
         self._events += scan.events
         if not scan.time_ns.size:
@@ -133,7 +133,7 @@ class Outliner:
         """Return the index of the first row of each group, ascending; empty without rows."""
         return np.flatnonzero(np.diff(rows['number'] // self._length, prepend=-1))
 
-    def outline(self) -> Outline:
+    def build(self) -> Outline:
         """Return the outline of all verdicts taken so far; if they are few, all of them."""
         config = self._config
         rows = self._thin_rows(self._rows)

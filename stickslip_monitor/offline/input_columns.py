@@ -134,7 +134,7 @@ class ColumnBinding:
         if len(columns) != 1:
             raise BagError(self._no_column_text(bearing.name, quantity, source.column, columns))
         column = self._log.choose_rows(columns[0], source.where_texts)
-        if (key := self._log.key_of(column)) is None:
+        if (key := self._log.find_unchosen_key(column)) is None:
             return column
         heading, texts = key
         pairs = {heading: texts[0], **source.where_texts}

@@ -240,4 +240,4 @@ def test_numbers_of_few_kinds_tell_no_rows_apart(form: str, tmp_path: Path) -> N
     )
     recording = open_log(tmp_path, text)
     speed = next(column for column in recording.all_columns if column.heading == 'rpm')
-    assert recording.key_of(speed) is None
+    assert recording.find_unchosen_key(speed) is None

@@ -67,12 +67,12 @@ ONE = {
 def test_the_column_that_tells_lines_apart_is_found(name: str, tmp_path: Path) -> None:
     recording = open_log(tmp_path, SEVERAL[name])
     column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
-    key_and_texts = recording.key_of(column)
+    key_and_texts = recording.find_unchosen_key(column)
     assert key_and_texts is not None
     key, texts = key_and_texts
     values = [values_of(recording, {key: text}) for text in texts]
     assert sorted(map(max, values)) == [21, 137]
-    assert recording.key_of(recording.choose_rows(column, {key: texts[0]})) is None
+    assert recording.find_unchosen_key(recording.choose_rows(column, {key: texts[0]})) is None
 
 
 @pytest.mark.parametrize('name', NUMBERED)
@@ -92,7 +92,7 @@ def test_things_with_numbers_are_told_apart_by_their_values(name: str, tmp_path:
 def test_lines_of_one_thing_are_not_told_apart(name: str, tmp_path: Path) -> None:
     recording = open_log(tmp_path, ONE[name])
     column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
-    assert recording.key_of(column) is None
+    assert recording.find_unchosen_key(column) is None
 
 
 def values_of(recording: TableRecording, selection: dict[str, str]) -> list[float]:
@@ -113,7 +113,7 @@ def test_all_lines_may_be_of_one_thing(tmp_path: Path) -> None:
     column = recording.choose_rows(
         next(listed for listed in recording.all_columns if listed.heading == 'rpm'), {'shaft': '*'}
     )
-    assert recording.key_of(column) is None
+    assert recording.find_unchosen_key(column) is None
     assert len(values_of(recording, {'shaft': '*'})) == SEVERAL['shafts'].count('\n') - 1
 
 
@@ -157,7 +157,7 @@ def log_of_twins(noise: int, begin: int, count: int = 4000) -> str:
 def test_shafts_that_turn_alike_at_the_ends_of_a_log_are_told_apart_by_its_middle(tmp_path: Path) -> None:
     recording = open_log(tmp_path, log_of_twins(noise=1, begin=1500))
     column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
-    assert recording.key_of(column) is None
+    assert recording.find_unchosen_key(column) is None
     with pytest.raises(BagError, match=r"'shaft' has '1', '2' beside values .* where: \{'shaft': '1'\}"):
         recording.read([Request('rpm', 'data')])
     assert min(values_of(recording, {'shaft': '2'})) == 15

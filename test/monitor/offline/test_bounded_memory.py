@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.parameter_file import load_config
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_over_arrays import BearingScan, Scan
 from stickslip_monitor.offline import extremes
-from stickslip_monitor.offline.extremes import Outline, Outliner
+from stickslip_monitor.offline.extremes import Outline, OutlineBuilder
 
 _MILLION = 1_000_000
 # In a process of its own, which tells the most memory that it had, and whose data is
@@ -94,10 +94,10 @@ def test_memory_is_bounded_with_outputs_too(tmp_path: Path, option: str) -> None
 
 
 def outline_of(config: BearingConfig, scans: Iterable[Scan]) -> Outline:
-    outliner = Outliner(config)
+    outline_builder = OutlineBuilder(config)
     for scan in scans:
-        outliner.take(scan)
-    return outliner.outline()
+        outline_builder.add_scan(scan)
+    return outline_builder.build()
 
 
 @settings(max_examples=12, deadline=None)

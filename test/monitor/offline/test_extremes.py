@@ -20,7 +20,7 @@ from stickslip_monitor.monitor.severity import Condition
 from stickslip_monitor.offline.extremes import (
     ConditionInterval,
     Extremes,
-    Outliner,
+    OutlineBuilder,
     coarsen_intervals,
     condition_intervals,
     join_intervals,
@@ -106,7 +106,7 @@ def times_in_regimes(scan: Any, codes: NDArray[np.int8]) -> list[int]:
 )
 def test_the_duration_of_a_verdict_of_an_outline(seconds: list[int], until: list[float]) -> None:
     (config,) = configured().bearings
-    time_ns, outliner = np.array(seconds) * NS, Outliner(config)
+    time_ns, outline_builder = np.array(seconds) * NS, OutlineBuilder(config)
     speed, load = np.full(time_ns.size, 0.3), np.full(time_ns.size, 1000.0)
     scan: Any = SimpleNamespace(
         time_ns=time_ns,
@@ -116,8 +116,8 @@ def test_the_duration_of_a_verdict_of_an_outline(seconds: list[int], until: list
         water=np.full(time_ns.size, np.nan),
         events=[],
     )
-    outliner.take(scan)
-    assert outliner.outline().until_ns.tolist() == [round(second * NS) for second in until]
+    outline_builder.add_scan(scan)
+    assert outline_builder.build().until_ns.tolist() == [round(second * NS) for second in until]
 
 
 def test_the_times_for_which_a_value_may_stand_are_whole_minutes() -> None:
