@@ -107,7 +107,7 @@ class TimeCourse:
     """Course of a recording: what to add to its times, and how long rows wait for their turn.
 
     Attributes:
-        shifts: What to add to the times as written, as :meth:`follow` does.
+        shifts: What to add to the times as written, as :meth:`correct_times` does.
         wait_ns: The longest that a row comes behind a later one [ns]; None where all have to be sorted.
         is_unordered: Whether rows were written in another order than they happened.
         steps_ns: By how much the clock was set back, each time [ns].
@@ -130,7 +130,7 @@ class TimeCourse:
     end_ns: int | None = None
     gap_ns: int = 0
 
-    def follow(self, time_ns: IntArray, source: IntArray, place: IntArray) -> IntArray:
+    def correct_times(self, time_ns: IntArray, source: IntArray, place: IntArray) -> IntArray:
         """Return the corrected times of rows [ns], shape (n,); the array itself where nothing is shifted.
 
         The source of each row is its number, and its place where it is in the file: numbers that rise.
@@ -353,7 +353,7 @@ class TimeOrder:
             self._sources[source] = _Source(is_in_blocks=self._is_in_blocks)
         return self._sources[source].add(time_ns, place, offset)
 
-    def course(
+    def judge(
         self,
         wanted: Collection[int] | None = None,
         read_rows: ReadRows | None = None,
@@ -637,7 +637,7 @@ def _measure_wait(course: TimeCourse, sources: dict[int, _Source]) -> None:
     for key, times_of_source in sources.items():
         segments = times_of_source.segments
         source = np.full(len(segments), key)
-        first_ns, last_ns = (course.follow(segments[:, k], source, segments[:, 0]) for k in (4, 5))
+        first_ns, last_ns = (course.correct_times(segments[:, k], source, segments[:, 0]) for k in (4, 5))
         parts.append(np.stack([segments[:, 0], first_ns, last_ns], axis=1))
         own_late_ns = max(own_late_ns, _longest_delay(parts[-1][:-1, 2], parts[-1][1:, 1]))
     segments = np.concatenate(parts)

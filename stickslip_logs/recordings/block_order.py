@@ -64,7 +64,7 @@ class CourseOfBlocks:
             return piece.log_time_ns
         time_ns, is_time = piece.log_time_ns.copy(), _are_log_times(piece.log_time_ns, self.least_ns)
         own_ns, topic, byte = (column[is_time] for column in _rows_of(file, piece, self.numbers))
-        time_ns[is_time] = self.course.follow(own_ns, topic, (number << _BYTE_BITS) + byte)
+        time_ns[is_time] = self.course.correct_times(own_ns, topic, (number << _BYTE_BITS) + byte)
         return time_ns
 
 
@@ -92,7 +92,7 @@ class BlockTimes:
                 for topic, time_ns, byte in rows_of_topics
             )
         begins = itertools.accumulate(len(file.blocks) for file in self._files)
-        course = order.course(
+        course = order.judge(
             None,
             functools.partial(self._read_rows, numbers, spans),
             [number << _BYTE_BITS for number in begins],
@@ -105,7 +105,7 @@ class BlockTimes:
         if course.shifts:
             for number, rows_of_topics in self._iterate_blocks(numbers):
                 resulting = (
-                    course.follow(time_ns, np.full(byte.size, topic), (number << _BYTE_BITS) + byte)
+                    course.correct_times(time_ns, np.full(byte.size, topic), (number << _BYTE_BITS) + byte)
                     for topic, time_ns, byte in rows_of_topics
                 )
                 spans[number] = _join_spans((int(times.min()), int(times.max())) for times in resulting)

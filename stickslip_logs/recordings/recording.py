@@ -218,7 +218,7 @@ class Recording(ABC):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Oddities and guesses, as far as they were noticed until now."""
+        """Oddities, guesses, and losses but cuts, as far as noticed: up to 50, then how many more."""
         return self._findings.texts
 
     @property

@@ -21,7 +21,7 @@ from stickslip_logs.recordings.recording import Findings, Recording, TopicInfo
 from stickslip_logs.tables.bus_log import first_name
 from stickslip_logs.tables.cell_times import DAY, Cells
 from stickslip_logs.tables.dialect import is_number_as_unit, parse_heading, parse_number, with_unit
-from stickslip_logs.tables.quality_columns import find_quality, find_quality_columns, is_quality_of
+from stickslip_logs.tables.quality_columns import find_bad_mark_test, find_quality_columns, is_quality_of
 from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_columns, is_same_key
 from stickslip_logs.tables.table_file import open_table
 from stickslip_logs.tables.time_columns import Clock, DayCounter, counted_from
@@ -98,8 +98,8 @@ class ColumnRecording(Recording):
     """A table as the recording that it stands for, without the way to its numbers.
 
     Its topics are its columns, or the names in a table of one value a line, until :meth:`deliver` chooses
-    which of them stand for which topics. Making it reads the head and the tail of the file; methods that read
-    it anew raise OSError where it is gone.
+    which of them stand for which topics. Making it reads the head and the tail of the file, and adds guesses
+    and losses to its warnings; methods that read the file anew raise OSError where it is gone.
 
     Args:
         path: The file.
@@ -130,7 +130,7 @@ class ColumnRecording(Recording):
             if times.size:
                 order.add(times, np.full(times.size, number), np.arange(times.size))
         self._may_lack_names = self._may_miss_names(timed_rows)
-        course = order.course()
+        course = order.judge()
         self.is_unordered = course.is_unordered
         self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
         """The columns of numbers."""
@@ -259,7 +259,7 @@ class ColumnRecording(Recording):
         ``where``, has one mark only or more than 100, or is not there. The file is read for all marks.
         """
         status = self._find_quality_column(column.place)
-        if status is not None and self.quality(status) is not None:
+        if status is not None and self.bad_mark_test(status) is not None:
             return None
         status = self._find_flag_column(column.place) if status is None else status
         if status is None or status in dict(column.where):
@@ -285,13 +285,13 @@ class ColumnRecording(Recording):
                 return k
         return None
 
-    def quality(self, status: int) -> Callable[[str], bool] | None:
+    def bad_mark_test(self, status: int) -> Callable[[str], bool] | None:
         """Return a function that is True for a mark by which a number does not count.
 
         None where the marks of the column at the place ``status``, in head and tail, have no known meaning.
         """
         marks = {str(row[status]) for row in self._ends if len(row) > status}
-        return find_quality(self.table.names[status], marks)
+        return find_bad_mark_test(self.table.names[status], marks)
 
     def _rows_of_every_name(self, name: int) -> Iterator[Cells]:
         """Yield the rows of head and tail, then, where these may lack names, an empty row with each name.
@@ -371,7 +371,7 @@ class ColumnRecording(Recording):
         self.by_topic = {}
         for topic, source in columns.items():
             status = self._find_quality_column(source.column.place)
-            is_known = status is not None and self.quality(status) is not None
+            is_known = status is not None and self.bad_mark_test(status) is not None
             self.by_topic[topic] = replace(source, status=status if is_known else None)
         named = {(source.column.heading, source.status): None for source in self.by_topic.values()}
         for heading, status in named:

@@ -124,7 +124,7 @@ class TableReading:
         places_of = {column: k for k, column in enumerate({s.column: None for s in columns.values()})}
         self._bits = [places_of[source.column] % _BITS for source in columns.values()]
         statuses = {k for source in columns.values() if (k := source.status) is not None}
-        self._is_bad = {k: is_bad for k in statuses if (is_bad := recording.quality(k)) is not None}
+        self._is_bad = {k: is_bad for k in statuses if (is_bad := recording.bad_mark_test(k)) is not None}
         self._unit_place = recording.unit_place
         numbered = (k for source in columns.values() for k in recording.numbered_columns(source.column))
         self._numbered = NumberedRows(dict.fromkeys(numbered))
@@ -227,7 +227,7 @@ class TableReading:
         for block in blank if has_numbers else ():
             add(*block)
         order = whole if has_whole_lines else order
-        course = order.course(read_rows=self._read_lines)
+        course = order.judge(read_rows=self._read_lines)
         # Lines with a time for each signal are in no order but that of each.
         course.is_unordered &= course.wait_ns is None or len(recording.table.clocks) == 1
         if self._days and has_numbers:
@@ -362,7 +362,7 @@ class TableReading:
             row += time_ns.size
             source = _filled_columns(is_there, self._bits)
             source = np.full_like(source, _ALL_LINES) if self._has_whole_lines else source
-            yield self._course.follow(time_ns, source, place), is_there, values
+            yield self._course.correct_times(time_ns, source, place), is_there, values
 
     def _read_rows(self, rows: Rows) -> Part:
         """Read the numbers of all topics from a block of rows; count words that stand in their place.

@@ -69,7 +69,7 @@ def _named_signal(heading: str) -> list[str] | None:
     return [word for word in words if not _QUALITY.fullmatch(word) and word not in _BESIDE]
 
 
-def find_quality(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | None:
+def find_bad_mark_test(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | None:
     """Return a function that is True for a mark by which a number does not count.
 
     None where neither the heading nor the marks of the column show what these mean.

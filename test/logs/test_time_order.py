@@ -58,11 +58,11 @@ def judge_rows(rows: Rows) -> tuple[TimeCourse, IntArray, IntArray]:
     for begin in range(0, len(rows), 500):
         batch = slice(begin, begin + 500)
         order.add(time_ns[batch], source[batch], place[batch])
-    course = order.course()
+    course = order.judge()
     sorter, parts = Sorter(course.wait_ns), []
     for begin in range(0, len(rows), 300):
         batch = slice(begin, begin + 300)
-        follow = course.follow(time_ns[batch], source[batch], place[batch])
+        follow = course.correct_times(time_ns[batch], source[batch], place[batch])
         parts += sorter.add((follow, true_ns[batch]))
     parts += sorter.rest()
     return course, np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
@@ -149,9 +149,9 @@ def test_rows_that_are_put_in_order_elsewhere_are_kept_by_blocks() -> None:
         [1 << 32],
         [(1 << 32) + 1],
     ]
-    assert list(order.course().notes('they are', 'of it')) == []
+    assert list(order.judge().notes('they are', 'of it')) == []
     order.add_to(0, time_ns - 3400 * SECOND, np.arange(3600) * 40, offset=2 << 32)
-    assert order.course().steps_ns == [7000 * SECOND]
+    assert order.judge().steps_ns == [7000 * SECOND]
 
 
 def test_the_clock_of_one_sender_shifts_its_rows_only() -> None:
@@ -199,8 +199,8 @@ def test_only_the_sources_that_are_asked_for_are_judged() -> None:
     order, time_ns = TimeOrder(), START + np.arange(600) * SECOND
     order.add(time_ns, np.zeros(600, np.int64), np.arange(600))
     order.add(np.random.default_rng(1).permutation(time_ns), np.ones(600, np.int64), np.arange(600) + 600)
-    assert list(order.course([0]).notes('they are', 'of it')) == []
-    assert order.course().is_unordered
+    assert list(order.judge([0]).notes('they are', 'of it')) == []
+    assert order.judge().is_unordered
 
 
 def test_long_recordings_take_no_memory_for_their_rows() -> None:
@@ -212,9 +212,11 @@ def test_long_recordings_take_no_memory_for_their_rows() -> None:
     for begin in range(0, count, 10_000):
         batch = slice(begin, begin + 10_000)
         order.add(time_ns[batch], source[batch], place[batch])
-    course = order.course()
+    course = order.judge()
     assert course.steps_ns == [200 * SECOND]
-    np.testing.assert_array_equal(course.follow(time_ns, source, place), START + np.arange(count) * SECOND)
+    np.testing.assert_array_equal(
+        course.correct_times(time_ns, source, place), START + np.arange(count) * SECOND
+    )
     (source_rows,) = order._sources.values()
     assert len(source_rows.segments) < count // 50
 

@@ -10,7 +10,7 @@ from nasty_logs import open_log
 
 from stickslip_logs.recordings.recording import Request
 from stickslip_logs.recordings.table_columns import SourceColumn
-from stickslip_logs.tables.quality_columns import find_quality
+from stickslip_logs.tables.quality_columns import find_bad_mark_test
 
 
 @pytest.mark.parametrize(
@@ -58,14 +58,14 @@ def test_a_quality_beside_a_longer_name_is_of_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('good_word', ['Good', '192', 'Bad'])
 def test_a_word_that_is_not_known_does_not_count_beside_known_ones(good_word: str) -> None:
-    is_bad = find_quality('quality', [good_word])
+    is_bad = find_bad_mark_test('quality', [good_word])
     assert is_bad is not None
     assert [is_bad(mark) for mark in ('Good', 'Schlecht', '')] == [False, True, False]
 
 
 def test_words_of_which_only_the_bad_one_is_known_are_no_quality() -> None:
     """Ask which of the unknown words is good."""
-    assert find_quality('quality', ['Bad', 'Gut', 'Schlecht']) is None
+    assert find_bad_mark_test('quality', ['Bad', 'Gut', 'Schlecht']) is None
 
 
 @pytest.mark.parametrize(
@@ -74,17 +74,17 @@ def test_words_of_which_only_the_bad_one_is_known_are_no_quality() -> None:
 )
 def test_a_heading_says_that_small_codes_are_of_opc_ua(heading: str, is_known: bool) -> None:
     """OPC UA Part 4, 7.39: the two highest bits are the severity, 0x400 only says of what the others are."""
-    is_bad = find_quality(heading, ['0', '1024'])
+    is_bad = find_bad_mark_test(heading, ['0', '1024'])
     assert (is_bad is not None) == is_known
     assert not is_bad or [is_bad(mark) for mark in ('1024', '2147483648')] == [False, True]
 
 
 def test_a_mode_is_no_quality() -> None:
-    assert find_quality('status', ['1', '2', '3']) is None
+    assert find_bad_mark_test('status', ['1', '2', '3']) is None
 
 
 def test_a_bad_code_after_the_head_of_a_file_of_zeros_counts() -> None:
-    is_bad = find_quality('quality', ['0'])
+    is_bad = find_bad_mark_test('quality', ['0'])
     assert is_bad is not None
     assert [is_bad(mark) for mark in ('0', '2147483648')] == [False, True]
 
