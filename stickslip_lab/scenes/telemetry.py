@@ -130,7 +130,7 @@ class Channel:
         ``nominal`` is a load, :func:`nominal_load`, and ``fold`` the averaged fold speed at that load.
 
         Raises:
-            SceneError: The unit has no meaning on this channel.
+            SceneError: The unit has no meaning on this channel, as ``fold`` without a fold at that load.
         """
         if self.quantity == INPUTS[WATER]:
             return 1.0
@@ -142,7 +142,15 @@ class Channel:
         if unit in ('nominal', 'fold'):
             config = self.bearings[0]
             load = nominal_load(config)
-            return load if unit == 'nominal' else float(fold_speed(config.bearing, load))
+            if unit == 'nominal':
+                return load
+            fold = float(fold_speed(config.bearing, load))
+            if not 0.0 < fold < math.inf:
+                raise SceneError(
+                    f'unit fold says nothing about bearing {config.name}: it has no fold at its nominal load,'
+                    f' {load:g} N; use rpm'
+                )
+            return fold
         if self.quantity == 'load':
             return LOAD_UNITS[unit]
         if unit == 'm/s' and len({b.bearing.journal_diameter for b in self.bearings}) > 1:
