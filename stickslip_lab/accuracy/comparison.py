@@ -54,7 +54,10 @@ class Method:
     slow: bool = False  # whether a quick look leaves it out
 
     def solve(self, bearing: Bearing, speed: float, load: float) -> MethodResult:
-        """Return the result at an operating point; ``nan`` and ``REFUSED`` if the method does not apply."""
+        """Return the result at a surface speed > 0 [m/s] and load > 0 [N].
+
+        It is ``nan`` and ``REFUSED`` if the method does not apply.
+        """
         if not self.applies(bearing):
             return MethodResult(math.nan, REFUSED, None)
         return self.amplitude(bearing, speed, load)
@@ -92,7 +95,9 @@ def time_call(
     wall: Clock = time.perf_counter,
     cpu: Clock = time.process_time,
 ) -> tuple[float, int, bool]:
-    """Time repeated calls by two clocks [s]; the first, untimed call decides how many calls make a sample.
+    """Time repeated calls by two clocks, ``wall`` and ``cpu`` [s].
+
+    The first, untimed call decides how many calls make a sample.
 
     Returns:
         The median wall time of a call [s] over the undisturbed samples, their number, and False; or, where
@@ -292,7 +297,7 @@ def _smoothed_method(width: float, tight: bool) -> Method:
 
 
 def _switching_method(name: str, tight: bool, longest: float = math.inf) -> Method:
-    """Return the method of :func:`.switching` with its first two arguments; ``name`` is their short name."""
+    """Return the method of :func:`.switching` with ``tight`` and ``longest``, which ``name`` describes."""
     return Method(f'switching, {name}', 'switching, solve_ivp', partial(switching, tight, longest))
 
 
@@ -328,7 +333,7 @@ def _bench_case(
 ) -> Case:
     """Return a case of :data:`REFERENCE` with changed fields, at a speed [rpm] and a load [N].
 
-    ``reference`` is its amplitude, as of :class:`Case` [m].
+    ``reference`` is its amplitude [m]; it and ``quick`` are as of :class:`Case`.
     """
     return Case(name, replace(REFERENCE, **changes), rpm * _RPM, load, reference, quick)
 

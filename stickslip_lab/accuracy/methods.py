@@ -50,12 +50,15 @@ class MethodResult:
 
 
 def cycle_result(amplitude: float, evaluations: int | None = None) -> MethodResult:
-    """Return the result of a method that finished: a cycle, or none where the amplitude is ``nan``."""
+    """Return the result of a method that finished: a cycle, or none where the amplitude [m] is not finite.
+
+    ``evaluations`` are as of :class:`MethodResult`.
+    """
     return MethodResult(amplitude, CYCLE if math.isfinite(amplitude) else NO_CYCLE, evaluations)
 
 
 def unconverged_result(evaluations: int | None = None) -> MethodResult:
-    """Return the result of a method that gave up within its allowed number of steps: amplitude ``nan``."""
+    """Return the result of a method that gave up: amplitude ``nan``, with its ``evaluations``."""
     return MethodResult(math.nan, NOT_CONVERGED, evaluations)
 
 
@@ -64,12 +67,15 @@ Event = Callable[[float, FloatArray], float]
 
 
 def breakaway(bearing: Bearing, speed: float, load: float) -> float:
-    """Return the displacement ``x_0 = (mu_s N - c V)/k`` at which sticking ends [m]."""
+    """Return the displacement ``x_0 = (mu_s N - c V)/k`` at which sticking ends [m]; in SI units."""
     return (bearing.friction.static * load - bearing.damping * speed) / bearing.stiffness
 
 
 def typical_period(bearing: Bearing, speed: float, load: float) -> float:
-    """Estimate the duration of a cycle to plan with: a free vibration and the stick of a weak damper [s]."""
+    """Estimate the duration of a cycle to plan with: a free vibration and the stick of a weak damper [s].
+
+    ``speed`` is that of the surface, > 0 [m/s], ``load`` the load [N].
+    """
     lead = breakaway(bearing, speed, load) - float(bearing.equilibrium(speed, load))
     return 2.0 * np.pi / bearing.natural_frequency + 2.0 * max(lead, 0.0) / speed
 
@@ -459,7 +465,7 @@ class _Problem:
 
 
 def _solve_linear(matrix: FloatArray, value: FloatArray) -> FloatArray:
-    """Solve linear equations; by least squares where the matrix is singular."""
+    """Solve n linear equations, shapes (n, n) and (n,); by least squares where the matrix is singular."""
     try:
         return np.asarray(np.linalg.solve(matrix, value))
     except np.linalg.LinAlgError:

@@ -314,7 +314,8 @@ def _find_end(
 def _is_rising(track: ReportedCourse, time: float, inside: BoolArray) -> bool:
     """Return whether V/V_F has risen 3 % above its least ``inside`` by a time [s], and stays so for 3 s.
 
-    A shaft that stops does not. The ratio is averaged over nine bins.
+    A shaft that stops does not. The ratio is averaged over nine bins. ``inside`` has shape (n,), at least one
+    of them true.
     """
     wide = _moving_average(track.over, 9)
     after = (track.time > time) & (track.time <= time + 3.0)
@@ -391,5 +392,5 @@ def time_beyond_fold(track: ReportedCourse, end: float, reference: Reference) ->
 
 
 def _first_true(is_true: BoolArray, clock: FloatArray) -> FloatArray:
-    """Return the first of the times ``clock`` at which each row is true; ``inf`` for never."""
+    """Return the first of n times ``clock`` at which each row of (rows, n) is true; ``inf`` for never."""
     return np.where(is_true.any(axis=1), clock[np.argmax(is_true, axis=1)], np.inf)

@@ -120,6 +120,7 @@ def _read_evidence(
 
     Raises:
         BagError: A recording cannot be read.
+        OSError: A file of one was removed after it was opened.
         CalibrationError: A recording has neither a level nor the truth, and there are no reports.
     """
     evidence = []

@@ -107,6 +107,7 @@ def read_curve(
         FitError: The file breaks a rule, the text names file, line, column, value and rule; both a ``std``
             and a ``weight`` column are named; ``unit`` differs from the heading's; or speeds are in a unit of
             turning and ``journal_diameter`` is ``None``.
+        PhysicsError: ``journal_diameter`` is needed and not above 0.
     """
     rows, delimiter = _read_rows(path)
     where = f'{path}, line {rows[0].line}'
