@@ -283,7 +283,11 @@ def _asked_command(arguments: Sequence[str]) -> str | None:
 
 
 def _complete_line() -> None:
-    """Answer a shell that asks for completions of its line, and end the process."""
+    """Answer a shell that asks for completions of its line, and end the process.
+
+    Raises:
+        ConfigurationError: The package of the line's command is not installed.
+    """
     import argcomplete
 
     command = _asked_command(os.environ.get('COMP_LINE', '').split()[1:])

@@ -112,7 +112,7 @@ def program_fault(error: BaseException) -> str:
 
 
 def require_finite(name: str, value: float, unit: str = '') -> None:
-    """Raise :class:`PhysicsError` unless the value is a finite number.
+    """Raise :class:`PhysicsError` unless the value is a finite number; it is named with its unit.
 
     >>> require_finite('speed', 0.1, 'm/s')
     """
@@ -121,7 +121,7 @@ def require_finite(name: str, value: float, unit: str = '') -> None:
 
 
 def require_positive(name: str, value: float, unit: str = '') -> None:
-    """Raise :class:`PhysicsError` unless the value is finite and above zero.
+    """Raise :class:`PhysicsError` unless the value is finite and above zero; it is named with its unit.
 
     >>> require_positive('mass', 50.0, 'kg')
     """
@@ -131,7 +131,7 @@ def require_positive(name: str, value: float, unit: str = '') -> None:
 
 
 def require_not_negative(name: str, value: float, unit: str = '') -> None:
-    """Raise :class:`PhysicsError` unless the value is finite and not below zero.
+    """Raise :class:`PhysicsError` unless the value is finite and not below zero; it is named with its unit.
 
     >>> require_not_negative('damping', 0.0, 'N s/m')
     """

@@ -31,7 +31,8 @@ def clip_store(config: ClipConfig) -> ClipStore:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node, without loading numba, until it is to stop; return its exit code.
 
-    2 where ROS 2 is missing, which is printed; else that of :func:`stickslip_monitor.ros.process.main`.
+    2 where ROS 2 is missing, which is printed; else that of :func:`stickslip_monitor.ros.process.main`, which
+    takes ``args``.
     """
     try:
         from stickslip_monitor.ros import process

@@ -240,7 +240,7 @@ class Background(Generic[T]):
 
 
 class StateWriter(StateFile):
-    """A state file that is written in a thread, and locked until :meth:`close`.
+    """A state file that is written in a thread, and locked until :meth:`close`; arguments as of any.
 
     Raises:
         RosError: As of a state file; it is somebody else's, or another node uses it.

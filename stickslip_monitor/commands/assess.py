@@ -77,7 +77,7 @@ def to_json(bearing: str, point: Assessment) -> dict[str, Any]:
 
 
 def _build_table(item: BearingConfig, point: Assessment) -> Table:
-    """Return the table of an assessment; values without a number are shown as 'none'.
+    """Return the table of an assessment; values that are not finite are shown as 'none'.
 
     Probabilities have no rows where the bearing has no tolerance.
     """

@@ -59,6 +59,7 @@ def _read_track(path: str, bearing: BearingConfig) -> Track:
 
     Raises:
         BagError: The recording cannot be read, is empty, or has not both speed and load of the bearing.
+        OSError: A file of it was removed after it was opened.
     """
     # Imported only for a track: reading bags takes time to import.
     from stickslip_monitor.offline.check import RecordingBuffer, check_recording

@@ -160,7 +160,10 @@ def _read_number(kind: type[float], text: str) -> float | str:
 
 
 class _Number(argparse.Action):
-    """Stores a number; raises ConfigurationError for one out of bounds, or a text that is not a number."""
+    """Stores a number; raises ConfigurationError for one out of bounds, or a text that is not a number.
+
+    ``rule`` has the least, the greatest, and whether the least itself is not allowed.
+    """
 
     def __init__(self, *, rule: tuple[float, float, bool], kind: type[float], **more: Any) -> None:
         super().__init__(**more)

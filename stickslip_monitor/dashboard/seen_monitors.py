@@ -125,7 +125,7 @@ class Watched:
         return {'name': self.key, **view_fields, 'status': self.record}
 
     def _is_off_map(self, record: Mapping[str, Any]) -> bool:
-        """Return whether a record has the averaged fold at its load elsewhere than the map has it.
+        """Return whether a record has the averaged fold at its load more than 10 % beside that of the map.
 
         False where the record or the map has none.
         """

@@ -256,9 +256,10 @@ def diagram_columns(bearing: Bearing, diagram: Diagram) -> dict[str, NDArray[Any
 def draw_diagram(
     config: BearingConfig, load: float, speeds: Range | None = None, points: int = 400
 ) -> canvas.Figure:
-    """Draw the bifurcation diagram of a bearing at a load > 0 [N], over so many even speeds.
+    """Draw the bifurcation diagram of a bearing at a load > 0 [N].
 
-    The lowest and highest surface speed [m/s] are chosen to show Hopf and fold by default.
+    ``speeds`` are the lowest and highest surface speed [m/s], by default chosen to show Hopf and fold;
+    ``points`` the number of even speeds.
 
     Raises:
         DrawingError: matplotlib is not installed.

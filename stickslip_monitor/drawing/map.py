@@ -131,8 +131,8 @@ def map_ranges(
 def corners(bearing: Bearing, speeds: Range, load: float | None = None) -> FloatArray:
     """Return the law's break points between two speeds [m/s], with a speed close to each side, unordered.
 
-    There the curves have corners and the balance of work may jump. The break points are those at a load [N],
-    by default that of the law's measurement.
+    The array has shape (n,); n may be 0. There the curves have corners and the balance of work may jump. The
+    break points are those at a load [N], by default that of the law's measurement.
     """
     sides = 1.0 - 1e-9, 1.0, 1.0 + 1e-9
     beside = _speed_scale_factor(bearing, load) * np.outer(bearing.friction.breakpoints, sides).ravel()
@@ -192,8 +192,8 @@ def draw_map(
 ) -> canvas.Figure:
     """Draw the stability map of a bearing, and a track of operating points on it.
 
-    The lowest and highest surface speed [m/s] and load [N] are chosen if ``None``; the size is
-    width and height [inch].
+    ``speeds`` [m/s] and ``loads`` [N] are the lowest and highest, chosen if ``None``; the size is width and
+    height [inch].
 
     Raises:
         DrawingError: matplotlib is not installed.

@@ -167,7 +167,7 @@ class _Lines:
         }
 
     def at(self, time_ns: object) -> FloatArray:
-        """Return times on the axis: days since 1970 for dates, else seconds from the start."""
+        """Return times [ns] on the axis, of their shape: days since 1970 for dates, else s from the start."""
         since = np.asarray(time_ns, dtype=np.int64)
         if self.is_dated:
             return np.asarray(since / 86_400e9, dtype=float)
@@ -190,18 +190,21 @@ class _Lines:
         return self._time[drawn], possible, np.where(sticking[drawn], possible, 0.0)
 
     def line(self, *names: str) -> tuple[FloatArray, ...]:
-        """Return times on the axis and values of :attr:`columns`, thinned to one envelope; nan at breaks."""
+        """Return times on the axis and values of some :attr:`columns`, as :meth:`thin`."""
         return self.thin(*(self.columns[name] for name in names))
 
     def thin(self, *columns: FloatArray) -> tuple[FloatArray, ...]:
-        """Return times on the axis and columns of shape (n,), thinned to one envelope; nan at breaks."""
+        """Return times on the axis and columns of shape (n,), thinned to one envelope; nan at breaks.
+
+        All returned have one shape, (m,) with m about the points that a line keeps.
+        """
         values = [np.insert(np.asarray(column, dtype=float), self._breaks, np.nan) for column in columns]
         rows = canvas.envelope(self._max_points, *values)
         return (self._time[rows], *(value[rows] for value in values))
 
 
 def _finite_values(values: FloatArray) -> FloatArray:
-    """Return the values with ``nan`` in place of infinite ones."""
+    """Return a copy of values of any shape, with ``nan`` in place of infinite ones."""
     return np.where(np.isfinite(values), values, np.nan)
 
 

@@ -99,7 +99,8 @@ class Port:
     def send(self, lines: Iterable[str]) -> None:
         """Send lines in ASCII, CR LF added to each, without waiting; while the port is closed they are lost.
 
-        One that cannot be sent makes :meth:`run` report, close and reopen the port.
+        One that the other end does not take whole makes :meth:`run` report, close and reopen the port. A
+        character beyond ASCII is sent as ``?``.
         """
         for line in lines:
             if self._descriptor is None:
@@ -289,7 +290,10 @@ class NmeaClient(Sink):
     async def open_ports(self) -> None:
         """Create and store the ports for input and alerts, and open them; a TCP server may also come later.
 
+        Where both have one address that is not of UDP, one port serves for both.
+
         Raises:
+            ConfigurationError: An address is not that of a port.
             LinkError: One cannot be opened, and waiting does not mend it.
         """
         link = self._link
@@ -304,7 +308,11 @@ class NmeaClient(Sink):
             await port.start()
 
     def _make_port(self, role: str, address: str) -> Port:
-        """Make a port, not yet open, for a role: ``listen`` or ``alerts``."""
+        """Make a port, not yet open, for a role: ``listen`` or ``alerts``.
+
+        Raises:
+            ConfigurationError: The address is not that of a port.
+        """
         listens = role == 'listen'
         on_link = partial(self._report_link, 'nmea_in' if listens else 'nmea_out')
         # Where only acknowledgements may come, silence is nothing wrong.

@@ -91,7 +91,12 @@ def _only_dicts(items: object) -> list[dict[str, Any]]:
 
 
 class SignalKInputs(BusInputs):
-    """Samples out of deltas."""
+    """Samples out of deltas.
+
+    Args:
+        inputs: Those that come from Signal K.
+        log: As of :class:`.BusInputs`, and given a line for a unit that is converted, or cannot be.
+    """
 
     _own = ''
     _server_ahead = 0.0
@@ -180,7 +185,7 @@ class SignalKInputs(BusInputs):
 
 
 def _read_number(value: object) -> float:
-    """Convert a JSON value to a float; NaN where it is not a number."""
+    """Convert a JSON value to a float; NaN for true, false, what is no number, or one too large."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return math.nan
     try:

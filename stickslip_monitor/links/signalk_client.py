@@ -219,7 +219,7 @@ class SignalKClient(Sink):
         Raises:
             LinkError: It is not a Signal K server, or one that is not safe for actions.
             aiohttp.ClientError: The server closed the connection.
-            asyncio.TimeoutError: None came.
+            asyncio.TimeoutError: None came within two :data:`HEARTBEAT`.
         """
         message = await asyncio.wait_for(socket.receive(), 2.0 * HEARTBEAT)
         if message.type is not aiohttp.WSMsgType.TEXT:
@@ -245,7 +245,10 @@ class SignalKClient(Sink):
         self._queue_updates(self._alarms.all_updates())
 
     def _queue_updates(self, updates: Sequence[Update]) -> None:
-        """Queue notifications and expect their echo; without a connection they are dropped."""
+        """Queue notifications and expect their echo; without a connection they are dropped.
+
+        Of more than 1000 updates that wait the oldest are dropped.
+        """
         if self._socket is None or not updates:
             return
         self._outbox.extend(updates)

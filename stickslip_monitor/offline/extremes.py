@@ -249,7 +249,7 @@ def join_intervals(
 def _outermost_points(speed: FloatArray, load: FloatArray) -> IndexArray:
     """Return indices of the points that no other equals or exceeds in both speed and load, ascending.
 
-    Of equal points the first counts. There must be one point at least.
+    Both have shape (n,). Of equal points the first counts. There must be one point at least.
     """
     order = np.lexsort((np.arange(speed.size), -load, -speed))
     heaviest = np.maximum.accumulate(load[order])

@@ -65,6 +65,8 @@ class HeldValues:
     ) -> tuple[IntArray, IntArray, FloatArray]:
         """Return stamps, arrivals [ns] and values of one input's due repeats; store its last value.
 
+        Each has shape (n,); n may be 0.
+
         Args:
             place: The number of the input, which may be held.
             stream: The next samples of all inputs.
@@ -102,7 +104,10 @@ class HeldValues:
 
 
 def _repeat_schedule(hold_ns: int) -> IntArray:
-    """Return the delays after its arrival [ns] at which a value is repeated, up to ``hold_ns``, ascending."""
+    """Return the delays after its arrival [ns] at which a value is repeated, up to ``hold_ns``, ascending.
+
+    Shape (n,); empty where the first would be later.
+    """
     offsets, passed_ns = list[int](), repeat_step(0)
     while passed_ns <= hold_ns:
         offsets.append(passed_ns)

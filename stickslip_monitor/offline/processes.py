@@ -110,7 +110,10 @@ def _completed_calls(
 
 
 def _exit_with_parent() -> None:
-    """Start a thread that ends this process as soon as its parent has ended, also where that was killed."""
+    """Start a thread that ends this process as soon as its parent has ended, also where that was killed.
+
+    To be called in a worker only.
+    """
     parent = multiprocessing.parent_process()
     assert parent is not None, 'only a worker calls this'
 

@@ -203,6 +203,8 @@ def _check_policy(shown: str, policy: str, value: object) -> None:
 class MonitorNode(LifecycleNode):
     """Subscribes to shaft speed and bearing load, publishes predictions and warnings.
 
+    Questions about the configuration are logged as warnings when it is made.
+
     Raises:
         ConfigurationError: A parameter breaks its rule.
         RosError: An input's message type or field does not exist, or the state file's folder.
@@ -286,8 +288,8 @@ class MonitorNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the session from the parameters and create the publishers, with a new health.
 
-        The saved alarms are restored, and the state file is locked. Returns ``FAILURE``, and logs why, where
-        that is impossible.
+        Only the changed parameters stay in the health. The saved alarms are restored, and the state file is
+        locked. Returns ``FAILURE``, and logs why, where that is impossible.
         """
         self.health = NodeHealth(changed=self.health.changed, calibration_faults=self.config.faults)
         bearings = plural(len(self.config.bearings), 'bearing')

@@ -164,7 +164,8 @@ def publish_message(publisher: Any, message: Any) -> None:
 def open_player(types: dict[str, str]) -> Iterator[Player]:
     """Yield a player, with ROS running until the block ends; ``types`` has the message type of each topic.
 
-    A topic that cannot be played raises nothing: see :attr:`Player.skipped`.
+    ROS takes the arguments of this process. A topic that cannot be played raises nothing: see
+    :attr:`Player.skipped`.
     """
     rclpy.init(args=without_log_files(sys.argv))
     try:
