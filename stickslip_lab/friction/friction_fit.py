@@ -104,7 +104,7 @@ class StribeckFit:
         """The fitted law; a kinetic coefficient or slope that is negative by chance becomes 0.
 
         Raises:
-            PhysicsError: Friction rises from the lowest speed in the fit, or a coefficient is not finite.
+            PhysicsError: The static coefficient is negative, or a coefficient is not finite.
         """
         kinetic, viscous = (max(float(value), 0.0) for value in self.values[[1, 3]])
         decay = math.exp(self.values[2])
