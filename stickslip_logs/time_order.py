@@ -324,8 +324,8 @@ class TimeOrder:
     """Collects the times of a recording by source, and judges their order.
 
     Args:
-        is_in_blocks: Whether rows need not wait for their turn, because what reads them puts blocks in
-            order: then the rows of a source that come at a time are as precise as it has to be.
+        is_in_blocks: Whether rows come in blocks that their reader sorts, and need not wait for their turn:
+            then those of one call of :meth:`add_to` are one segment, unless they step back or jump.
     """
 
     def __init__(self, *, is_in_blocks: bool = False) -> None:
@@ -423,10 +423,10 @@ def _begins_copy(
 ) -> bool:
     """Return whether rows from a place on are a copy of earlier ones, as of files that overlap.
 
-    They are where the first 100 in the span of the earlier ones have the content of one of their source and
-    time (times that differ by up to ``near_ns`` are equal), at least three of them different: a clock
-    that was set back does not see the same again. A copy from the first row on is a loop, which goes on
-    behind, unless it begins a file.
+    Of the first 100 rows with times in ``span_ns``, that of the earlier rows, each that meets earlier ones of
+    its source and time (within ``near_ns``) must equal one, and three different ones must: a clock that was
+    set back does not see the same again. A copy from the first row on is a loop, which goes on behind, unless
+    it begins a file.
     """
     copies = list(itertools.islice(read_rows(begin, _END, span_ns), 100))
     times_ns = [time_ns for _, time_ns, _ in copies]
@@ -662,10 +662,10 @@ def _longest_delay(before_ns: IntArray, time_ns: IntArray) -> int:
 
 
 class Sorter:
-    """Puts rows in order of time that wait for a while, or until all have come.
+    """Sorts rows by time while they come; each waits for its turn.
 
     Args:
-        wait_ns: How long rows wait [ns]; None for all of them.
+        wait_ns: How far behind a later row one may come [ns]; None where all wait until the last has come.
     """
 
     def __init__(self, wait_ns: int | None) -> None:

@@ -203,7 +203,8 @@ class ColumnRecording(Recording):
     def _list_columns(self) -> Iterator[LogColumn]:
         """Yield each column but those of times; of a long table each name, with the unit of most lines.
 
-        A long table is read as a whole where head and tail may lack names.
+        Lines with a number in place of a unit do not count. A long table is read as a whole where head and
+        tail may lack names.
         """
         table = self.table
         if self.names is None:

@@ -237,8 +237,8 @@ class TableReading:
     def _other_signals(self, rows: Rows, part: slice) -> IntArray:
         """Return the source of each of n lines without a wanted number, shape (n,).
 
-        It is 0 for lines that are chosen, and below that of all lines for others: one for each text of the
-        columns by which they are chosen, as the name of a signal.
+        It is 0 for lines of a signal that is wanted, else -2, -3, ...: one for each text of the columns by
+        which lines are chosen, as the name of another signal.
 
         Args:
             rows: A block of rows.

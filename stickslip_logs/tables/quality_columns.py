@@ -34,10 +34,10 @@ _IS_BAD: dict[str, Callable[[int], bool]] = {
 
 
 def is_quality_of(heading: str, signal: str, *, is_beside: bool) -> bool:
-    """Return whether a heading names the quality of a signal, or one that stands behind it (``is_beside``).
+    """Return whether a heading is that of the quality of a signal; False for equal headings.
 
-    There the quality may leave some words of the signal's heading out, as ``speed.Q`` behind ``speed.PV``, or
-    all of them; but ``Q`` alone is a flow. False for equal headings.
+    If its column stands behind that of the signal (``is_beside``), it may leave some words of the signal's
+    heading out, as ``speed.Q`` behind ``speed.PV``, or all of them; but ``Q`` alone is a flow.
     """
     named = _named_signal(heading)
     if named is None or heading == signal:

@@ -33,7 +33,7 @@ def is_same_key(cell: str, text: str) -> bool:
 def find_key_columns(
     rows: Sequence[Cells], time_ns: IntArray, headings: Sequence[str], places: Iterable[int]
 ) -> Iterator[tuple[int, bool]]:
-    """Yield the places of the columns that tell rows of several things apart, and whether they may do so.
+    """Yield the places of columns that tell rows of several things apart, and whether that is not certain.
 
     Such a column has different words in rows of one time, or ones that alternate, or a word that changes from
     row to row in most rows; rows where it is empty are ignored. It has two words to 100, and at most half as

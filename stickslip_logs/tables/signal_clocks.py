@@ -67,9 +67,9 @@ def _other_clocks(table: TableColumns, main: Clock) -> Iterator[Clock]:
 
 
 def _has_steady_times(clock: Clock, rows: Sequence[Cells], direction: int) -> bool:
-    """Return whether more than half of rows have times of a clock, a tenth at most against a direction.
+    """Return whether more than half of rows have times of a clock, of which a tenth at most step back.
 
-    The direction is 1 for rising times, else -1.
+    The direction is 1 for rising times, -1 for falling ones.
     """
     time_ns, is_timed = clock.read_rows(rows)
     back = np.count_nonzero(direction * np.diff(time_ns[is_timed]) < 0)
