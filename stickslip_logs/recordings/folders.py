@@ -306,8 +306,8 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
     Reports files that are missing or not read, and a lack of metadata.
 
     Raises:
-        BagError: The folder cannot be read, has no files of recordings or those of several, or the metadata
-            are of a kind that is not supported.
+        BagError: The folder cannot be read, has no files of recordings, none that its metadata list, or
+            those of several, or the metadata are of a kind that is not supported.
     """
     try:
         paths = sorted(p for p in folder.iterdir() if has_recording_name(p.name))

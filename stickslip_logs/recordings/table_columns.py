@@ -174,7 +174,10 @@ class ColumnRecording(Recording):
         return len(head) < 2 or not head >= names - {''}
 
     def _long_columns(self) -> tuple[int, int] | None:
-        """Return the places of the names and the values in a table of one value a line; None for others."""
+        """Return the places of the names (of the first such column) and of the values in a long table.
+
+        That has one value a line. None for another table, and where several columns may be the values.
+        """
         plain = [parse_heading(name).name for name in self.table.names]
         name = [k for k, text in enumerate(plain) if _NAME.fullmatch(text)]
         value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]

@@ -166,9 +166,9 @@ class StampLayout:
         return time_ns, is_timed
 
     def _parse_stamp(self, text: str) -> int | None:
-        """Return a date with a time as ns since 1970, in UTC if it has no zone.
+        """Return a date with a time as ns since 1970, in UTC if it has no zone; year 26 is 2026.
 
-        None for another text, for no such day or hour, and for a time too large.
+        None for another text, for no such day or hour (24 and second 60 are some), and for a time too large.
         """
         match = self._pattern.fullmatch(text.strip())
         if match is None:

@@ -522,8 +522,8 @@ def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[
     """Find the row of headings above the numbers, and a row of units below or above it.
 
     Returns:
-        The headings, an empty list where there are none; and a unit for each column, an empty text where
-        there is none: at least ``width`` of them, and more where there is a row of units.
+        The headings, an empty list without any ('sep=' is none); and a unit for each column, an empty text
+        where there is none: at least ``width`` of them, and more where there is a row of units.
     """
     named = [
         row

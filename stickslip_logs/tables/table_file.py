@@ -75,7 +75,7 @@ class Numbers:
     Attributes:
         value: The numbers, NaN for a word and for an empty cell, shape (n,).
         is_there: Which cells are not empty, shape (n,).
-        words: How often each word stands in place of a number.
+        words: How often each word, up to its 20th letter, stands in place of a number.
     """
 
     value: FloatArray
