@@ -70,7 +70,7 @@ docs: $(VENV)/.docs  ## Write what docs/ has from the program, build the site in
 bags: $(VENV)/.run  ## Make the recordings of bags/ again from their scenes
 	$(BIN)/python scripts/make_bags.py
 
-bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes docs/accuracy.md
+bench: $(VENV)/.bench  ## Compare with what others use, some minutes; writes benchmarks/results.md
 	$(BIN)/python -m benchmarks $(BENCH_ARGS)
 
 warning-quality: $(VENV)/.bench  ## Judge the warnings over 140 voyages and 80 manoeuvres, five minutes on two cores; writes docs/warning_quality.md
@@ -79,7 +79,7 @@ warning-quality: $(VENV)/.bench  ## Judge the warnings over 140 voyages and 80 m
 calibration-study: $(VENV)/.bench  ## What calibration reaches, five minutes on two cores; writes docs/calibration.md
 	$(BIN)/python -m benchmarks.calibration_study
 
-bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to docs/accuracy.md
+bench-soak: $(VENV)/.bench  ## Add ten minutes of telemetry at 1 kHz to benchmarks/results.md
 	$(BIN)/python -m benchmarks --soak
 
 simulate: $(VENV)/.test  ## Sail a million seconds under faults and manoeuvres, a quarter of an hour; SIMULATE_ARGS='--seed 17' repeats one

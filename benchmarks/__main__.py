@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Run the comparisons, each in a process of its own, and write docs/accuracy.md."""
+"""Run the comparisons, each in a process of its own, and write benchmarks/results.md."""
 
 from __future__ import annotations
 

@@ -103,8 +103,7 @@ def _run_siconos(step: float) -> _Result | str:
     except OSError:
         return 'not installed'
     except subprocess.CalledProcessError as error:
-        missing = "No module named 'siconos'" in error.stderr
-        return 'not installed' if missing else 'failed'
+        return 'not installed' if 'ModuleNotFoundError' in error.stderr else 'failed'
     per_second, amplitude = (float(word) for word in done.stdout.split()[-2:])
     return _Result(per_second, amplitude)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The end of docs/accuracy.md: on what machine, and a section for each part."""
+"""The page benchmarks/results.md: on what machine, and a section for each part."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'accuracy.md'
+PAGE = Path(__file__).with_name('results.md')
 PACKAGES = ('numpy', 'scipy', 'mcap', 'rosbags', 'numba', 'pathsim', 'ros-kilted-rclpy')
 DEBIAN = ('auto-07p', 'python3-siconos')
-MARK = '<!-- benchmarks -->\n'
-"""What stands above it on the page is kept."""
+_HEAD = """\
+# Results of the benchmarks
+
+Written by `make bench` and `make bench-soak`. A ratio is the other program's time over ours.
+
+"""
 
 
 def describe_machine() -> str:
@@ -38,15 +42,16 @@ def render(sections: Mapping[str, str], order: tuple[str, ...], old: str = '') -
         old: The page until now, whose other sections are kept if they are of the same machine.
     """
     machine_line = describe_machine()
-    old_sections = _split_sections(old) if machine_line in old else {}
+    old_sections = split_sections(old) if machine_line in old else {}
     all_sections = old_sections | dict(sections)
     body = [
         f'<!-- part: {name} -->\n\n{all_sections[name].strip()}\n' for name in order if name in all_sections
     ]
-    return '\n'.join([old.partition(MARK)[0] + MARK + machine_line + '\n', *body])
+    return '\n'.join([_HEAD + machine_line + '\n', *body])
 
 
-def _split_sections(page: str) -> dict[str, str]:
+def split_sections(page: str) -> dict[str, str]:
+    """Return the sections of a page as text, by the names of their parts, in its order."""
     parts = re.split(r'^<!-- part: (\w+) -->$', page, flags=re.MULTILINE)[1:]
     return dict(zip(parts[::2], parts[1::2], strict=True))
 

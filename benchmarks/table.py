@@ -12,7 +12,7 @@ NOT_INSTALLED = 'not installed'
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A section of docs/accuracy.md.
+    """A section of benchmarks/results.md.
 
     Attributes:
         title: Its heading.

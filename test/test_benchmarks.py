@@ -33,3 +33,17 @@ def test_the_rule_is_timed_beside_itself() -> None:
 def test_another_package_is_not_timed_as_a_checkout(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match=re.escape(f'was imported for {tmp_path}')):
         rule_speed.compare_checkouts([tmp_path], 0.0, [])
+
+
+def test_the_page_is_written_by_the_benchmarks_alone() -> None:
+    """Write the stored sections again; what a person adds between them would be lost."""
+    stored = page.PAGE.read_text('utf-8')
+    sections = page.split_sections(stored)
+    written = page.render(sections, (*PARTS, SOAK))
+    assert [*sections] == [name for name in (*PARTS, SOAK) if name in sections]
+    assert written.replace(page.describe_machine(), '') == stored.replace(_machine_lines(stored), '')
+
+
+def _machine_lines(text: str) -> str:
+    (lines,) = re.findall(r'^Machine: .*\nVersions: .*$', text, re.MULTILINE)
+    return str(lines)
