@@ -92,8 +92,7 @@ class BagFile:
                 counts as too long; of a channel no metadata.
 
         Returns:
-            Whether it is as the first of its id; None where it cannot be parsed, or is a channel of more
-            than 1 MiB.
+            Whether it equals the first of its id; None if it cannot be parsed, or is a channel above 1 MiB.
         """
         key = record[:1] + record[HEAD.size : HEAD.size + 2]
         if self._records.get(key) == record:
@@ -130,7 +129,7 @@ class BagFile:
         self._redefined[key] = min((block.offset, byte), self._redefined.get(key, (block.offset, byte)))
 
     def is_refused(self, key: int, block: Block, byte: int) -> bool:
-        """Return whether the messages of a channel in a piece come behind a contradicting definition."""
+        """Return whether messages of the channel ``key``, in a piece at a byte of a block, are refused."""
         ids = _definitions_of(self.channels[key]) if key in self.channels else ()
         return any(k in self._redefined and self._redefined[k] <= (block.offset, byte) for k in ids)
 

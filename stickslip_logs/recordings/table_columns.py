@@ -48,8 +48,7 @@ class LogColumn:
         name: The name whose rows count; None where all do.
         unit: As the configuration calls it; None where its heading has none of these.
         is_other: Whether another sender of a bus was the first to send a number of this name.
-        where: The rows that count, where several things share the column: those with that text at each of
-            these places.
+        where: The rows that count, where several things share the column: places, and their texts there.
     """
 
     heading: str

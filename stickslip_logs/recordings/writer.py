@@ -331,7 +331,7 @@ class BagWriter:
 def _begin_file(
     file: IO[bytes], label: str | None, chunk_size: int = 0, compression: str = 'none'
 ) -> ChunkWriter:
-    """Write the head of a file, and its label unless None; return the writer of the rest."""
+    """Write the head of a file, and its label unless None; return the writer of the rest, in such chunks."""
     writer = ChunkWriter(file, chunk_size, compression)
     writer.start(Profile.ROS2, _LIBRARY)
     if label is not None:

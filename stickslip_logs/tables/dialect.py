@@ -423,7 +423,7 @@ def _may_be_thousands(rows: Sequence[Cells], decimal: str) -> bool:
 def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
     """Return the place of the first row of numbers of the table, below headings and a preamble.
 
-    None where no row is one of numbers.
+    None where no row is one of numbers. ``width`` is the usual number of cells.
     """
     is_data = [_is_data(row, decimal, width) for row in rows]
     return _skip_preamble(rows, is_data, is_data.index(True), width) if any(is_data) else None
@@ -470,8 +470,7 @@ def _is_data(row: Cells, decimal: str, width: int) -> bool:
 def _lines_of_other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
     """Return the rows of numbers above the headings, with any delimiter: they are of another table.
 
-    Each is a text of up to 60 characters, its cells joined by blanks. An empty list where there are fewer
-    than two.
+    Each is a text of up to 60 characters, its cells joined by blanks. An empty list for less than two.
     """
     # An open quotation mark makes one cell of many lines.
     lines = '\n'.join(delimiter.join(row) for row in above).split('\n')

@@ -66,7 +66,8 @@ def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
     """Return whether different things share times often, and rows of one thing seldom.
 
     At least two rows and a tenth of all must share the time of another thing, and at most a twentieth that
-    of another row of their own: more are samples of one thing, whose times are too coarse.
+    of another row of their own: more are samples of one thing, whose times are too coarse. ``key`` is the
+    number of the thing of each row, shape (n,), ``time_ns`` its time.
     """
     order = np.lexsort((key, time_ns))
     is_shared = np.diff(time_ns[order]) == 0
@@ -79,7 +80,7 @@ def _are_alternating(time_ns: IntArray, key: IntArray) -> bool:
     """Return whether rows of different things follow each other often, each thing's at a steady pace.
 
     At least two rows and a tenth of all must follow one of another thing; of each thing at most a tenth of
-    the steps in time from row to row may be more than twice, or less than half, the usual one. A state lasts.
+    the steps in time from row to row may be more than twice, or less than half, the usual one: a state lasts.
     """
     for k in range(int(key.max()) + 1):
         steps = np.diff(np.sort(time_ns[key == k]))
@@ -156,7 +157,7 @@ class NumberedRows:
 def find_end_columns(head: Sequence[Cells], tail: Sequence[Cells], width: int) -> list[int]:
     """Return the places of the columns with one text in all of the head and another one in all of the tail.
 
-    Rows that end before a column say nothing about it; without a tail there is no such column.
+    Rows that end before a column say nothing about it; without a tail there is none among the ``width``.
     """
     if not head or not tail:
         return []
@@ -186,8 +187,7 @@ class KeySteps:
         """Add the next rows with a value, at least one, to ``texts``; count their steps back in time [ns].
 
         Columns whose text stays the same at a step back are dropped from ``places``. A step back is one of
-        more than a second, as smaller ones are of late rows; the last and the first row of two calls are
-        compared too.
+        more than a second, as smaller ones are of late rows; it may lie between two calls.
         """
         steps = np.flatnonzero(np.diff(time_ns, prepend=self._last_ns) < -SECOND_NS).tolist()
         self._steps += len(steps)

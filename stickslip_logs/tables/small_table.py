@@ -47,8 +47,7 @@ def read_table(
             numbers are taken, or the first line that is no comment.
 
     Returns:
-        The rows, the headings first, and the delimiter. Without headings the rows are all that are no
-        comments.
+        The rows, the headings first, and the delimiter. Without headings all rows that are no comments.
 
     Raises:
         StickslipError: Of the type ``error``: the file cannot be read, is larger, or a row is damaged.
@@ -89,8 +88,7 @@ def _read_lines(path: str | Path, max_bytes: int, error: type[StickslipError]) -
 def _split_rows(lines: Sequence[str], delimiter: str) -> tuple[list[TableRow], dict[int, Exception]]:
     """Return the rows that are not blank, and by line, from 1, the error of each that csv refuses.
 
-    Cells are stripped. A row that csv refuses has its line as the only cell: it may be a remark above the
-    headings.
+    Cells are stripped. A row that csv refuses, perhaps a remark above, has its line as the only cell.
     """
     rows, damaged = list[TableRow](), dict[int, Exception]()
     for number, line in enumerate(lines, start=1):

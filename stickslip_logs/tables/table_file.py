@@ -63,7 +63,7 @@ class Rows:
     columns: Mapping[int, Any]
 
     def texts(self, place: int) -> list[str]:
-        """Return the cells of a column as texts: a list unchanged, of an array a null as 'None'."""
+        """Return the cells of a column that was asked for as texts: a list unchanged, a null as 'None'."""
         cells = self.columns[place]
         return cells if isinstance(cells, list) else [str(cell) for cell in cells.to_pylist()]
 
@@ -229,8 +229,7 @@ class TextTable(NumberTable):
     def _rows_of_days(self, columns: Sequence[int]) -> list[list[str]]:
         """Read the file for the first row of each day, by the first two numbers in the columns of dates.
 
-        Up to 3660 days are found. All rows without these numbers count as one day; too short ones are
-        skipped.
+        Up to 3660 days are found. Rows without these numbers count as one day; too short ones are skipped.
         """
         rows = dict[str, list[str]]()
         for batch, _ in self._read_batches():
@@ -257,8 +256,7 @@ class TextTable(NumberTable):
     def blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of some columns without the units behind numbers, once for each of their clocks.
 
-        At the end, lines that were not used are lost, and repeated headings and lines without a sentence
-        noted.
+        At the end, unused lines are lost, and repeated headings and lines without a sentence are noted.
 
         Raises:
             OSError: The file cannot be opened; damage ends the rows without an error.
@@ -279,8 +277,7 @@ class TextTable(NumberTable):
     def _bus_blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of a bus log in blocks, a number a row (time, name, value, unit, sender).
 
-        At the end lines that are damaged or without a time are counted as lost, lines without a sentence as a
-        note.
+        At the end, lines that are damaged or without a time are lost, and lines without a sentence noted.
         """
         log_rows = BUS_LOGS[self._dialect.delimiter](self._read_lines())
         lost, foreign, clock = 0, 0, self.clocks[0]
@@ -333,8 +330,8 @@ def _remarks_on(clocks: Sequence[Clock], names: Sequence[str]) -> list[str]:
 class _TextReading:
     """A pass over the rows of a text: finds the wanted columns, and counts what is not used.
 
-    A logger that was started again, or a second one behind it in the file, writes its headings in
-    the middle; what comes below them is in their order.
+    A logger that was started again, or a second one behind it in the file, writes its headings in the middle;
+    what comes below them is in their order. ``clocks`` are those of the columns at the places ``wanted``.
     """
 
     def __init__(self, dialect: Dialect, clocks: Sequence[Clock], wanted: Sequence[int]) -> None:
