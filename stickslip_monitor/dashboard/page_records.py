@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records as the page takes them, and the log of what happened.
+"""Records as the page takes them.
 
 What comes from a monitor, anybody on its network may have sent: it is checked field by field.
 """

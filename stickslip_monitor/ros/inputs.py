@@ -9,7 +9,7 @@ import re
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Container, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from rclpy.serialization import deserialize_message
 from stickslip_logs.field_paths import ByName, FieldPath, NoSuchElementError, NumberField
 from stickslip_logs.units import SECOND_NS
 from stickslip_monitor.errors import RosError
-from stickslip_monitor.monitor.parameters import InputConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import BearingConfig, InputConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Moment
 from stickslip_monitor.monitor.value_check import refused
 
@@ -85,6 +85,20 @@ class Waiting(NamedTuple):
     lane: Lane
     data: bytes  # still encoded
     sender: bytes  # as the middleware calls it; empty where it does not
+
+
+def resolve_topics(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
+    """Return a copy of the configuration with the full, remapped names of its topics."""
+
+    def resolve_inputs(bearing: BearingConfig) -> BearingConfig:
+        """Return a copy of a bearing with the full names of the topics of its inputs."""
+        inputs: dict[str, Any] = {
+            name: replace(source, topic=node.resolve_topic_name(source.topic))
+            for name, source in bearing.inputs.items()
+        }
+        return replace(bearing, **inputs)
+
+    return replace(config, bearings=tuple(map(resolve_inputs, config.bearings)))
 
 
 def check_inputs(config: MonitorConfig, outputs: Container[str]) -> None:

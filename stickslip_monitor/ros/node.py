@@ -35,9 +35,9 @@ from stickslip_monitor.monitor.configuration import QOS_OVERRIDES, bearing_names
 from stickslip_monitor.monitor.parameter_file import NODE_NAME, is_ros_parameter
 from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig, parameters_of
 from stickslip_monitor.monitor.value_check import REQUIRED, Parameter, require_rule
-from stickslip_monitor.ros.inputs import OVERRIDES, ROS_FAULTS, check_inputs
+from stickslip_monitor.ros.inputs import OVERRIDES, ROS_FAULTS, check_inputs, resolve_topics
 from stickslip_monitor.ros.node_loop import NodeLoop, node_clock
-from stickslip_monitor.ros.outputs import Configured, output_names, resolve_topics
+from stickslip_monitor.ros.outputs import Configured, output_names
 from stickslip_monitor.state_file import StateFile
 
 USE_SIM_TIME = 'use_sim_time'

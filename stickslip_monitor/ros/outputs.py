@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -32,10 +31,10 @@ from stickslip_monitor.monitor.bearing_records import (
     verdict_value,
 )
 from stickslip_monitor.monitor.clip_recorder import ClipMessage, ClipRecorder, ClipStore
-from stickslip_monitor.monitor.parameters import BearingConfig, ClipConfig, MonitorConfig
+from stickslip_monitor.monitor.parameters import ClipConfig, MonitorConfig
 from stickslip_monitor.monitor.session import Session, Sink
 from stickslip_monitor.monitor.statements import Event, Verdict
-from stickslip_monitor.ros.inputs import compose_definition, import_message_type
+from stickslip_monitor.ros.inputs import compose_definition, import_message_type, resolve_topics
 from stickslip_monitor.ros.other_nodes import ALARMS_KEPT, RosGraph, reliable_qos
 from stickslip_monitor.state_file import Background, StateWriter
 
@@ -50,20 +49,6 @@ def output_names(node: LifecycleNode, config: MonitorConfig) -> set[str]:
     node_name = node.get_fully_qualified_name()
     names = {*output_topics(config.bearings, node_name), f'{node_name}/alarms', f'{node_name}/bearings'}
     return {node.resolve_topic_name(name) for name in names}
-
-
-def resolve_topics(node: LifecycleNode, config: MonitorConfig) -> MonitorConfig:
-    """Return a copy of the configuration with the full, remapped names of its topics."""
-
-    def named(bearing: BearingConfig) -> BearingConfig:
-        """Return a copy of a bearing with the full names of the topics of its inputs."""
-        inputs: dict[str, Any] = {
-            name: replace(source, topic=node.resolve_topic_name(source.topic))
-            for name, source in bearing.inputs.items()
-        }
-        return replace(bearing, **inputs)
-
-    return replace(config, bearings=tuple(map(named, config.bearings)))
 
 
 class Configured:
