@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,7 @@ from stickslip_lab.friction.friction_fit import (
     VISCOUS_LEVEL,
     StribeckFit,
     boundary_belief,
+    boundary_quantiles,
     unchecked_point,
 )
 from stickslip_lab.friction.pooled_fit import PooledFit, fit_curve
@@ -38,7 +38,7 @@ from stickslip_monitor.monitor.bearing_records import finite_or_none
 from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.value_check import refused
 from stickslip_monitor.physics.bearing import SPEED_UNITS
-from stickslip_monitor.physics.lubrication import reference_point, speed_over_load
+from stickslip_monitor.physics.lubrication import reference_point
 from stickslip_monitor.physics.probability import Belief
 
 SCHEMA = 'stickslip_monitor/fit/2'
@@ -134,15 +134,6 @@ def _read_curve(args: argparse.Namespace, bearings: Sequence[BearingConfig]) -> 
     if diameter is None and len(diameters) == 1:
         diameter = diameters.pop()
     return read_curve(args.curve, columns, args.speed_unit, diameter)
-
-
-def boundary_quantiles(belief: Belief, load: float) -> Boundaries:
-    """Return the quantiles of both boundary speeds [m/s] at a load [N]: 2.5, 50 and 97.5 %; 0 for none."""
-    functions = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
-    return {
-        name: [float(speed_over_load(belief.bearing, partial(of, p=p), load)) for p in (0.025, 0.5, 0.975)]
-        for name, of in functions.items()
-    }
 
 
 def _regime_probabilities(args: argparse.Namespace, belief: Belief, load: float) -> dict[str, float] | None:

@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -26,7 +26,7 @@ from stickslip_monitor.arrays import FloatArray, IndexArray
 from stickslip_monitor.errors import FitError
 from stickslip_monitor.physics.bearing import SPEED_UNITS, Bearing
 from stickslip_monitor.physics.friction import Stribeck
-from stickslip_monitor.physics.lubrication import Lubrication, reference_point
+from stickslip_monitor.physics.lubrication import Lubrication, reference_point, speed_over_load
 from stickslip_monitor.physics.probability import Belief
 
 UNITS = {'static': '', 'kinetic': '', 'decay': 's/m', 'viscous': 's/m'}
@@ -642,3 +642,15 @@ def boundary_belief(fit: StribeckFit, bearing: Bearing, load: float) -> Belief:
         rows = np.column_stack([rows, [log_load, -log_load]])
     wider = fit.t_quantile / stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)
     return Belief(fitted, wider**2 * rows @ fit.full_covariance @ rows.T)
+
+
+def boundary_quantiles(belief: Belief, load: float) -> dict[str, list[float]]:
+    """Return quantiles of both boundary speeds [m/s] at a load [N], by name: 2.5, 50 and 97.5 %; 0 for none.
+
+    The names are ``hopf_speed`` and ``fold_speed``.
+    """
+    functions = {'hopf_speed': belief.hopf_speed, 'fold_speed': belief.fold_speed}
+    return {
+        name: [float(speed_over_load(belief.bearing, partial(of, p=p), load)) for p in (0.025, 0.5, 0.975)]
+        for name, of in functions.items()
+    }
