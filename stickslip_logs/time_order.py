@@ -58,8 +58,9 @@ def select_rows(columns: Columns, rows: slice | IntArray | BoolArray) -> Columns
 
 
 class _Run(NamedTuple):
-    """Rows of a source without a jump: place and number of the first, times [ns], step into it [ns].
+    """Rows of a source without a jump: place and number of the first, and the step into it [ns].
 
+    Between them the times of the first and the last row, and the least and the largest of all [ns];
     ``last_place`` is the place of the last row.
     """
 

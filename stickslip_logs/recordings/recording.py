@@ -99,7 +99,10 @@ class Cut:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One number to read from every message of a topic; ``type`` is checked when given."""
+    """One number to read from every message of a topic, at the path ``field`` (:func:`.parse_field`).
+
+    ``type``, full or short, is checked when given.
+    """
 
     topic: str
     field: str

@@ -131,6 +131,7 @@ class ColumnRecording(Recording):
         self._may_lack_names = self._may_miss_names(timed_rows)
         course = order.judge()
         self.is_unordered = course.is_unordered
+        """Whether the lines of head and tail are in no order of time."""
         self.all_columns: tuple[LogColumn, ...] = tuple(self._list_columns())
         """The columns of numbers."""
         self.by_topic: dict[str, SourceColumn] = {}
