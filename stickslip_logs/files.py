@@ -45,7 +45,7 @@ def open_file(path: str | Path) -> IO[bytes]:
     return file
 
 
-def near_name(path: str | Path) -> str:
+def path_hint(path: str | Path) -> str:
     """Return the end of a sentence on a missing path: where its link leads, or a similar name; else ''."""
     path = Path(path)
     if path.is_symlink():

@@ -451,27 +451,27 @@ def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
     have to be sorted instead.
     """
     max_jump_ns = max(source.jump_ns for source in sources.values())
-    runs = {key: _date_runs(course, key, source) for key, source in sources.items()}
+    runs = {key: _shift_undated_runs(course, key, source) for key, source in sources.items()}
     if any(run.last_ns < run.first_ns - _MIN_STEP_NS for source_runs in runs.values() for run in source_runs):
         return False
     if all(_fit_together(source_runs, max_jump_ns) for source_runs in runs.values()):
         return True
     # What is a step of one source is none of late rows in another.
-    alone = _open_steps(sources, {k: _close_excursions(TimeCourse(), k, sources[k], runs[k]) for k in runs})
+    alone = _steps_back(sources, {k: _close_excursions(TimeCourse(), k, sources[k], runs[k]) for k in runs})
     open_runs = {k: _close_excursions(course, k, sources[k], runs[k], alone) for k in runs}
-    steps = _open_steps(sources, open_runs)
+    steps = _steps_back(sources, open_runs)
     fits = all(_fit_together(source_runs, max_jump_ns) for source_runs in open_runs.values())
     for key, source in sources.items():
         if _are_disorder([-run.step_ns for run in open_runs[key] if run.step_ns < 0], source):
             return False
     if steps and fits:
         return False
-    _set_clocks(course, sources, runs, steps)
+    _shift_behind_steps(course, sources, runs, steps)
     latest_ns = max(source.most_ns for source in sources.values())
     return latest_ns + sum(course.steps_ns) < MAX_TIME_NS or not course.steps_ns
 
 
-def _open_steps(sources: dict[int, _Source], open_runs: dict[int, list[_Run]]) -> list[_Step]:
+def _steps_back(sources: dict[int, _Source], open_runs: dict[int, list[_Run]]) -> list[_Step]:
     """Return the steps back between the runs of each source, in the order of the file."""
     steps = list[_Step]()
     for key, source_runs in open_runs.items():
@@ -483,7 +483,7 @@ def _open_steps(sources: dict[int, _Source], open_runs: dict[int, list[_Run]]) -
     return sorted(steps)
 
 
-def _date_runs(course: TimeCourse, key: int, source: _Source) -> list[_Run]:
+def _shift_undated_runs(course: TimeCourse, key: int, source: _Source) -> list[_Run]:
     """Return the runs of a source; if the last are dates, shift those before 1973 to end where dates begin.
 
     Their clock counted from zero until it was set. Shifts, of the source with the number ``key``, and their
@@ -597,7 +597,7 @@ def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool
     )
 
 
-def _set_clocks(
+def _shift_behind_steps(
     course: TimeCourse, sources: dict[int, _Source], runs: dict[int, list[_Run]], steps: list[_Step]
 ) -> None:
     """Add a shift for each step back: of all sources if all that can show it step, else of that one.

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from stickslip_logs.files import DRAFT, KINDS, lock_draft, near_name, open_file, read_file, remove_drafts
+from stickslip_logs.files import DRAFT, KINDS, lock_draft, open_file, path_hint, read_file, remove_drafts
 from stickslip_monitor.errors import ConfigurationError, OutputError
 
 __all__ = [
@@ -20,8 +20,8 @@ __all__ = [
     'holds_mark',
     'is_same',
     'lock_draft',
-    'near_name',
     'open_file',
+    'path_hint',
     'printable',
     'read_file',
     'read_json',

@@ -67,7 +67,7 @@ MakeColumns = Callable[[Job, Piece, Chosen], Columns]
 """Makes the columns of the chosen messages of a piece of a block."""
 
 
-class Pass:
+class BagPass:
     """A pass over the blocks of a recording that have messages of some topics.
 
     Args:
@@ -245,7 +245,7 @@ class BagReading:
         self._wanted, self._sequence, self._least = wanted, 0, recording.least_ns
         self._width = max((topic.width for topic in wanted), default=0)
         topics = [topic.topic for topic in wanted]
-        self._pass = Pass(recording.contents, recording.judge_order(topics), topics, progress)
+        self._pass = BagPass(recording.contents, recording.judge_order(topics), topics, progress)
         for topic in wanted:
             channels = [
                 self._make_reader(topic, file, channel)
@@ -440,7 +440,7 @@ class BagRecording(Recording):
             return piece.log_time_ns[rows], np.full(rows.size, job.number), topic[rows], data
 
         topics = [name for name, _ in names]
-        file_pass = Pass(self.contents, self.judge_order(topics), topics, spans=spans)
+        file_pass = BagPass(self.contents, self.judge_order(topics), topics, spans=spans)
         return (
             Message(names[topic][0], names[topic][1], time, data)
             for columns in file_pass.read_sorted(encoded, 1, _MAX_OF_ALL)

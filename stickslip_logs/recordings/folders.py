@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 
 from stickslip_logs.errors import MAX_NAMED, BagError, cause, listed, plural
-from stickslip_logs.files import near_name, read_file
+from stickslip_logs.files import path_hint, read_file
 from stickslip_logs.recordings import file_kind
 from stickslip_logs.recordings.bag_file import BagFile, scan_mcap_file
 from stickslip_logs.recordings.file_kind import (
@@ -317,7 +317,7 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
     metadata = read_metadata(folder)
     for path in paths:
         if path.name not in present:
-            findings.lose(f"file '{path.name}' was not read{near_name(path)}")
+            findings.lose(f"file '{path.name}' was not read{path_hint(path)}")
     if not present:
         logs = sorted((p.name for p in folder.iterdir() if has_table_name(p.name)), key=natural_sort_key)
         remedy = f": name one of its logs, as '{folder / logs[0]}'" if logs else ''

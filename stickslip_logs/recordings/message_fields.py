@@ -36,7 +36,7 @@ from stickslip_logs.recordings.message_types import (
     find_primitive,
     parse_schema,
 )
-from stickslip_logs.recordings.recording import Fault, Request, Series, short_name
+from stickslip_logs.recordings.recording import Fault, Request, Series, short_type
 from stickslip_logs.units import SECOND_NS
 
 # Beyond this a message is no telemetry, and its tokens would cost more than they save.
@@ -87,7 +87,7 @@ def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPat
         return None
     tokens: list[Token] = []
     numbers: dict[FieldPath, int] = {}
-    for path, token in _list_tokens(definitions, short_name(root), ()):
+    for path, token in _list_tokens(definitions, short_type(root), ()):
         if token is None or len(tokens) >= _MAX_TOKENS:
             return None
         numbers[path] = len(tokens)
@@ -427,7 +427,7 @@ class FieldReader:
 
 def _begins_with_header(definitions: Definitions, root: str) -> bool:
     """Return whether a type begins with a ``std_msgs/Header`` whose stamp has two whole numbers."""
-    first = definitions[short_name(root)][:1]
+    first = definitions[short_type(root)][:1]
     if [(member.name, member.text) for member in first] != [('header', 'std_msgs/Header')]:
         return False
     try:

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 
 from stickslip_logs.field_paths import NAMES, ByName, FieldPath
-from stickslip_logs.recordings.recording import short_name
+from stickslip_logs.recordings.recording import short_type
 from stickslip_logs.units import KIB
 
 # numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
@@ -97,13 +97,13 @@ def parse_schema(name: str, data: bytes) -> Definitions:
         'builtin_interfaces/Time': _TIME,
         'builtin_interfaces/Duration': _TIME,
     }
-    parsed[short_name(name)] = _parse_fields(_strip_comments(first), name)
+    parsed[short_type(name)] = _parse_fields(_strip_comments(first), name)
     for part in sections:
         head, *lines = _strip_comments(part) or ['']
         if not head.startswith('MSG:'):
             raise SchemaError('its definition has a part without a name')
         name = head.removeprefix('MSG:').strip()
-        parsed[short_name(name)] = _parse_fields(lines, name)
+        parsed[short_type(name)] = _parse_fields(lines, name)
     for name, members in parsed.items():
         for member in members:
             if '/' in member.base and member.base not in parsed:
@@ -169,7 +169,7 @@ def find_primitive(definitions: Definitions, root: str, path: FieldPath) -> str:
         SchemaError: The path does not lead to a number.
     """
     steps = list(path)
-    current = short_name(root)
+    current = short_type(root)
     while steps:
         step = steps.pop(0)
         members = {member.name: member for member in definitions[current]}
@@ -223,7 +223,7 @@ def definition_of(kind: str) -> str | None:
     None where one of them is not built in.
     """
     parts: dict[str, str] = {}
-    if not _collect_texts(short_name(kind), parts):
+    if not _collect_texts(short_type(kind), parts):
         return None
     first, *referred = parts.items()
     return first[1] + ''.join(f'{"=" * 80}\nMSG: {name}\n{text}' for name, text in referred)
@@ -244,7 +244,7 @@ def _collect_texts(name: str, parts: dict[str, str]) -> bool:
         bases = [member.base for member in _parse_fields(_strip_comments(text), name)]
     except SchemaError:
         return False
-    return all('/' not in base or base in parts or _collect_texts(short_name(base), parts) for base in bases)
+    return all('/' not in base or base in parts or _collect_texts(short_type(base), parts) for base in bases)
 
 
 @cache

@@ -12,7 +12,7 @@ from typing import IO
 import zstandard
 
 from stickslip_logs.errors import BagError, cause
-from stickslip_logs.files import near_name
+from stickslip_logs.files import path_hint
 from stickslip_logs.recordings.bag_recording import BagRecording
 from stickslip_logs.recordings.file_kind import (
     TABLE,
@@ -50,7 +50,7 @@ def open_bag(path: str | Path) -> Recording:
     path, findings = find_stored_path(Path(path)), Findings()
     try:
         if not path.exists():
-            raise BagError(f"bag '{path}' does not exist{near_name(path)}")
+            raise BagError(f"bag '{path}' does not exist{path_hint(path)}")
     except OSError as error:
         raise BagError(f"bag '{path}' cannot be read: {cause(error)}") from None
     if not path.is_dir():

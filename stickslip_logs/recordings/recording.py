@@ -336,13 +336,13 @@ class Recording(ABC):
         # They may be a set, whose order is by chance.
         for request in sorted(requests, key=lambda item: (item.topic, item.field)):
             path, topic = parse_field(request.field), self._require_readable(request.topic)
-            if request.type is not None and short_name(request.type) != short_name(topic.type):
+            if request.type is not None and short_type(request.type) != short_type(topic.type):
                 raise BagError(f"topic '{topic.name}' has type {topic.type} in the bag, not {request.type}")
             by_topic.setdefault(request.topic, {}).setdefault(path, []).append(request)
         return by_topic
 
 
-def short_name(name: str) -> str:
+def short_type(name: str) -> str:
     """Write a type name without its middle: ``std_msgs/msg/Float64`` is ``std_msgs/Float64``.
 
     It must have a slash.
@@ -358,7 +358,7 @@ def missing_topic(topics: Collection[str], name: str) -> str:
     return f"the recording has no topic '{name}': it has {join_names(ranked) or 'no topics'}"
 
 
-def full_name(topic: str, topics: Collection[str]) -> str:
+def full_topic(topic: str, topics: Collection[str]) -> str:
     """Return the name that a topic written without its namespace has in a recording.
 
     That is in the root namespace, unless only another namespace has a topic of that name. A name that is in

@@ -30,7 +30,7 @@ from stickslip_logs.tables.dialect import (
     parse_number,
 )
 from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
-from stickslip_logs.tables.text_file import extent_of, text_lines
+from stickslip_logs.tables.text_file import read_text_lines, scan_extent
 from stickslip_logs.tables.time_columns import WITHOUT_ZONE, Clock, TableColumns, find_clock, rank_stamps
 
 # Rows that are yielded at a time: few enough for the caches.
@@ -186,7 +186,7 @@ def is_number_table(path: Path) -> bool:
     A column of numbers has a number in more than half of its cells. False for a text that cannot be read.
     """
     try:
-        dialect = detect_dialect(path, extent_of(path, is_whole=False))
+        dialect = detect_dialect(path, scan_extent(path, is_whole=False))
         places = {*range(len(dialect.names))} - {*find_clock(path, dialect).columns}
     except BagError:
         return False
@@ -205,7 +205,7 @@ class TextTable(NumberTable):
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, extent = path, extent_of(path)
+        self._path, extent = path, scan_extent(path)
         self._dialect = detect_dialect(path, extent)
         self._is_plain, self._is_ended = extent.is_plain, extent.is_ended
         self.is_sent = self._dialect.delimiter in BUS_LOGS
@@ -272,7 +272,7 @@ class TextTable(NumberTable):
 
     def _read_lines(self) -> Iterator[str]:
         """Yield the lines of the file."""
-        return text_lines(self._path, self._dialect.encoding, is_plain=self._is_plain)
+        return read_text_lines(self._path, self._dialect.encoding, is_plain=self._is_plain)
 
     def _bus_blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of a bus log in blocks, a number a row (time, name, value, unit, sender).

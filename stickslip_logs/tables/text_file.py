@@ -135,7 +135,7 @@ def unpacked_begin(path: Path) -> bytes:
     return begin
 
 
-def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
+def scan_extent(path: Path, *, is_whole: bool = True) -> Extent:
     """Read a file, unpacked, once for its head, its tail and its number of lines.
 
     The tail is empty where the head holds all. Damage after the first bytes is put into ``problem``; an empty
@@ -167,7 +167,7 @@ def extent_of(path: Path, *, is_whole: bool = True) -> Extent:
     return Extent(head, tail, lines + (not is_ended), size, zeros, is_plain, is_ended, problem)
 
 
-def text_lines(path: Path, encoding: str, *, is_plain: bool = False) -> Iterator[str]:
+def read_text_lines(path: Path, encoding: str, *, is_plain: bool = False) -> Iterator[str]:
     """Yield the lines of a file, unpacked, with their line ends; stop without an error where it is damaged.
 
     A line of more than 1 MiB is yielded in pieces. Bytes that are no text become U+FFFD. Zero bytes and marks

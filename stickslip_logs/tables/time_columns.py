@@ -242,7 +242,7 @@ def _find_whole_times(path: Path, table: TableColumns) -> Clock:
         return _clock_of_stamps(table, (stamps[0],))
     if times:
         return _clock_of_day_times(table, times[0])
-    raise BagError(_lack_of_times(path, table, rows, named, days))
+    raise BagError(_missing_times_text(path, table, rows, named, days))
 
 
 def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
@@ -290,7 +290,7 @@ def _columns_of(is_kind: Callable[[str], bool], rows: Sequence[Cells]) -> list[i
     return [k for k, count in enumerate(counts) if count > _MOSTLY * len(rows)]
 
 
-def _lack_of_times(
+def _missing_times_text(
     path: Path, table: TableColumns, rows: Sequence[Cells], named: Sequence[int], days: Sequence[int]
 ) -> str:
     """Return the error text that no column of a table is a time, with a cell that should be one.

@@ -16,7 +16,7 @@ from stickslip_logs.units import MIB
 from stickslip_monitor.errors import ConfigurationError, cause
 from stickslip_monitor.monitor.configuration import build_config
 from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.safe_files import near_name, read_file
+from stickslip_monitor.safe_files import path_hint, read_file
 
 # A fleet's bearings have some hundred kilobytes [bytes].
 _LARGEST = MIB
@@ -148,7 +148,7 @@ def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> object:
         text = read_file(path, _LARGEST).decode()
         return yaml.load(text, loader)  # a SafeLoader
     except FileNotFoundError as error:
-        raise ConfigurationError(f'{path}: {cause(error)}{near_name(path)}') from error
+        raise ConfigurationError(f'{path}: {cause(error)}{path_hint(path)}') from error
     except OSError as error:
         raise ConfigurationError(f'{path}: {cause(error)}') from error
     except UnicodeDecodeError as error:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from stickslip_logs.recordings.recording import Recording, TopicInfo, full_name, missing_topic, short_name
+from stickslip_logs.recordings.recording import Recording, TopicInfo, full_topic, missing_topic, short_type
 from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_monitor.errors import BagError
 from stickslip_monitor.monitor.input_faults import InputFacts, Publisher, input_fault
@@ -41,7 +41,7 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
     bearings = []
     for bearing in config.bearings:
         sources: dict[str, Any] = {
-            quantity: replace(source, topic=full_name(source.topic, bag.topics))
+            quantity: replace(source, topic=full_topic(source.topic, bag.topics))
             for quantity, source in bearing.inputs.items()
         }
         bearings.append(replace(bearing, **sources))
@@ -79,7 +79,7 @@ def _absence_text(path: Path, topics: Mapping[str, TopicInfo], source: InputConf
         return f'{input_fault(facts)[:-1]}: {missing_topic(topics, source.topic)}'
     if topic.problem:
         return f"topic '{topic.name}' ({topic.type}) cannot be read: {topic.problem}"
-    if short_name(topic.type) != short_name(source.type):
+    if short_type(topic.type) != short_type(source.type):
         bags = (Publisher(f"Bag '{path.name}'", topic.type),)
         return input_fault(replace(facts, publishers=bags))[:-1]
     return ''
