@@ -20,7 +20,7 @@ from stickslip_logs.errors import BagError, did_you_mean, listed
 from stickslip_logs.recordings.recording import Findings, Recording, TopicInfo
 from stickslip_logs.tables.bus_log import first_name
 from stickslip_logs.tables.cell_times import DAY, Cells
-from stickslip_logs.tables.dialect import is_number_as_unit, parse_heading, parse_number, with_unit
+from stickslip_logs.tables.dialect import is_number_as_unit, is_value, parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality_columns import find_bad_mark_test, find_quality_columns, is_quality_of
 from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_columns, is_same_key
 from stickslip_logs.tables.table_file import open_table
@@ -257,37 +257,55 @@ class ColumnRecording(Recording):
         return None
 
     def unknown_marks(self, column: LogColumn) -> tuple[str, list[str]] | None:
-        """Return the heading of the quality or flag of a column and its marks, each once, if all are unknown.
+        """Return the heading of marks of unknown meaning beside a column, and these, each once.
 
-        Those of most lines of head and tail come first. None where a quality is known, is chosen by
-        ``where``, has one mark only or more than 100, or is not there. The file is read for all marks.
+        They are those of its quality, of a flag, or in a table of one value a line of any column of words, as
+        of messages. Those of most lines come first; an empty cell is one. None where they are known, are
+        chosen by ``where``, are one mark only or more than 100, or are not there. The file is read for all.
         """
-        status = self._find_quality_column(column.place)
-        if status is not None and self.bad_mark_test(status) is not None:
-            return None
-        status = self._find_flag_column(column.place) if status is None else status
-        if status is None or status in dict(column.where):
-            return None
-        marks = [mark for mark in self._read_texts(status) if mark.strip()]
-        shown = Counter(row[status] for row in self._ends if len(row) > status)
-        marks.sort(key=lambda mark: -shown[mark])
-        return (self.table.names[status], marks) if 1 < len(marks) <= MAX_WORDS else None
-
-    def _find_flag_column(self, column: int) -> int | None:
-        """Return the first place of words, or zeros and ones, headed by a signal's words and more.
-
-        So ``rpm fault`` for the column of ``rpm``: what it says of the signal is for its owner to tell. None
-        where there is none, and in a table of one value a line.
-        """
-        words, names = parse_heading(self.table.names[column]).name.split(), self.table.names
-        for k, heading in enumerate(names if self.names is None else ()):
-            more = parse_heading(heading).name.split()
-            if not words or k in self.table.time_columns or more[: len(words)] != words or more == words:
-                continue
-            cells = {str(row[k]).strip() for row in self._ends if len(row) > k} - {''}
-            if cells and all(parse_number(cell) in (None, 0.0, 1.0) for cell in cells):
-                return k
+        status, is_long = self._find_quality_column(column.place), self.names is not None
+        places = [] if status is None or self.bad_mark_test(status) is not None else [status]
+        if is_long:
+            places += self._key_places(column)
+        elif status is None:
+            places += self._find_flag_columns(column.place)
+        for place, marks in self._count_marks(places, column).items():
+            is_flag = all(parse_number(mark) in (None, 0.0, 1.0) for mark in marks)
+            is_of_words = not all(is_value(mark) or not mark for mark in marks)
+            if len(marks) > 1 and (place == status or (is_of_words if is_long else is_flag)):
+                return self.table.names[place], [mark for mark, _ in marks.most_common()]
         return None
+
+    def _find_flag_columns(self, column: int) -> list[int]:
+        """Return the places of the columns headed by a signal's words and more.
+
+        So ``rpm fault`` for the column of ``rpm``: what it says of the signal is for its owner to tell.
+        """
+        names = [parse_heading(name).name.split() for name in self.table.names]
+        words = names[column]
+        places = {*range(len(names) if words else 0)} - {*self.table.time_columns}
+        return [k for k in sorted(places) if names[k][: len(words)] == words != names[k]]
+
+    def _count_marks(self, places: Iterable[int], column: LogColumn) -> dict[int, Counter[str]]:
+        """Count, in the whole file, the texts in columns beside the cells of another that are not empty.
+
+        Texts have no blanks around them. Places that were chosen by ``where``, and those of more than 100
+        texts, are left out. Nothing is read without a place.
+        """
+        keys = self.chosen_keys(column)
+        counts = {place: Counter[str]() for place in places if place not in dict(keys)}
+        wanted = [*counts, column.place, *(place for place, _ in keys)]
+        for rows in self.table.blocks(wanted, _ignore_sentence, _ignore_sentence) if counts else ():
+            values, places = rows.texts(column.place), np.flatnonzero(rows.select(keys)).tolist()
+            chosen = [k for k in places if values[k].strip()]
+            for place in [*counts]:
+                cells = rows.texts(place)
+                counts[place].update(cells[k].strip() for k in chosen)
+                if len(counts[place]) > MAX_WORDS:
+                    del counts[place]
+            if not counts:
+                break
+        return counts
 
     def bad_mark_test(self, status: int) -> Callable[[str], bool] | None:
         """Return a function that is True for a mark by which a number does not count.

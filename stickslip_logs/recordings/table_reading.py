@@ -297,18 +297,16 @@ class TableReading:
         Raises:
             BagError: One does, and rows have to be chosen by it.
         """
-        names, how = self._recording.table.names, 'one after the other, at the same times'
-        if (place := self._steps.place) is not None:
-            texts = list(self._steps.texts[place])
-        elif (place := self._numbered.place) is not None:
-            texts, how = list(self._numbered.texts[place]), 'beside values that are far apart'
-        else:
-            return
-        key, text = quote_for_yaml(names[place]), quote_for_yaml(texts[0])
-        raise BagError(
-            f"log '{self._recording.path}': column '{names[place]}' has {listed(texts)} {how}:"
-            f' choose one beside each input, as in where: {{{key}: {text}}}'
-        )
+        for search, how in (
+            (self._steps, 'one after the other, at the same times'),
+            (self._numbered, 'beside values that are far apart'),
+        ):
+            if (place := search.place) is not None:
+                name, texts = self._recording.table.names[place], list(search.texts[place])
+                raise BagError(
+                    f"log '{self._recording.path}': column '{name}' has {listed(texts)} {how}: choose one"
+                    f' beside each input, as in where: {{{quote_for_yaml(name)}: {quote_for_yaml(texts[0])}}}'
+                )
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
         """Yield the series of one stretch of time after the other, at least once; restart the counts.
@@ -380,16 +378,15 @@ class TableReading:
         is_there = np.zeros((len(self._columns), time_ns.size), np.bool_)
         values = np.full(is_there.shape, np.nan)
         number = np.cumsum(rows.is_timed) - 1
-        coded: dict[int, tuple[dict[str, int], IntArray]] = {}
         for k, (topic, source) in enumerate(self._columns.items()):
             column, status, where = source.column, source.status, None
             if not rows.clock.has_column(column.place):
                 continue
             cells, marks = rows.columns[column.place], [] if status is None else rows.texts(status)
             if self._keys[topic]:
-                chosen = self._select_rows(rows, topic, coded)
-                if topic in self._admissions:
-                    chosen = self._admitted_rows(topic, rows, chosen)
+                is_sent = topic in self._admissions
+                chosen = rows.select(self._keys[topic], self._is_of_number if is_sent else is_same_key)
+                chosen = self._admitted_rows(topic, rows, chosen) if is_sent else chosen
                 cells, where = select_cells(cells, chosen), np.flatnonzero(chosen)
                 marks = select_cells(marks, chosen) if marks else marks
             numbers = self._recording.table.numbers(cells)
@@ -431,34 +428,9 @@ class TableReading:
         admitted = [k for k, counts, now, good in offers if counts and admits(sources[k], now, valid=good)]
         return np.isin(np.arange(chosen.size), admitted)
 
-    def _select_rows(
-        self, rows: Rows, topic: str, coded: dict[int, tuple[dict[str, int], IntArray]]
-    ) -> BoolArray:
-        """Return which rows belong to a topic, shape (n,).
-
-        In a log of a bus, for an input with a time-out, also those of all other senders of the number: which
-        of them counts when is for :meth:`_admitted_rows` to say.
-
-        Args:
-            rows: A block of rows.
-            topic: The topic.
-            coded: A cache for one block, which is filled: by place of a column, the code of each text and the
-                code of each row, shape (n,).
-        """
-        chosen = np.ones(rows.time_ns.size, np.bool_)
-        for place, text in self._keys[topic]:
-            if place not in coded:
-                texts = rows.texts(place)
-                number = {text: k for k, text in enumerate(dict.fromkeys(texts))}
-                coded[place] = number, np.fromiter(map(number.__getitem__, texts), np.int64, len(texts))
-            number, codes = coded[place]
-            same = [k for cell, k in number.items() if is_same_key(cell, text)]
-            if topic in self._admissions:
-                # Another sender stands in under the name that the first one has.
-                other_senders = {cell: k for cell, k in number.items() if cell not in self._names}
-                same += [k for cell, k in other_senders.items() if first_name(cell) == text]
-            chosen &= np.isin(codes, same)
-        return chosen
+    def _is_of_number(self, name: str, text: str) -> bool:
+        """Return whether a name on a bus is that of a number, or the same number's of another sender."""
+        return is_same_key(name, text) or (name not in self._names and first_name(name) == text)
 
     def _convert_units(self, numbers: Numbers, units: Sequence[str], column: LogColumn) -> None:
         """Convert numbers in other units to that of the column; set those in no such unit to NaN; note both.

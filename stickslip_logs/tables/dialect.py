@@ -40,11 +40,13 @@ _JQ_OF_OBJECTS = (
 )
 # How frames of NMEA 2000 are logged, by candump, gateways, and canboat, and what makes values of them.
 _FRAMES = {
-    r'\(\d+\.\d+\) +\w+ +[0-9A-Fa-f]{8}#[0-9A-Fa-f]+\s*$': 'candump2analyzer < {0} | analyzer -json',
-    r'\d\d:\d\d:\d\d\.\d+ [RT] [0-9A-Fa-f]{8}( [0-9A-Fa-f]{2})+\s*$': 'analyzer -json < {0}',
-    r'[-\dTZ:.]+,\d,\d{5,6},\d+,\d+,\d+(,[0-9A-Fa-f]{2})+\s*$': 'analyzer -json < {0}',
-    r'A\d{6}\.\d+ [0-9A-F]{5} [0-9A-F]{5} [0-9A-F]+\s*$': 'analyzer -json < {0}',
+    r'^\(\d+\.\d+\) +\w+ +[0-9A-Fa-f]{8}#[0-9A-Fa-f]+\s*$': 'candump2analyzer < {0} | analyzer -json',
+    r'^\d\d:\d\d:\d\d\.\d+ [RT] [0-9A-Fa-f]{8}( [0-9A-Fa-f]{2})+\s*$': 'analyzer -json < {0}',
+    r'^[-\dTZ:.]+,\d,\d{5,6},\d+,\d+,\d+(,[0-9A-Fa-f]{2})+\s*$': 'analyzer -json < {0}',
+    r'^A\d{6}\.\d+ [0-9A-F]{5} [0-9A-F]{5} [0-9A-F]+\s*$': 'analyzer -json < {0}',
 }
+# Other frames of CAN: an identifier before '#', or '[8]' as candump shows it, or beside 'Rx'.
+_CAN_FRAME = r'\b(?:0x)?[0-9A-Fa-f]{3,8}(?:##?\w|>?\s+\[\d+\]\s|x?\s+[RT]x\s)|\s[RT]x\s+[0-9A-Fa-f]{3,8}\s'
 # Of a heading without brackets one of its words is its unit only where it can be nothing else.
 _CLEAR = ('rpm', 'kn', 'hz')
 # 'kn' in small letters is knots, 'N' is north, and 'tf' may be a sensor, but in the heading of a force.
@@ -224,7 +226,8 @@ def detect_dialect(path: Path, extent: Extent) -> Dialect:
 def remedy_for_format(path: Path, lines: Sequence[str]) -> str:
     """Return the clause, without its subject, that lines are in a format that is not read; else empty.
 
-    It says how to convert the file of that path. More than half of the lines decide, or a brace before all.
+    It says how to convert the file of that path. More than half of the first 200 lines decide, or a brace
+    before all.
     """
     text = ''.join(lines)
     if text.lstrip().startswith('{'):
@@ -234,13 +237,18 @@ def remedy_for_format(path: Path, lines: Sequence[str]) -> str:
         form: f'has frames of NMEA 2000: convert it with canboat, {command} > {{1}}.json'
         for form, command in _FRAMES.items()
     }
-    forms[r'.*[$!][A-Z]{5},[^*]*$'] = (
+    forms[_CAN_FRAME] = (
+        'has frames of a CAN bus in a form that nothing converts: record NMEA 2000 with candump -L, and other'
+        ' messages with a program that writes their values as CSV'
+    )
+    forms[r'[$!][A-Z]{5},[^*]*$'] = (
         'has sentences of NMEA 0183 without checksums: record them with these, without which a damaged one is'
         ' not known'
     )
-    counts = {form: sum(bool(re.match(form, line)) for line in lines) for form in forms}
+    first = lines[:200]
+    counts = {form: sum(bool(re.search(form, line)) for line in first) for form in forms}
     form = max(counts, key=counts.__getitem__)
-    return forms[form].format(path, path.stem) if counts[form] > 0.5 * len(lines) else ''
+    return forms[form].format(path, path.stem) if counts[form] > 0.5 * len(first) else ''
 
 
 def _table_dialect(
@@ -338,7 +346,7 @@ def _best_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
             continue
         usual = [row for row in rows if len(row) == width]
         cells = [cell for row in usual[-50:] for cell in row if cell.strip()]
-        sound = sum(_is_value(cell) for cell in cells)
+        sound = sum(is_value(cell) for cell in cells)
         score = len(usual) / len(rows) * (0.1 + sound / max(len(cells), 1))
         # A blank stands between a date and its time, too.
         score *= 0.9 if delimiter == ' ' else 1.0
@@ -375,7 +383,7 @@ def is_row_of_units(row: Cells) -> bool:
     )
 
 
-def _is_value(cell: str) -> bool:
+def is_value(cell: str) -> bool:
     """Return whether a cell is a number, with a unit or without, a date or a time."""
     is_number = parse_number(cell, '.') is not None or parse_number(cell, ',') is not None
     return is_number or is_stamp(cell) or is_day(cell) or is_time(cell) or bool(_WITH_UNIT.fullmatch(cell))
@@ -443,12 +451,12 @@ def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, w
             return k
         if is_data[k]:
             is_timed = is_headed and any(is_stamp(cell) or is_time(cell) for cell in row)
-            is_preamble &= not _is_value(row[0]) and not is_timed
+            is_preamble &= not is_value(row[0]) and not is_timed
         if is_headed and not is_preamble:
             break
         # A heading may stand above remarks that most lines leave out.
         is_words = len(row) in (width, width + 1) and not any(
-            not cell.strip() or _is_value(cell) for cell in row
+            not cell.strip() or is_value(cell) for cell in row
         )
         has_time = is_words and any(TIME_WORDS.search(parse_heading(cell).name) for cell in row)
         is_next |= has_time or (is_words and is_preamble and not is_headed)
@@ -475,7 +483,7 @@ def _lines_of_other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
     # An open quotation mark makes one cell of many lines.
     lines = '\n'.join(delimiter.join(row) for row in above).split('\n')
     tables = [
-        [row for row in _split_lines(lines, mark) if sum(map(_is_value, row)) > 1 and _is_value(row[0])]
+        [row for row in _split_lines(lines, mark) if sum(map(is_value, row)) > 1 and is_value(row[0])]
         for mark in _DELIMITERS
     ]
     longest = max(tables, key=len)
@@ -512,7 +520,7 @@ def _fit_headings(
             heading, units = (
                 [*cells[: dates[0] + 1], '', *cells[dates[0] + 1 :]] for cells in (heading, units)
             )
-        elif 2 * sum(_is_value(row[-1]) for row in whole_rows) > len(whole_rows):
+        elif 2 * sum(is_value(row[-1]) for row in whole_rows) > len(whole_rows):
             return [], units
     return heading and [*heading, *[''] * (width - len(heading))], units
 
@@ -528,7 +536,7 @@ def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[
         row
         for row in _rows_without_marks(above, width)
         # A line below headings has no letters.
-        if any(map(str.isalpha, ''.join(row))) and not any(_is_value(cell) for cell in row if cell.strip())
+        if any(map(str.isalpha, ''.join(row))) and not any(is_value(cell) for cell in row if cell.strip())
     ]
     if not named or named[-1][0].strip().lower().startswith('sep='):
         return [], [''] * width

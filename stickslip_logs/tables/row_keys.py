@@ -97,17 +97,6 @@ def _is_number(word: str) -> bool:
     return any(parse_number(text, sign) is not None for text in texts for sign in '.,')
 
 
-def _value_steps(time_ns: IntArray, key: IntArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return absolute differences: from one row to the next of another thing, and of a thing to its own next.
-
-    The time [ns], the number of the thing and the value of each row have the shape (n,).
-    """
-    by_time, by_key = np.lexsort((key, time_ns)), np.lexsort((time_ns, key))
-    beside = np.abs(np.diff(value[by_time]))[np.diff(key[by_time]) != 0]
-    behind = np.abs(np.diff(value[by_key]))[np.diff(key[by_key]) == 0]
-    return beside, behind
-
-
 class NumberedRows:
     """Finds the column whose numbers are those of several things, by the values of a whole file.
 
@@ -137,9 +126,13 @@ class NumberedRows:
             number = {text: k for k, text in enumerate(words)}
             key = np.fromiter(map(number.__getitem__, texts[place]), np.int64, len(texts[place]))
             for value in values:
-                is_finite = np.isfinite(value)
-                steps = _value_steps(time_ns[is_finite], key[is_finite], value[is_finite])
-                self._sums[place] += [(differences.sum(), differences.size) for differences in steps]
+                at = np.flatnonzero(np.isfinite(value))
+                times_ns, things, numbers = time_ns[at], key[at], value[at]
+                by_time, by_thing = np.lexsort((things, times_ns)), np.lexsort((times_ns, things))
+                # From one row to the next of another thing, and from one of a thing to its own next.
+                beside = np.abs(np.diff(numbers[by_time]))[np.diff(things[by_time]) != 0]
+                behind = np.abs(np.diff(numbers[by_thing]))[np.diff(things[by_thing]) == 0]
+                self._sums[place] += [(steps.sum(), steps.size) for steps in (beside, behind)]
 
     @property
     def place(self) -> int | None:

@@ -9,7 +9,7 @@ import itertools
 import re
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from stickslip_logs.tables.dialect import (
     parse_heading,
     parse_number,
 )
+from stickslip_logs.tables.row_keys import is_same_key
 from stickslip_logs.tables.signal_clocks import find_clocks, share_columns
 from stickslip_logs.tables.text_file import read_text_lines, scan_extent
 from stickslip_logs.tables.time_columns import WITHOUT_ZONE, Clock, TableColumns, find_clock, rank_stamps
@@ -66,6 +67,17 @@ class Rows:
         """Return the cells of a column that was asked for as texts: a list unchanged, a null as 'None'."""
         cells = self.columns[place]
         return cells if isinstance(cells, list) else [str(cell) for cell in cells.to_pylist()]
+
+    def select(
+        self, keys: Iterable[tuple[int, str]], is_same: Callable[[str, str], bool] = is_same_key
+    ) -> BoolArray:
+        """Return which rows have, at each place of the keys, a cell that is its text, shape (n,)."""
+        chosen = np.ones(self.time_ns.size, np.bool_)
+        for place, text in keys:
+            cells = self.texts(place)
+            same = {cell for cell in {*cells} if is_same(cell, text)}
+            chosen &= np.fromiter(map(same.__contains__, cells), np.bool_, len(cells))
+        return chosen
 
 
 @dataclass(slots=True)

@@ -141,6 +141,33 @@ def test_flags_named_after_a_signal_raise_a_question(
 
 
 @pytest.mark.parametrize(
+    ('head', 'every', 'odd', 'is_asked'),
+    [
+        ('state', '', 'HI', True),
+        ('message', 'Normal', 'High limit exceeded', True),
+        ('message', '', '{k}', False),  # numbers are a measurement
+        ('area', 'ER', 'ER', False),
+        ('id', 'e-{k}', 'e-{k}', False),
+    ],
+)
+def test_words_beside_lines_of_a_tag_raise_a_question(
+    head: str, every: str, odd: str, is_asked: bool, tmp_path: Path, stickslip: Stickslip
+) -> None:
+    """A historian writes the events of a tag among its values; another tag may have words of its own."""
+    path, config, rows = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml', ''
+    for k in range(3000):
+        rows += f'{k},rpm,80,rpm,{every.format(k=k)}\n{k},load,900,N,{("", "x")[k % 2]}\n'
+        rows += f'{k}.5,rpm,81,rpm,{odd.format(k=k)}\n' if k in (1500, 1600) else ''
+    path.write_text(f'time [s],tag,value,unit,{head}\n{rows}')
+    config.write_text(CONFIG.read_text().replace('unit: N', f"unit: N, where: {{{head}: '*'}}"))
+    result = stickslip('check', path, '--config', config)
+    answer = f"where: {{'{head}': '{every}'}}"
+    assert (result.code, answer in result.out) == (int(is_asked), is_asked)
+    config.write_text(config.read_text().replace('unit: rpm', f'unit: rpm, {answer}') if is_asked else '')
+    assert not is_asked or stickslip('check', path, '--config', config).code == 0
+
+
+@pytest.mark.parametrize(
     ('zone', 'first', 'exit_code'), [('', '01:58', 1), ('Z', '01:58', 0), ('', '01:28', 0)]
 )
 def test_an_hour_that_summer_time_may_leave_out_raises_a_question(
