@@ -80,11 +80,11 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
                 yield (when, name, value, unit, talker) if is_timed else None
             if when and not latest:
                 latest = when
-                yield _row_of_time(when)
+                yield when, '', '', '', ''  # a time without a number
         if not end and line.strip():
             yield None if line.lstrip().startswith(('$', '!')) else NO_SENTENCE
     if when != latest:
-        yield _row_of_time(when)
+        yield when, '', '', '', ''  # a time without a number
 
 
 class _Tally:
@@ -106,11 +106,6 @@ class _Tally:
             self._clock, self._count, self._most = clock, 0, max(self._most, self._count)
         self._count += 1
         return not self._most or self._count <= _MAX_SINCE_CLOCK * (self._most + 1)
-
-
-def _row_of_time(when: str) -> Row:
-    """Return a row that has a time and no number."""
-    return when, '', '', '', ''
 
 
 def _time_before(head: str) -> str:
@@ -225,7 +220,7 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     updates = updates if isinstance(updates, list) else []
     stamps = [str(update.get('timestamp')) for update in updates if isinstance(update, dict)]
     if (when := max(filter(_ISO.fullmatch, stamps), default='')) > latest > '':
-        yield _row_of_time(when)
+        yield when, '', '', '', ''  # a time without a number
 
 
 def _is_of_own_vessel(delta: Any) -> bool:
@@ -311,7 +306,8 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
             if 'pgn' not in message:  # canboat's first line says its version
                 yield NO_SENTENCE
                 continue
-            fields = {name: _plain_value(value) for name, value in message.get('fields', {}).items()}
+            fields = message.get('fields', {})
+            fields |= {name: value.get('value') for name, value in fields.items() if isinstance(value, dict)}
             place, stamp = [str(message['pgn'])], message['timestamp']
             if not isinstance(stamp, str):
                 raise TypeError('a time is a text')
@@ -331,12 +327,7 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
                 latest = when
                 yield when, _name_of(path, source, first), text, unit, source
     if latest and when != latest:
-        yield _row_of_time(when)
-
-
-def _plain_value(value: Any) -> Any:
-    """Return the value of a field of canboat: of an object its member 'value' or None, else unchanged."""
-    return value.get('value') if isinstance(value, dict) else value
+        yield when, '', '', '', ''  # a time without a number
 
 
 def _name_of(name: str, source: str, first: dict[str, str]) -> str:

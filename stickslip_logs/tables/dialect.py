@@ -270,7 +270,8 @@ def _table_dialect(
     if first > 0 and len(rows[first - 1]) == len(rows[first]) > width:
         width = len(rows[first])
     above, below = rows[:first], rows[first:]
-    heading, units = _fit_headings(*_find_headings(above, width), below, width)
+    written, row_of_units = _find_headings(above, width)
+    heading, units = _fit_headings(written, row_of_units, below, width)
     names = heading or [f'#{k + 1}' for k in range(width)]
     suffixes = [_unit_behind_numbers(below, k, names[k]) for k in range(width)]
     headings = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
@@ -283,6 +284,11 @@ def _table_dialect(
     remarks, losses = list[str](), list[str]()
     if len(heading) > width:
         remarks.append(f'{len(heading)} headings stand above {width} cells: they were matched from the left')
+    if written and not heading:
+        losses.append(
+            f'the {len(written)} headings were not used: below are {width} columns, and nothing tells which'
+            ' has none; write one for each, or name columns by their numbers, as #2'
+        )
     if lines := _lines_of_other_table(above, delimiter):
         losses.append(
             f"{plural(len(lines), 'line')} of another table above were not read, the first '{lines[0]}'"
@@ -496,7 +502,8 @@ def _fit_headings(
     """Return headings and units, filled up to the number of columns of the rows below them.
 
     A missing heading is an empty text at the end, and behind a date that of its time. Where the last column
-    has numbers and no heading, none are returned: which number has which is not known. Surplus headings that
+    has numbers and no heading, none are returned, as which number has which is not known; but if words stand
+    below that of the time, the first column is the one without. Surplus headings that
     are units are joined to the ones before if the number is right then, and all units are empty; else they
     stay. No headings stay an empty list. The list of units may be longer than the columns.
     """
@@ -521,7 +528,10 @@ def _fit_headings(
                 [*cells[: dates[0] + 1], '', *cells[dates[0] + 1 :]] for cells in (heading, units)
             )
         elif 2 * sum(is_value(row[-1]) for row in whole_rows) > len(whole_rows):
-            return [], units
+            times = [k for k, name in enumerate(heading) if TIME_WORDS.search(parse_heading(name).name)]
+            if not times or any(is_value(row[times[0]]) for row in whole_rows):
+                return [], units
+            heading, units = ['', *heading], ['', *units]  # R writes names of rows so
     return heading and [*heading, *[''] * (width - len(heading))], units
 
 

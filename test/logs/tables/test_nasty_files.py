@@ -136,6 +136,17 @@ def test_a_line_of_more_cells_than_others_is_not_used(tmp_path: Path) -> None:
 def test_numbers_without_a_heading_make_no_heading_certain(text: str, tmp_path: Path) -> None:
     recording = open_log(tmp_path, text)
     assert [column.heading for column in recording.all_columns] == ['#2', '#3', '#4']
+    assert 'the 3 headings were not used: below are 4 columns, ' in recording.losses[0]
+
+
+@pytest.mark.parametrize('time', ['@{}', '{}.5'])
+def test_names_of_rows_before_the_times_have_no_heading(time: str, tmp_path: Path) -> None:
+    """Write rows as write.table of R does: only one place of the headings has the time above times."""
+    rows = ''.join(f'"row{k}",{time.format(k)},{30 + k},900\n' for k in range(9))
+    recording = open_log(tmp_path, f'"time","rpm","load"\n{rows}')
+    assert [column.heading for column in recording.all_columns] == ['', 'rpm', 'load']
+    (series,) = recording.read([Request('rpm', 'data')]).values()
+    assert series.value.tolist() == [30.0 + k for k in range(9)]
 
 
 @pytest.mark.parametrize('second_unit', ['2.5', '1776074400.500'])

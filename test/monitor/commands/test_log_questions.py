@@ -141,7 +141,7 @@ def test_flags_named_after_a_signal_raise_a_question(
 
 
 @pytest.mark.parametrize(
-    ('head', 'every', 'odd', 'is_asked'),
+    ('head', 'every', 'rare_word', 'is_asked'),
     [
         ('state', '', 'HI', True),
         ('message', 'Normal', 'High limit exceeded', True),
@@ -151,13 +151,13 @@ def test_flags_named_after_a_signal_raise_a_question(
     ],
 )
 def test_words_beside_lines_of_a_tag_raise_a_question(
-    head: str, every: str, odd: str, is_asked: bool, tmp_path: Path, stickslip: Stickslip
+    head: str, every: str, rare_word: str, is_asked: bool, tmp_path: Path, stickslip: Stickslip
 ) -> None:
-    """A historian writes the events of a tag among its values; another tag may have words of its own."""
+    """Write the events of a tag among its values, as a historian does; another tag has words of its own."""
     path, config, rows = tmp_path / 'voyage.csv', tmp_path / 'ship.yaml', ''
     for k in range(3000):
         rows += f'{k},rpm,80,rpm,{every.format(k=k)}\n{k},load,900,N,{("", "x")[k % 2]}\n'
-        rows += f'{k}.5,rpm,81,rpm,{odd.format(k=k)}\n' if k in (1500, 1600) else ''
+        rows += f'{k}.5,rpm,81,rpm,{rare_word.format(k=k)}\n' if k in (1500, 1600) else ''
     path.write_text(f'time [s],tag,value,unit,{head}\n{rows}')
     config.write_text(CONFIG.read_text().replace('unit: N', f"unit: N, where: {{{head}: '*'}}"))
     result = stickslip('check', path, '--config', config)
