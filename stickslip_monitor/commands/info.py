@@ -17,7 +17,7 @@ from stickslip_logs.recordings.table_recording import TableRecording
 from stickslip_monitor.commands import options, output
 from stickslip_monitor.errors import plural
 from stickslip_monitor.offline.check import bag_record
-from stickslip_monitor.report.summary import date, is_dated, time_of_day
+from stickslip_monitor.report.summary import format_date, format_time_of_day, is_dated
 from stickslip_monitor.safe_files import printable
 
 SCHEMA = 'stickslip_monitor/info/1'
@@ -70,5 +70,7 @@ def _summary_clause(record: Mapping[str, Any]) -> str:
     text += f' in {record["duration"]:.1f} s'
     if not is_dated(record['start']):
         return f'{text}, on a clock without dates'
-    start, end = (f'{date(time)} {time_of_day(time)}' for time in (record['start'], record['end']))
+    start, end = (
+        f'{format_date(time)} {format_time_of_day(time)}' for time in (record['start'], record['end'])
+    )
     return f'{text}, from {start} to {end} UTC'

@@ -225,7 +225,7 @@ def _timeline_picture(part: BearingPart, course: Course) -> Picture:
     text = (
         f'Shaft speed between its stability boundaries, bearing load, margins, predicted'
         f' amplitude and alarm of {course.name} over time, with'
-        f' {summary.count(len(events), "event")} marked. The table of events has the numbers.'
+        f' {summary.format_count(len(events), "event")} marked. The table of events has the numbers.'
     )
     wide, narrow = (
         canvas.inline_svg(draw_timeline(timeline, width), f'{part.anchor}-{key}', text)
@@ -246,7 +246,7 @@ def _input_facts(item: InputReport, source: InputConfig) -> dict[str, Any]:
         'type': source.type,
         'limit': source.stands_ns * 1e-9,
         'wrong': (
-            *(f'{summary.grouped(f.count)} \N{MULTIPLICATION SIGN} {f.text}' for f in item.faults),
+            *(f'{summary.format_grouped(f.count)} \N{MULTIPLICATION SIGN} {f.text}' for f in item.faults),
             *(f'{item.quantity} {text}' for text in item.questions),
             *([item.fault] if item.fault else ()),
         ),
@@ -297,7 +297,7 @@ def html_page(
     rules: dict[str, Any] = {'autoescape': True, 'undefined': StrictUndefined, 'trim_blocks': True}
     loader = PackageLoader('stickslip_monitor.report', '.')
     environment = Environment(loader=loader, lstrip_blocks=True, **rules)
-    environment.filters |= {name: getattr(summary, name) for name in _FILTERS}
+    environment.filters |= {name: getattr(summary, f'format_{name}') for name in _FILTERS}
     environment.filters |= {'grade': _GRADES.__getitem__, 'condition': _CONDITIONS.__getitem__}
     page = environment.get_template('page.html').render(
         parts=whole,

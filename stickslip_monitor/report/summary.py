@@ -87,16 +87,16 @@ def facts(course: Course) -> tuple[Fact, ...]:
     Those without a value are absent, except the first.
     """
     sticking = _total_seconds(join_intervals(course.intervals, STICKING))
-    note = f'{share(sticking, course.span)} of the time' if sticking else ''
-    facts_found = [Fact('stick-slip predicted', duration(sticking) if sticking else 'never', note)]
+    note = f'{format_share(sticking, course.span)} of the time' if sticking else ''
+    facts_found = [Fact('stick-slip predicted', format_duration(sticking) if sticking else 'never', note)]
     for name, title, shown in (
-        ('fold_margin', 'least fold margin', margin),
-        ('hopf_margin', 'least Hopf margin', margin),
-        ('amplitude', 'greatest amplitude', millimetres),
+        ('fold_margin', 'least fold margin', format_margin),
+        ('hopf_margin', 'least Hopf margin', format_margin),
+        ('amplitude', 'greatest amplitude', format_millimetres),
     ):
         if name in course.item.worst:
             extreme = course.item.worst[name]
-            note = f'{time_of_day(extreme.time_ns)}, at {place(course, extreme)}'
+            note = f'{format_time_of_day(extreme.time_ns)}, at {format_point(course, extreme)}'
             facts_found.append(Fact(title, shown(extreme.value), note))
     point, measured = course.scan.assessment, course.item.measured
     if point.has_belief:
@@ -104,15 +104,17 @@ def facts(course: Course) -> tuple[Fact, ...]:
         note = f'that it starts by itself: at most {will:.0%}'
         facts_found.append(Fact('greatest probability of stick-slip', f'{can:.0%}', note))
     if measured is not None:
-        note = f'quiet for {duration(measured["quiet"])}, unknown for {duration(measured["unknown"])}'
-        facts_found.append(Fact('vibration measured', duration(measured['vibrating']), note))
+        vibrating, quiet, unknown = (
+            format_duration(measured[key]) for key in ('vibrating', 'quiet', 'unknown')
+        )
+        facts_found.append(Fact('vibration measured', vibrating, f'quiet for {quiet}, unknown for {unknown}'))
     return tuple(facts_found)
 
 
-def place(course: Course, extreme: Extreme) -> str:
+def format_point(course: Course, extreme: Extreme) -> str:
     """Return the operating point of an extreme as words: shaft speed and load."""
     speed = float(course.config.bearing.speed.from_surface(extreme.point.speed, 'rpm'))
-    return f'{rpm(speed)} and {load(extreme.point.load)}'
+    return f'{format_rpm(speed)} and {format_load(extreme.point.load)}'
 
 
 def judge_bearing(course: Course) -> Finding:
@@ -176,12 +178,14 @@ def _total_seconds(parts: Iterable[ConditionInterval]) -> float:
 def _format_times(parts: Sequence[ConditionInterval]) -> str:
     """Return when the intervals were, one at least and in order of time, as the end of a sentence."""
     first, last = parts[0].start_ns, parts[-1].end_ns
-    day, last_day = date(first), date(last)
+    day, last_day = format_date(first), format_date(last)
     zone = ' UTC' if day else ''
     if len(parts) == 1 and day == last_day:
-        return f'from {time_of_day(first)} to {time_of_day(last)}{zone}' + _on_date(day)
-    later = f'{time_of_day(last)}{zone}{_on_date(last_day)}'
-    earlier = time_of_day(first) if day == last_day else f'{time_of_day(first)}{zone}{_on_date(day)}'
+        return f'from {format_time_of_day(first)} to {format_time_of_day(last)}{zone}' + _on_date(day)
+    later = f'{format_time_of_day(last)}{zone}{_on_date(last_day)}'
+    earlier = (
+        format_time_of_day(first) if day == last_day else f'{format_time_of_day(first)}{zone}{_on_date(day)}'
+    )
     return f'between {earlier} and {later}'
 
 
@@ -192,7 +196,7 @@ def _on_date(day: str) -> str:
 
 def _stick_slip_sentence(course: Course, sticking: Sequence[ConditionInterval]) -> str:
     """Return the sentence on one interval or more of stick-slip: how long, how often and when."""
-    total = duration(_total_seconds(sticking))
+    total = format_duration(_total_seconds(sticking))
     often = '' if len(sticking) == 1 else f' in {len(sticking)} spells'
     return f'{course.config.name}: stick-slip was predicted for {total}{often}, {_format_times(sticking)}.'
 
@@ -202,15 +206,16 @@ def _amplitude_sentence(course: Course) -> str:
     extreme = course.item.worst.get('amplitude')
     if extreme is None:
         return ''
-    text = f'The greatest predicted amplitude was {millimetres(extreme.value)}, at {place(course, extreme)}'
+    amplitude, where = format_millimetres(extreme.value), format_point(course, extreme)
+    text = f'The greatest predicted amplitude was {amplitude}, at {where}'
     limit = course.config.alarm.amplitude_limit
     above = join_intervals(course.intervals, (Condition.AMPLITUDE,))
     if above:
-        active = duration(_total_seconds(above))
-        text += f'; the alarm for the limit of {millimetres(limit)} was active for {active}'
+        active = format_duration(_total_seconds(above))
+        text += f'; the alarm for the limit of {format_millimetres(limit)} was active for {active}'
     elif math.isfinite(limit):
         below = 'below' if extreme.value <= limit else 'and not for long above'
-        text += f', {below} the limit of {millimetres(limit)}'
+        text += f', {below} the limit of {format_millimetres(limit)}'
     return f'{text}.'
 
 
@@ -219,8 +224,8 @@ def _margin_sentence(course: Course, near: Sequence[ConditionInterval]) -> str:
     inside = _total_seconds(join_intervals(course.intervals, (Condition.BISTABLE,)))
     text = f'{course.config.name}: no stick-slip was predicted, but the bearing was'
     if inside:
-        text += f' for {duration(inside)} where a disturbance could have started it, and'
-    text += f' within the caution margin or closer for {duration(_total_seconds(near))}'
+        text += f' for {format_duration(inside)} where a disturbance could have started it, and'
+    text += f' within the caution margin or closer for {format_duration(_total_seconds(near))}'
     return f'{text}, {_format_times(near)}.'
 
 
@@ -229,8 +234,8 @@ def _least_margin_sentence(course: Course) -> str:
     extreme = course.item.worst.get('fold_margin')
     if extreme is None:
         return 'At no recorded load does any speed have a stick-slip cycle.'
-    lowest = margin(extreme.value)
-    return f'The least fold margin was {lowest}, at {place(course, extreme)}.'
+    lowest = format_margin(extreme.value)
+    return f'The least fold margin was {lowest}, at {format_point(course, extreme)}.'
 
 
 def _lost_seconds(course: Course) -> float:
@@ -243,7 +248,7 @@ def _lost_input_sentence(course: Course) -> str:
     seconds = _lost_seconds(course)
     if not seconds:
         return ''
-    missing = f'{duration(seconds)} ({share(seconds, course.span)} of the time)'
+    missing = f'{format_duration(seconds)} ({format_share(seconds, course.span)} of the time)'
     return f'An input was missing for {missing}: there is no verdict for that time.'
 
 
@@ -291,29 +296,29 @@ def _round_time(time_ns: int, step_ns: int) -> datetime:
     return EPOCH + timedelta(microseconds=round(time_ns / step_ns) * (step_ns // 1000))
 
 
-def date(time_ns: int) -> str:
+def format_date(time_ns: int) -> str:
     """Format the date in UTC as ``2026-05-04``; empty for a time without one."""
     return f'{_round_time(time_ns, 1000):%Y-%m-%d}' if is_dated(time_ns) else ''
 
 
-def clock(time_ns: int) -> str:
+def format_clock(time_ns: int) -> str:
     """Format the time of day in UTC to a tenth of a second; seconds for a time without a date."""
     return (
         f'{_round_time(time_ns, 10**8):%H:%M:%S.%f}'[:-5] if is_dated(time_ns) else f'{time_ns * 1e-9:.1f} s'
     )
 
 
-def time_of_day(time_ns: int) -> str:
+def format_time_of_day(time_ns: int) -> str:
     """Format the time of day in UTC to the second; whole seconds for a time without a date."""
     return f'{_round_time(time_ns, 10**9):%H:%M:%S}' if is_dated(time_ns) else f'{time_ns * 1e-9:.0f} s'
 
 
-def iso(time_ns: int) -> str:
+def format_iso(time_ns: int) -> str:
     """Format a time as ISO 8601 in UTC, for machines; empty for a time without a date."""
     return f'{_round_time(time_ns, 1000):%Y-%m-%dT%H:%M:%S.%fZ}' if is_dated(time_ns) else ''
 
 
-def duration(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Format a duration [s] in at most two units: ``1 h 5 min``, ``2 min 10 s``, ``4.2 s``.
 
     With no-break spaces. The smaller unit is cut, not rounded. A duration that is not finite is 'for ever'.
@@ -335,7 +340,7 @@ def duration(seconds: float) -> str:
     return f'{whole}{_SPACE}s'
 
 
-def share(part: float, whole: float) -> str:
+def format_share(part: float, whole: float) -> str:
     """Format a part of a whole in per cent; 'below 0.1 %' for less, '0 %' for none or of none."""
     if whole <= 0.0 or part <= 0.0:
         return f'0{_SPACE}%'
@@ -345,33 +350,33 @@ def share(part: float, whole: float) -> str:
     return f'{percent:.1f}{_SPACE}%' if percent < 10.0 else f'{percent:.0f}{_SPACE}%'
 
 
-def margin(value: float) -> str:
+def format_margin(value: float) -> str:
     """Format a margin (0.1 is '+10.0 %') with its sign; 'no boundary' if infinite."""
     if math.isinf(value):
         return 'no boundary'
     return f'{100.0 * value:+.1f}{_SPACE}%'.replace('-', '\N{MINUS SIGN}')
 
 
-def millimetres(metres: float) -> str:
+def format_millimetres(metres: float) -> str:
     """Format an amplitude [m] in millimetres, to three digits."""
     return f'{metres * 1e3:.3g}{_SPACE}mm'
 
 
-def rpm(value: float) -> str:
+def format_rpm(value: float) -> str:
     """Format a shaft speed [rpm] to a tenth."""
     return f'{value:.1f}{_SPACE}rpm'.replace('-', '\N{MINUS SIGN}')
 
 
-def load(newtons: float) -> str:
+def format_load(newtons: float) -> str:
     """Format a load [N] in kN, as in the sentences of alarms."""
     return f'{newtons / 1e3:.4g}{_SPACE}kN'
 
 
-def count(number: int, noun: str) -> str:
+def format_count(number: int, noun: str) -> str:
     """Return a number with its noun, which takes an s: ``1 event``, ``1 250 events``."""
-    return f'{grouped(number)} {noun}{"" if number == 1 else "s"}'
+    return f'{format_grouped(number)} {noun}{"" if number == 1 else "s"}'
 
 
-def grouped(number: int) -> str:
+def format_grouped(number: int) -> str:
     """Format a whole number with narrow spaces between its thousands."""
     return f'{number:,}'.replace(',', '\N{NARROW NO-BREAK SPACE}')

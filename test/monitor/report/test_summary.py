@@ -149,26 +149,26 @@ def epoch_ns(text: str) -> int:
 @pytest.mark.parametrize(
     ('quantity', 'text'),
     [
-        (summary.duration(0.0), '0.0 s'),
-        (summary.duration(9.96), '10 s'),
-        (summary.duration(59.6), '1 min'),
-        (summary.duration(130.0), '2 min 10 s'),
-        (summary.duration(3900.0), '1 h 5 min'),
-        (summary.duration(90_000.0), '1 d 1 h'),
-        (summary.duration(math.inf), 'for ever'),
-        (summary.share(0.0, 5.0), '0 %'),
-        (summary.share(1e-9, 5.0), 'below 0.1 %'),
-        (summary.share(0.05, 1.0), '5.0 %'),
-        (summary.share(1.0, 1.0), '100 %'),
-        (summary.share(1.0, 0.0), '0 %'),
-        (summary.margin(-0.0512), '\N{MINUS SIGN}5.1 %'),
-        (summary.margin(math.inf), 'no boundary'),
-        (summary.millimetres(0.00106249), '1.06 mm'),
-        (summary.load(998.4), '0.9984 kN'),
-        (summary.load(25_000.0), '25 kN'),
-        (summary.rpm(-20.04), '\N{MINUS SIGN}20.0 rpm'),
-        (summary.count(1, 'event'), '1 event'),
-        (summary.count(1250, 'event'), '1 250 events'),
+        (summary.format_duration(0.0), '0.0 s'),
+        (summary.format_duration(9.96), '10 s'),
+        (summary.format_duration(59.6), '1 min'),
+        (summary.format_duration(130.0), '2 min 10 s'),
+        (summary.format_duration(3900.0), '1 h 5 min'),
+        (summary.format_duration(90_000.0), '1 d 1 h'),
+        (summary.format_duration(math.inf), 'for ever'),
+        (summary.format_share(0.0, 5.0), '0 %'),
+        (summary.format_share(1e-9, 5.0), 'below 0.1 %'),
+        (summary.format_share(0.05, 1.0), '5.0 %'),
+        (summary.format_share(1.0, 1.0), '100 %'),
+        (summary.format_share(1.0, 0.0), '0 %'),
+        (summary.format_margin(-0.0512), '\N{MINUS SIGN}5.1 %'),
+        (summary.format_margin(math.inf), 'no boundary'),
+        (summary.format_millimetres(0.00106249), '1.06 mm'),
+        (summary.format_load(998.4), '0.9984 kN'),
+        (summary.format_load(25_000.0), '25 kN'),
+        (summary.format_rpm(-20.04), '\N{MINUS SIGN}20.0 rpm'),
+        (summary.format_count(1, 'event'), '1 event'),
+        (summary.format_count(1250, 'event'), '1 250 events'),
     ],
 )
 def test_quantities(quantity: str, text: str) -> None:
@@ -203,12 +203,12 @@ def test_times_are_utc_whatever_the_machine_says(monkeypatch: pytest.MonkeyPatch
     time.tzset()
     try:
         at = epoch_ns('2026-05-04T06:01:27') + 49 * 10**6
-        assert summary.date(at) == '2026-05-04'
-        assert summary.clock(at) == '06:01:27.0'
-        assert summary.time_of_day(at) == '06:01:27'
-        assert summary.iso(at) == '2026-05-04T06:01:27.049000Z'
+        assert summary.format_date(at) == '2026-05-04'
+        assert summary.format_clock(at) == '06:01:27.0'
+        assert summary.format_time_of_day(at) == '06:01:27'
+        assert summary.format_iso(at) == '2026-05-04T06:01:27.049000Z'
         # Tenths carry over midnight.
-        assert summary.clock(epoch_ns('2026-05-04T23:59:59') + 960 * 10**6) == '00:00:00.0'
+        assert summary.format_clock(epoch_ns('2026-05-04T23:59:59') + 960 * 10**6) == '00:00:00.0'
     finally:
         monkeypatch.undo()
         time.tzset()
@@ -216,5 +216,5 @@ def test_times_are_utc_whatever_the_machine_says(monkeypatch: pytest.MonkeyPatch
 
 def test_a_clock_that_counts_from_a_start_has_no_date() -> None:
     assert not summary.is_dated(90 * NS)
-    assert summary.clock(90 * NS) == '90.0 s'
-    assert summary.date(90 * NS) == summary.iso(90 * NS) == ''
+    assert summary.format_clock(90 * NS) == '90.0 s'
+    assert summary.format_date(90 * NS) == summary.format_iso(90 * NS) == ''
