@@ -66,7 +66,7 @@ class SceneRun:
             raise SceneError(f'effect {owner} is listed twice{place}')
         self._claimed.add((owner, place))
 
-    def pick(self, settings: Settings, quantity: str) -> Iterator[Channel]:
+    def claim_channels(self, settings: Settings, quantity: str) -> Iterator[Channel]:
         """Yield the channels of a quantity that serve an effect's ``bearing``, else all of the quantity.
 
         Each is claimed when it is yielded.
@@ -80,7 +80,7 @@ class SceneRun:
                 self.claim(settings.name, f' for topic {channel.topic}')
                 yield channel
 
-    def bearings(self, settings: Settings, part: str = '') -> list[BearingConfig]:
+    def claim_bearings(self, settings: Settings, part: str = '') -> list[BearingConfig]:
         """Return the ``bearing`` that an effect on the lining is for, else all bearings; claim each.
 
         Where an effect may be listed once for each part of a bearing, ``part`` names it.
@@ -116,7 +116,7 @@ class SceneRun:
         blank = Sensor(self.shaft, channel)
         self.sensors.setdefault(channel.topic, blank).memories.append(memory)
 
-    def random(
+    def make_random_stream(
         self, settings: Settings, channel: Channel | None = None, *purpose: str
     ) -> np.random.Generator:
         """Return a new random stream of an effect, which depends on the seed and these names alone.
@@ -200,7 +200,7 @@ def channel_effect(
                 raise SceneError(f'{settings.name} must name at least one of {", ".join(quantities)}')
             for quantity in named:
                 part = settings.section(quantity, keys, section) if section else settings
-                for channel in run.pick(settings, quantity):
+                for channel in run.claim_channels(settings, quantity):
                     if change := function(part, channel, run):
                         run.effects.append(_on_signal(channel.topic, change))
 

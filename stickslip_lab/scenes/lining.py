@@ -188,7 +188,7 @@ class Episodes:
         for time, is_stick, now in changes:
             if is_stick and now:
                 self.since = time
-                events += [] if self._resting else self.stick(time)
+                events += [] if self._resting else self.add_stick(time)
             elif is_stick:
                 ended.append((time, time - (time if self.since is None else self.since)))
                 self.since = None
@@ -199,7 +199,7 @@ class Episodes:
                     self.release(time)
         return ended, events + self.advance(end)
 
-    def stick(self, time: float) -> list[EpisodeEvent]:
+    def add_stick(self, time: float) -> list[EpisodeEvent]:
         """Count a stick that begins at a time [s], while the shaft turns; let time pass until then.
 
         Returns:
@@ -262,7 +262,7 @@ class Samples:
         self._asked = self._next * self._before.size
         self._kept = np.empty((4, 0))
 
-    def next_times(self, end: float) -> FloatArray:
+    def take_next_times(self, end: float) -> FloatArray:
         """Return the next times to sample the motion at, up to and with ``end`` [s], shape (n,).
 
         The next call goes on after them: :meth:`add` must get the motion at them first.
@@ -276,7 +276,7 @@ class Samples:
         return time
 
     def add(self, motion: FloatArray) -> None:
-        """Store the motion at the times that :meth:`next_times` returned last.
+        """Store the motion at the times that :meth:`take_next_times` returned last.
 
         Args:
             motion: Rows as of :meth:`Lining.follow`, shape (4, n).
@@ -363,7 +363,7 @@ class Lining:
         # Four pieces of the drive in a natural period: a disturbance goes beyond the natural frequency.
         self.rate = math.ceil(max(telemetry.MIN_GRID_RATE, 4.0 * cycles))
         self._number = 0
-        self._nodes = self._drive_at(np.zeros(1))
+        self._nodes = self._draw_drive(np.zeros(1))
         _, speed, load = self._nodes[:, 0].tolist()
         first = course.bearing_at(config.bearing, 0.0)
         place = float(first.equilibrium(speed, load)) if speed else 0.0
@@ -407,11 +407,11 @@ class Lining:
             motion = self._integrate_motion(nodes[:, low : high + 1], times[taken:upto])
             columns = motion.displacement, motion.velocity, motion.acceleration, motion.sticking
             sampled.append(np.array(columns, float))
-            sticks += self._stick_changes(motion)
+            sticks += self._take_stick_changes(motion)
             taken = upto
-        return np.concatenate(sampled, axis=1), list(heapq.merge(self._rest_changes(nodes), sticks))
+        return np.concatenate(sampled, axis=1), list(heapq.merge(self._take_rest_changes(nodes), sticks))
 
-    def _drive_at(self, time: FloatArray) -> FloatArray:
+    def _draw_drive(self, time: FloatArray) -> FloatArray:
         """Return times, speeds and loads >= 0 in SI units, shape (3, n).
 
         The load's fluctuation is drawn at random: the random stream advances.
@@ -435,7 +435,7 @@ class Lining:
         self._number = last
         if end > (time[-1] if time.size else self.reached):
             time = np.append(time, end)
-        nodes = np.concatenate([self._nodes, self._drive_at(time)], axis=1)
+        nodes = np.concatenate([self._nodes, self._draw_drive(time)], axis=1)
         self._nodes = nodes[:, -1:]
         for knock in self._knocks:
             if nodes[0, 0] < knock < nodes[0, -1] and knock not in nodes[0]:
@@ -489,7 +489,7 @@ class Lining:
         self._state = motion.final
         return motion
 
-    def _stick_changes(self, motion: Motion) -> list[Change]:
+    def _take_stick_changes(self, motion: Motion) -> list[Change]:
         """Return the changes between stick and slip in a stretch, by time; store whether it ends in a stick.
 
         Each is a :data:`Change` of the lining. A knock or a new law at its start may begin or end a stick.
@@ -507,7 +507,7 @@ class Lining:
         self._sticking = motion.final.phase is Phase.STICK
         return changes
 
-    def _rest_changes(self, nodes: FloatArray) -> list[Change]:
+    def _take_rest_changes(self, nodes: FloatArray) -> list[Change]:
         """Return the changes between rest and turning at nodes, by time; store whether the last is at rest.
 
         Each is a :data:`Change` of the shaft. At rest the speed is below the configured deadband. ``nodes``

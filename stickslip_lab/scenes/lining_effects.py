@@ -64,7 +64,7 @@ def friction_drift(settings: Settings, run: SceneRun) -> None:
         SceneError: A setting is missing or breaks its rule, or a value of the drift breaks one of the law.
     """
     drift = read_profile(settings, 'value', run.duration, run.folder)
-    for config in run.bearings(settings, settings.text('parameter', 'what moves')):
+    for config in run.claim_bearings(settings, settings.text('parameter', 'what moves')):
         law = config.bearing.friction
         name = settings.choice('parameter', drifting_parameters(law))
         _check_drift(settings, config, name, drift)
@@ -89,7 +89,7 @@ def water_temperature(settings: Settings, run: SceneRun) -> None:
                 f'{settings.name}: {value:g} C at {time:g} s must be from {MIN_TEMPERATURE:g} to'
                 f' {MAX_TEMPERATURE:g} C'
             )
-    bearings = run.bearings(settings)
+    bearings = run.claim_bearings(settings)
     for config in bearings:
         lubrication = config.bearing.lubrication
         if lubrication is None or math.isnan(lubrication.temperature):
@@ -134,7 +134,7 @@ def operating_point(settings: Settings, run: SceneRun) -> None:
         SceneError: The rate is missing, or not above 0 and up to 1 kHz.
     """
     rate = settings.number('rate', 'Hz', above=0.0, maximum=MAX_RATE)
-    bearings = [(config, run.course(config)) for config in run.bearings(settings)]
+    bearings = [(config, run.course(config)) for config in run.claim_bearings(settings)]
 
     def record(block: TimeBlock) -> None:
         """Append the columns of every bearing to the truth of a block."""
@@ -209,7 +209,7 @@ def lining_motion(settings: Settings, run: SceneRun) -> None:
     unit = disturbance.choice('unit', UNITS['load'])
     deviation = disturbance.number('standard_deviation', unit, minimum=0.0)
     knocks = _read_knocks(settings, run.duration)
-    for config in run.bearings(settings):
+    for config in run.claim_bearings(settings):
         factor = run.shaft.channel(config.name, 'load').factor(unit)
         blow = _unit_blow(settings, config)
         blows = [(time, impulse * blow) for time, impulse in knocks]
@@ -391,7 +391,7 @@ class FollowedLining:
         Raises:
             SceneError: The integrator gave up.
         """
-        requested = [samples.next_times(end) for samples, _ in self._requests]
+        requested = [samples.take_next_times(end) for samples, _ in self._requests]
         times = np.unique(np.concatenate([np.empty(0), *requested]))
         motion, changes = self.lining.follow(end, times)
         for (samples, _), instants in zip(self._requests, requested, strict=True):

@@ -140,7 +140,7 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
     sea = settings.number('sea', '-', minimum=0.0, maximum=1.0) if 'sea' in settings else 0.0
     period = settings.number('period', 's', above=0.0) if sea else 1.0
     scatter = settings.number('scatter', '-', minimum=0.0, maximum=0.3)
-    random = run.random(settings, channel)
+    random = run.make_random_stream(settings, channel)
 
     def add(signal: Signal) -> None:
         """Replace the values of a signal in place by those with the background."""
@@ -179,7 +179,7 @@ def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """
     unit, factor = read_unit(settings, channel)
     deviation = settings.number('standard_deviation', unit, minimum=0.0) * factor
-    random = run.random(settings, channel)
+    random = run.make_random_stream(settings, channel)
 
     def add(signal: Signal) -> None:
         signal.value += deviation * random.standard_normal(signal.value.size)
@@ -198,8 +198,8 @@ def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """
     unit, factor = read_unit(settings, channel)
     size = settings.number('size', unit) * factor
-    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
-    random = run.random(settings, channel, 'sign')
+    hit = read_sample_mask(settings, run.duration, run.make_random_stream(settings, channel))
+    random = run.make_random_stream(settings, channel, 'sign')
 
     def add(signal: Signal) -> None:
         off = hit(signal.time)
@@ -259,7 +259,7 @@ def not_a_number(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     Raises:
         SceneError: There is neither, or a setting breaks its rule.
     """
-    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    hit = read_sample_mask(settings, run.duration, run.make_random_stream(settings, channel))
 
     def spoil(signal: Signal) -> None:
         signal.value[hit(signal.time)] = np.nan
@@ -281,7 +281,7 @@ def clock_jitter(settings: Settings, channel: Channel, run: SceneRun) -> Change:
         SceneError: The deviation is missing, or not from 0 to 10 s.
     """
     deviation = settings.number('standard_deviation', 's', minimum=0.0, maximum=10.0)
-    random = run.random(settings, channel)
+    random = run.make_random_stream(settings, channel)
 
     def shift(signal: Signal) -> None:
         off = random.standard_normal(signal.stamp_ns.size) * (deviation * 1e9)
@@ -347,7 +347,7 @@ def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     # A shorter delay overtakes nothing.
     delay = settings.number('delay', 's', above=1.0 / channel.rate, maximum=60.0)
     delay_ns = round(delay * 1e9)
-    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    hit = read_sample_mask(settings, run.duration, run.make_random_stream(settings, channel))
 
     def hold_up(signal: Signal) -> None:
         assert signal.arrival_ns is not None  # it has a header
@@ -365,7 +365,7 @@ def repeated_stamps(settings: Settings, channel: Channel, run: SceneRun) -> Chan
     Raises:
         SceneError: There is neither, or a setting breaks its rule.
     """
-    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    hit = read_sample_mask(settings, run.duration, run.make_random_stream(settings, channel))
 
     def repeat(signal: Signal) -> None:
         signal.copies[hit(signal.time)] *= 2
@@ -380,7 +380,7 @@ def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     Raises:
         SceneError: There is neither, or a setting breaks its rule.
     """
-    hit = read_sample_mask(settings, run.duration, run.random(settings, channel))
+    hit = read_sample_mask(settings, run.duration, run.make_random_stream(settings, channel))
 
     def lose(signal: Signal) -> None:
         signal.copies[hit(signal.time)] = 0

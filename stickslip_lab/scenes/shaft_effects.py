@@ -239,7 +239,7 @@ def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
         settings.number('significant_height', 'm', minimum=0.0),
         settings.number('peak_period', 's', minimum=0.1),  # shorter waves are ripples
         settings.number('gamma', '-', minimum=1.0, maximum=10.0),
-        run.random(settings),
+        run.make_random_stream(settings),
     )
     run.shaft.add(channel.topic, lambda time: sea.elevation(time) * per_metre)
 

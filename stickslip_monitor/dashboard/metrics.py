@@ -69,7 +69,7 @@ class Metrics(Collector):
         if board.links:
             text, links = "Whether a link to the ship's buses works.", board.links.items()
             yield _make_metric('link_up', text, ['link'], [([name], up) for name, up in links])
-        missing = {key for monitor in board.monitors for key in monitor.missing()}
+        missing = {key for monitor in board.monitors for key in monitor.missing_bearings()}
         yield from _presence_metrics(board, missing)
         receiving = [m for m in board.monitors if m.is_receiving and not board.finished]
         records = [

@@ -228,7 +228,7 @@ class WatchedMonitor(Sink):
         silent = self.silent_for
         return silent is not None and silent < SILENT
 
-    def missing(self) -> list[str]:
+    def missing_bearings(self) -> list[str]:
         """Return the keys of the bearings that have had no record for :data:`SILENT`, or never."""
         now = self._clock()
         return [
@@ -252,7 +252,7 @@ class WatchedMonitor(Sink):
 
     def _gap_sentences(self, name: str) -> Iterator[str]:
         """Yield a sentence on each thing missing from what is shown of the monitor, called ``name`` in it."""
-        if missing := self.missing():
+        if missing := self.missing_bearings():
             yield f'No data on {_list_names(missing)}: {name} does not watch it.'
         now = self._clock()
         foreign = [bearing for bearing, at in self._foreign.items() if now - at < ALARMS_SILENT]
@@ -493,13 +493,13 @@ class DashboardState:
 
     def _send_monitor(self) -> None:
         """Send the page the state of the monitors, if more than silence and the texts of faults changed."""
-        monitor = self.monitor()
+        monitor = self.presence()
         state = monitor | {'silent': None, 'faults': len(monitor['faults'])}
         if state != self._sent:
             self._sent = state
             self.send('monitor', monitor, '')
 
-    def monitor(self) -> dict[str, Any]:
+    def presence(self) -> dict[str, Any]:
         """Return the presence of the monitors, and the faults and notices on what is shown, for the page.
 
         ``there`` says whether any is received, ``finished`` whether a recording has ended; then none is
@@ -516,7 +516,7 @@ class DashboardState:
             'silent': max(known_silences) if len(known_silences) == len(silences) else None,
             'faults': [text for monitor in watched for text in monitor.faults()],
             'notices': [text for text in (*(monitor.notice() for monitor in self.monitors), log) if text],
-            'missing': [key for monitor in watched for key in monitor.missing()],
+            'missing': [key for monitor in watched for key in monitor.missing_bearings()],
         }
 
     def state(self) -> dict[str, Any]:
@@ -525,7 +525,7 @@ class DashboardState:
         return {
             'schema': PAGE_SCHEMA,
             'source': {'name': names, 'replay': self._replay},
-            'monitor': self.monitor(),
+            'monitor': self.presence(),
             'columns': COLUMNS,
             'bearings': [
                 bearing.state() | {'shelve_time': monitor.shelve_time}

@@ -292,7 +292,7 @@ class Server:
                 try:
                     event = await asyncio.wait_for(reader.take(), HEARTBEAT)
                 except asyncio.TimeoutError:
-                    event = encode_event('beat', self._board.monitor())
+                    event = encode_event('beat', self._board.presence())
         except (ConnectionError, asyncio.TimeoutError):
             if request.transport is not None:
                 request.transport.abort()

@@ -83,14 +83,14 @@ class OutlineBuilder:
         self._events += scan.events
         if not scan.time_ns.size:
             return
-        rows = self._new_rows(scan)
+        rows = self._make_rows(scan)
         self._count += rows.size
         while self._count > _MAX_GROUPS * self._length:
             self._length *= 2
         rows = np.concatenate([self._rows, self._thin_rows(rows)])
         self._rows = self._thin_rows(rows) if rows.size > 24 * _MAX_GROUPS else rows
 
-    def _new_rows(self, scan: Scan) -> NDArray[np.void]:
+    def _make_rows(self, scan: Scan) -> NDArray[np.void]:
         """Return the verdicts of a scan, at least one, as rows; store time and end of its last one."""
         points, time = scan.assessment, scan.time_ns
         amplitude = np.full(time.size, np.nan)

@@ -369,7 +369,7 @@ class Lane:
         if sender in self.senders:
             self.senders[sender].readings.add((bearing, place))
 
-    def sends(self, publisher: bytes, bearing: str, place: int) -> bool:
+    def is_sending(self, publisher: bytes, bearing: str, place: int) -> bool:
         """Return whether a publisher has sent since the newest sender of an input began.
 
         A publisher that was restarted has two names for a while, of which the older sends no more. True

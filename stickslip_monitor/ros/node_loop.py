@@ -167,7 +167,7 @@ class NodeLoop:
         The node's own health is updated once a second, before it is published.
         """
         self._ticked_ns = now.steady_ns
-        passed_ns = self._passing.passed(now)
+        passed_ns = self._passing.measure_elapsed(now)
         if self._passing.stands:
             now = now._replace(time_ns=0)  # as before the first /clock
         self._running_ns += passed_ns
@@ -186,7 +186,7 @@ class NodeLoop:
         For the alarms the time until ``now`` has passed all the same.
         """
         # The alarms' time has passed, that of the inputs has not.
-        self._running_ns += self._passing.passed(now)
+        self._running_ns += self._passing.measure_elapsed(now)
         if now.time_ns and not self._passing.stands:  # else no stall counts in their age anyway
             self._session.discount_stall(held_ns)
         if held_ns <= LONG_STALL_NS:
@@ -266,7 +266,7 @@ class PassingTime:
     def __init__(self, simulated: bool, now: Moment) -> None:
         self._simulated, self._last, self._moved_ns, self._counted_ns = simulated, now, now.steady_ns, 0
 
-    def passed(self, now: Moment) -> int:
+    def measure_elapsed(self, now: Moment) -> int:
         """Return the time that counts as passed since the last call [ns]; update :attr:`stands`."""
         last, self._last = self._last, now
         if not self._simulated or not now.time_ns:

@@ -75,7 +75,10 @@ class RosGraph(Graph):
             lane = None
         return tuple(
             _publisher_of(
-                info, profile, override, lane is None or lane.sends(bytes(info.endpoint_gid), bearing, place)
+                info,
+                profile,
+                override,
+                lane is None or lane.is_sending(bytes(info.endpoint_gid), bearing, place),
             )
             for info in infos
         )

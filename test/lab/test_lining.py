@@ -199,7 +199,7 @@ def episodes_of(*sticks: tuple[float, float], until: float = 100.0) -> list[Epis
     episodes = Episodes(1.0)
     events: list[EpisodeEvent] = []
     for start, end in sticks:
-        events += episodes.stick(start)
+        events += episodes.add_stick(start)
         if math.isfinite(end):
             episodes.release(end)
     return events + episodes.advance(until)
@@ -249,7 +249,7 @@ PERIOD = 0.03
 def test_windows_give_the_amplitude_of_a_motion_that_grows() -> None:
     """``x = e t + A exp(t/5) sin(omega t)``: half the peak to peak over the last four periods."""
     omega, windows = 2.0 * np.pi / PERIOD, Samples(2.0, 10.0, PERIOD)
-    t = windows.next_times(10.0)
+    t = windows.take_next_times(10.0)
     grown = 1e-3 * np.exp(t / 5.0)
     x = 1e-6 * t + grown * np.sin(omega * t)
     v = 1e-6 + grown * (np.sin(omega * t) / 5.0 + omega * np.cos(omega * t))

@@ -147,7 +147,7 @@ def test_a_lost_input_is_a_gap_in_the_history(board: DashboardState) -> None:
 def test_invalid_records_change_nothing(board: DashboardState, document: Any) -> None:
     board.monitors[0].take_record(document)
     board.monitors[0].take_alarms(document)
-    assert not board.monitor()['there']
+    assert not board.presence()['there']
     assert board.alarms is None
 
 
@@ -231,7 +231,7 @@ def test_never_all_clear_by_mistake(
     board: DashboardState, now: list[float], happens: Happening, words: str
 ) -> None:
     happens(board.monitors[0], now)
-    assert words in ' '.join(board.monitor()['faults'])
+    assert words in ' '.join(board.presence()['faults'])
 
 
 def test_a_bearing_that_the_node_does_not_have_is_named(now: list[float]) -> None:
@@ -240,8 +240,8 @@ def test_a_bearing_that_the_node_does_not_have_is_named(now: list[float]) -> Non
     assert [a['bearing'] for a in board.alarms['alarms']] == ['aft_stern']
     board.monitors[0].take_alarms(alarm_table())
     send_records(board.monitors[0])
-    assert board.monitor()['there']
-    assert 'No data on fore: test does not watch it.' in board.monitor()['faults']
+    assert board.presence()['there']
+    assert 'No data on fore: test does not watch it.' in board.presence()['faults']
 
 
 def test_entries_of_two_nodes_are_in_order_of_time_and_those_of_one_in_their_own() -> None:
@@ -292,7 +292,7 @@ def test_a_damaged_log_is_put_aside_and_both_log_and_page_say_so(
     assert log.damage.startswith(f'the log {path} is damaged: ')
     assert [entry['what'] for entry in log.latest()] == ['log']
     board = DashboardState([WatchedMonitor('test', [VIEW], clock=lambda: now[0])], log=log)
-    assert board.monitor()['notices'] == [log.damage]
+    assert board.presence()['notices'] == [log.damage]
 
 
 def test_a_map_is_made_for_the_first_point_and_grows(now: list[float]) -> None:
@@ -330,10 +330,10 @@ def test_twin_screws_are_two_things(now: list[float]) -> None:
         send_records(monitor, text='aft_stern: fine')
     waiting = alarm_row(state='unacknowledged', active=True, text='aft_stern: bad')
     port.take_alarms(alarm_table(waiting, unacknowledged=1, rows=[waiting]))
-    assert board.monitor()['there']
-    assert board.monitor()['faults']
+    assert board.presence()['there']
+    assert board.presence()['faults']
     starboard.take_alarms(alarm_table(alarm_row()))
-    assert (board.monitor()['there'], board.monitor()['faults']) == (True, [])
+    assert (board.presence()['there'], board.presence()['faults']) == (True, [])
     assert board.alarms['unacknowledged'] == 1
     assert [(a['bearing'], a['state']) for a in board.alarms['alarms']] == [
         ('port/aft_stern', 'unacknowledged'),
@@ -368,4 +368,4 @@ def test_a_map_of_other_parameters_is_reported(
     board = board_of(now, replace(VIEW, curves=curves))
     board.monitors[0].take_record(bearing_status(fold_speed_kbm=fold, load=load))
     notices = ['aft_stern: the map is that of --config, and test has other parameters.']
-    assert board.monitor()['notices'] == notices * foreign
+    assert board.presence()['notices'] == notices * foreign

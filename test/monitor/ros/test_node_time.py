@@ -347,7 +347,7 @@ def test_a_clock_that_stands_keeps_no_input_alive_and_loses_none_when_it_goes_on
         for place, value in enumerate((60.0, 1000.0)):
             ship.session.take(name, place, time_ns, value, now)
         watchdog.note(name)
-        passed_ns = passing.passed(now)
+        passed_ns = passing.measure_elapsed(now)
         watchdog.tick(now._replace(time_ns=0) if passing.stands else now, passed_ns)
         lost.append(bool(watched.lost_ages()))
     # From the second of which a slow clock may stand, the time-out and what is told later.
@@ -391,5 +391,5 @@ def test_time_without_samples(simulated: bool, begin_ns: int, ticks: list[tuple[
 
     clock, elapsed = PassingTime(simulated, Moment(0, begin_ns)), 0
     for steady_ns, time_ns, expected in ticks:
-        elapsed += clock.passed(Moment(steady_ns, time_ns))
+        elapsed += clock.measure_elapsed(Moment(steady_ns, time_ns))
         assert elapsed == expected
