@@ -340,7 +340,7 @@ class ColumnRecording(Recording):
     def topics(self) -> Mapping[str, TopicInfo]:
         """The topics that are delivered, or else the columns by heading, such as of type 'column in rpm'.
 
-        The count is of lines until the numbers of a topic are counted.
+        Only the latter have a value. The count is of lines until the numbers of a topic are counted.
         """
         if self.by_topic:
             return {

@@ -125,7 +125,7 @@ class StampLayout:
     def _choose_order(self, matches: Sequence[re.Match[str]]) -> tuple[str, str, str]:
         """Return the groups of matches, at least one, that are year, month and day.
 
-        Sets ``guess`` and ``question`` if several orders fit.
+        The day is first where several orders fit; ``guess`` and ``question`` are set then, but not for dots.
         """
         numbers = {name: {int(match[name]) for match in matches} for name in 'abY'}
         day_first, month_first, year_first = ('Y', 'b', 'a'), ('Y', 'a', 'b'), ('a', 'b', 'Y')

@@ -72,7 +72,8 @@ def _named_signal(heading: str) -> list[str] | None:
 def find_bad_mark_test(heading: str, marks: Iterable[str]) -> Callable[[str], bool] | None:
     """Return a function that is True for a mark by which a number does not count.
 
-    None where neither the heading nor the marks of the column show what these mean.
+    An unknown word beside known marks is such a mark, an empty one is not. Returns None where neither the
+    heading nor the marks of the column show what these mean.
     """
     seen = {mark.strip() for mark in marks} - {''}
     is_hex = bool(seen) and all(map(_HEX.fullmatch, seen))
