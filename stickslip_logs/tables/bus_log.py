@@ -18,6 +18,7 @@ from stickslip_logs.field_paths import signalk_source
 from stickslip_logs.tables.cell_times import is_stamp, is_time
 
 _SENTENCE = re.compile(r'[$!]([A-Z0-9]{2})([A-Z0-9]{3}),([^*$!\r\n]*)\*([0-9A-Fa-f]{2})')
+_BEGUN = re.compile(r'[$!][A-Z0-9]{5},|^\s*[$!]')  # each sentence, and what is left of a damaged one
 _NUMBER = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)', re.ASCII)
 _ISO = re.compile(r'\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?(?:Z|[+-]\d\d:?\d\d)?')
 _EPOCH = re.compile(r'(?:^|\bc:|[,;\s(\\])(\d{10}(?:\.\d+|\d{3})?)(?=[*;,\s)\\])')
@@ -49,7 +50,7 @@ def bus_log_of(lines: Sequence[str]) -> str:
 def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     """Yield the numbers of the sentences of a log as rows.
 
-    None for a damaged sentence, for a line that only begins as one, and for a number without a time, as
+    None for a damaged sentence, for a line with what only begins as one, and for a number without a time, as
     behind a clock that fell silent; an empty row for a line of something else, nothing for a blank line.
 
     A row with only a time stands for the first and for the last time of the log, if no number has it: others
@@ -59,9 +60,10 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     latest = ''  # the time of the latest row
     clocks, tallies = 0, dict[str, _Tally]()
     for line in lines:
-        end = 0
+        end, marks = 0, line.count('$') + line.count('!')
         for match in _SENTENCE.finditer(line):
-            head, end = line[end : match.start()], match.end()
+            # Half a sentence before it has a time of its own.
+            head, end, marks = line[end : match.start()].rpartition('$')[2], match.end(), marks - 1
             talker, kind, text, checksum = match.groups()
             total = functools.reduce(operator.xor, f'{talker}{kind},{text}'.encode(), 0)
             if total != int(checksum, 16):
@@ -81,8 +83,9 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
             if when and not latest:
                 latest = when
                 yield when, '', '', '', ''  # a time without a number
-        if not end and line.strip():
-            yield None if line.lstrip().startswith(('$', '!')) else NO_SENTENCE
+        is_cut = marks > 0 and len(_BEGUN.findall(line)) > len(_SENTENCE.findall(line))
+        if is_cut or (not end and line.strip()):
+            yield None if is_cut else NO_SENTENCE
     if when != latest:
         yield when, '', '', '', ''  # a time without a number
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import date, timedelta
 from decimal import Decimal
@@ -127,9 +128,13 @@ class StampLayout:
 
         The day is first where several orders fit; ``guess`` and ``question`` are set then, but not for dots.
         """
-        numbers = {name: {int(match[name]) for match in matches} for name in 'abY'}
+        dates = Counter(m.group(*'abY') for m in {m.group(): m for m in matches}.values()).most_common()
+        if len(dates) > 1 and dates[-1][1] == 1 < dates[-2][1]:
+            dates.pop()  # of one line, which may be damaged
+        numbers = {name: {int(key[k]) for key, _ in dates} for k, name in enumerate('abY')}
         day_first, month_first, year_first = ('Y', 'b', 'a'), ('Y', 'a', 'b'), ('a', 'b', 'Y')
-        orders = [day_first, month_first, *([year_first] if max(numbers['Y']) < 100 else [])]
+        orders = [day_first] if matches[0]['sep'] == '.' else [day_first, month_first]
+        orders += [year_first] if max(numbers['Y']) < 100 else []
         possible = [
             (year, month, day)
             for year, month, day in orders
@@ -174,12 +179,7 @@ class StampLayout:
         if match is None:
             return None
         part = match.groupdict('')
-        year, hour, minute, seconds = (
-            int(part[self._year]),
-            int(part['H']),
-            int(part['M']),
-            int(part['S'] or 0),
-        )
+        year, hour, minute, seconds = (int(part[key] or 0) for key in (self._year, 'H', 'M', 'S'))
         if part.get('half'):
             hour = hour % 12 + 12 * (part['half'][0] in 'pP')
         if hour > 24 or minute > 59 or seconds > 60:

@@ -54,6 +54,20 @@ def test_the_time_of_a_tag_block_may_stand_behind_its_source() -> None:
     assert [row[0] for row in nmea_rows(iter(lines)) if row] == ['1776074400', '1776074401.500', '1776074402']
 
 
+def test_half_a_sentence_is_damaged_wherever_it_stands_in_its_line() -> None:
+    """Cut a sentence of three at each letter before its checksum, with the line end and without."""
+    stamps = [f'2026-05-04T06:00:0{second}Z ' for second in range(3)]
+    whole = [stamp + nmea_sentence('ERRPM,S,1,30.0,,A') for stamp in stamps]
+    for size in range(len(stamps[1]) + 7, len(whole[1]) - 2):
+        for end in ('\n', ''):
+            text = f'{whole[0]}\n{whole[1][:size]}{end}{whole[2]}\n'
+            rows = list(nmea_rows(iter(text.splitlines())))
+            assert [row[0] for row in rows if row] == [stamps[0].strip(), stamps[2].strip()]
+            assert rows.count(None) == 1
+    lines = [f'{whole[0]} {whole[1][-20:-3]}', f'{whole[2]} $ERRPM,S', 'another instrument']
+    assert list(nmea_rows(iter(lines)))[1:] == [next(nmea_rows(iter(whole[2:]))), None, ()]
+
+
 def test_numbers_behind_a_clock_that_fell_silent_have_no_time() -> None:
     """Two came between two times: up to 3 (2 + 1) are of the last one, until there is a clock again."""
     clock = [nmea_sentence(f'GPZDA,0600{second:02}.00,04,05,2026,00,00') for second in range(60)]

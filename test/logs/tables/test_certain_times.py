@@ -456,3 +456,18 @@ def test_digits_of_hours_and_minutes_raise_a_question(form: str, head: str, tmp_
 
     question = times_of(tmp_path, log_of(head, row, timedelta(minutes=1)))[1]
     assert 'which may be hours and minutes: write them as 06:00:00' in question
+
+
+@pytest.mark.parametrize('damaged', ['04/15/2026', '04/06/2026', '00/05/2026'])
+def test_one_damaged_date_does_not_tell_the_order_of_the_others(damaged: str, tmp_path: Path) -> None:
+    text = log_of('time', lambda t: f'04/05/2026 {t:%H:%M:%S}')
+    assert 'month first' in times_of(tmp_path, text.replace('04/05/2026', damaged, 1))[1]
+
+
+@pytest.mark.parametrize('damaged', ['0.05.2026', '04.15.2026'])
+def test_a_date_with_points_has_the_day_first(damaged: str, tmp_path: Path) -> None:
+    text = log_of('time', lambda t: f'04.05.2026 {t:%H:%M:%S}', count=9)
+    times_ns, question = times_of(tmp_path, text.replace('04.05.2026', damaged, 1))
+    first_ns = epoch_ns(T0 - timedelta(days=10))
+    assert times_ns == [first_ns + k * 10**9 for k in range(1, 9)]
+    assert not question
