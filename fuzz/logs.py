@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sound logs and databases of rosbag2, how only these are damaged, and what must be read of them."""
+"""Sound databases of rosbag2, and how only these, tables, sentences and deltas are damaged."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import gzip
-import io
 import json
 import operator
 import random
@@ -14,14 +13,9 @@ import re
 import sqlite3
 import struct
 import tempfile
-import zlib
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
-
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from fuzz.files import FLOAT64, START, STEP, TOPICS
 
@@ -99,69 +93,9 @@ _COLUMNS = (
 )
 
 
-_SECONDS = [k * STEP / 1e9 for k in range(_COUNT)]
-_SPEEDS = [30.0 + 0.01 * k for k in range(_COUNT)]
-_STAMPS = [f'2026-05-04T06:00:{second:06.3f}Z' for second in _SECONDS]
-
-
-def tables() -> list[bytes]:
-    """Return tables of some dialects."""
-    rows = list(zip(_SECONDS, _SPEEDS, strict=True))
-    plain = 'time [s],speed [rpm],load [N]\n' + ''.join(f'{t},{v},1000\n' for t, v in rows)
-    dated = 'Date;Drehzahl rpm;Last (kN)\n' + ''.join(
-        f'{stamp};{v};1,5\n'.replace('.', ',') for stamp, (_, v) in zip(_STAMPS, rows, strict=True)
-    )
-    long = 'time,name,value,unit\n' + ''.join(
-        f'{stamp},speed,{v},rpm\n{stamp},load,1000,N\n' for stamp, (_, v) in zip(_STAMPS, rows, strict=True)
-    )
-    texts = [plain, plain.replace(',', '\t'), dated, long]
-    packed = gzip.compress(long.encode(), mtime=0)
-    return [*(text.encode() for text in texts), plain.encode('utf-16'), packed]
-
-
-def parquets() -> list[bytes]:
-    """Return Parquet with seconds, and with stamps in groups of rows."""
-    seconds = pa.table({'time': _SECONDS, 'speed [rpm]': _SPEEDS})
-    stamps = pa.array([START + k * STEP for k in range(_COUNT)], pa.timestamp('ns', 'UTC'))
-    dated = pa.table({'time': stamps, 'name': ['speed'] * _COUNT, 'value': _SPEEDS, 'unit': ['rpm'] * _COUNT})
-    files = []
-    for table, options in ((seconds, {}), (dated, {'row_group_size': 20, 'write_page_checksum': True})):
-        file = io.BytesIO()
-        pq.write_table(table, file, **options)
-        files.append(file.getvalue())
-    return files
-
-
 def sentence_of(body: str) -> str:
     """Return a sentence of NMEA 0183 with its checksum."""
     return f'${body}*{functools.reduce(operator.xor, body.encode(), 0):02X}'
-
-
-def nmea_logs() -> list[bytes]:
-    """Return sentences with ISO times, with tag blocks, and with ZDA between them."""
-    sentences = [sentence_of(f'ERRPM,S,1,{v},10.5,A') for v in _SPEEDS]
-    iso = [f'{stamp} {line}' for stamp, line in zip(_STAMPS, sentences, strict=True)]
-    tagged = [f'\\c:{(START + k * STEP) / 1e9:.1f}*00\\{line}' for k, line in enumerate(sentences)]
-    zda = [sentence_of(f'GPZDA,06000{t:04.2f},04,05,2026,00,00') for t in _SECONDS]
-    paired = [line for pair in zip(zda, sentences, strict=True) for line in pair]
-    return ['\r\n'.join([*lines, '']).encode() for lines in (iso, tagged, paired)]
-
-
-def signalk_logs() -> list[bytes]:
-    """Return deltas, one a line, bare and behind the time of a logger."""
-    lines = [
-        json.dumps(
-            {
-                'context': 'vessels.self',
-                'updates': [
-                    {'timestamp': stamp, 'values': [{'path': 'propulsion.0.revolutions', 'value': v / 60.0}]}
-                ],
-            }
-        )
-        for stamp, v in zip(_STAMPS, _SPEEDS, strict=True)
-    ]
-    logged = [f'{(START + k * STEP) // 10**6};N;{line}' for k, line in enumerate(lines)]
-    return ['\n'.join([*log_lines, '']).encode() for log_lines in (lines, logged)]
 
 
 def databases() -> list[bytes]:
@@ -278,40 +212,3 @@ def change_value(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
             return path.read_bytes()
         except (sqlite3.Error, ValueError, MemoryError):
             return data
-
-
-def numbers_of(kind: str, data: bytes) -> Counter[float]:
-    """Return the speeds [rpm] of lines of a mutant that are unchanged, or that another reader finds in it."""
-    if kind == 'parquet':
-        return _of_parquet(data)
-    with contextlib.suppress(OSError, EOFError, zlib.error):
-        data = gzip.decompress(data) if data.startswith(b'\x1f\x8b') else data
-    text = data.decode('utf-16', 'replace') if data[:2] == b'\xff\xfe' else data.decode('latin-1')
-    speeds = _lines_of(kind)
-    return Counter(speeds[line] for line in text.split('\n') if line in speeds)
-
-
-@functools.cache
-def _lines_of(kind: str) -> dict[str, float]:
-    """Return the lines of sources with a speed, and the speed."""
-    speed_by_line = {}
-    for data in SOURCES[kind]():
-        speeds = iter(_SPEEDS)
-        speed = next(speeds)
-        for line in data.decode('latin-1').split('\n'):
-            if any(text in line for text in (f'{speed}', f'{speed}'.replace('.', ','), f'{speed / 60.0}}}')):
-                speed_by_line[line], speed = speed, next(speeds, -1.0)
-    return speed_by_line
-
-
-def _of_parquet(data: bytes) -> Counter[float]:
-    try:
-        table = pq.read_table(io.BytesIO(data))
-        column = next(n for n in table.column_names if n in ('value', 'speed [rpm]'))
-        return Counter(v for v in table[column].to_pylist() if isinstance(v, float))
-    except Exception:  # What it raises on damage is not ours to judge.
-        return Counter()
-
-
-SOURCES = {'csv': tables, 'db3': databases, 'parquet': parquets, 'nmea': nmea_logs, 'signalk': signalk_logs}
-"""What mutants are made of, by the ending of their names."""

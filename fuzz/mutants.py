@@ -60,6 +60,14 @@ def _overwrite_part(rng: random.Random, data: bytes, _: Sequence[bytes]) -> byte
     return data[:begin] + new + data[begin + len(new) :]
 
 
+def _lose_blocks(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
+    """Return data with zeros in place of whole blocks of a disk, as a power cut leaves them."""
+    size = rng.choice((512, 512, 512, 4096))
+    begin = rng.randrange(len(data) // size + 1) * size
+    end = rng.choice((begin + size, begin + 2 * size, len(data)))
+    return data[:begin] + bytes(len(data[begin:end])) + data[end:]
+
+
 def _cut_part(rng: random.Random, data: bytes, _: Sequence[bytes]) -> bytes:
     begin, end = sorted(rng.randrange(len(data) + 1) for _ in range(2))
     return rng.choice((data[:begin], data[:begin] + data[end:], data[:end] + data[begin:]))
@@ -134,7 +142,7 @@ def _with_number(rng: random.Random, record: bytes) -> bytes:
 
 
 _Way = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
-_BYTES: tuple[_Way, ...] = (_flip_bits, _overwrite_part, _cut_part, _join_sources)
+_BYTES: tuple[_Way, ...] = (_flip_bits, _overwrite_part, _lose_blocks, _cut_part, _join_sources)
 _WAYS: dict[str, tuple[_Way, ...]] = {
     'mcap': (*_BYTES, _change_records, _change_records, _change_chunk, _change_chunk, _change_chunk),
     'csv': (*_BYTES, *[change_cell] * 6, *[rewrite] * 10),
@@ -143,4 +151,6 @@ _WAYS: dict[str, tuple[_Way, ...]] = {
     'nmea': (*_BYTES, *[change_sentence] * 6, *[rewrite] * 10),
     'signalk': (*_BYTES, *[change_delta] * 6, *[rewrite] * 10),
     'canboat': (*_BYTES, *[change_delta] * 6, *[rewrite] * 10),
+    'candump': (*_BYTES, *[rewrite] * 10),
+    'packed': (*_BYTES, *[rewrite] * 5),
 }

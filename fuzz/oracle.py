@@ -16,12 +16,9 @@ from mcap.records import Channel, Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from fuzz.files import TOPICS
-from fuzz.logs import numbers_of
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Recording, Request
 from stickslip_monitor.errors import BagError
-from stickslip_monitor.monitor.parameters import MonitorConfig
-from stickslip_monitor.offline.input_binding import bind
 
 _NO_TIME = 1 << 63
 _DATED = 10**17
@@ -103,30 +100,6 @@ def difference(path: Path) -> str:
     for topic, text in ((t, s) for t, s in series.items() if isinstance(s, str)):
         return f'{topic}: {text}'
     return '' if is_told else _wrong_numbers(series, samples)
-
-
-def left_out(path: Path, config: MonitorConfig) -> str:
-    """Describe what our reader loses of a log without a warning; return an empty text if nothing."""
-    expected = numbers_of(path.suffix[1:], path.read_bytes())
-    try:
-        log = open_bag(path)
-        bound = bind(log, config)
-        if bound.absent.keys() - {('aft_stern', 'load')}:
-            return ''
-        speed = bound.config.bearings[0].speed
-        request = Request(speed.topic, speed.field_text, speed.type)
-        series = log.read([request])[request]
-    except BagError:
-        return ''
-    bound = Counter(f'{value:.6g}' for value in series.value.tolist())
-    expected_texts = Counter(f'{value:.6g}' for value in expected.elements())
-    missing = (expected_texts - bound).total()
-    # Where numbers and times change places in some lines, the clock is what is told.
-    notes = [note for note in log.warnings if 'matched from the left' in note or 'was set back' in note]
-    is_told = bool(log.losses or series.faults or notes)
-    # One line above a table may be its preamble.
-    text = f'{missing} of {expected.total()} numbers are missing without a word'
-    return text if missing > 1 and not is_told else ''
 
 
 def _has_time(time_ns: int, expected: Counter[Sample]) -> bool:

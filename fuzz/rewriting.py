@@ -6,6 +6,7 @@ A text that is packed is unpacked first, and packed again.
 
 from __future__ import annotations
 
+import bz2
 import functools
 import gzip
 import lzma
@@ -25,9 +26,11 @@ _PACKINGS: tuple[tuple[bytes, Callable[[], Callable[[bytes], bytes]], Callable[[
         lambda: zstandard.ZstdDecompressor().decompressobj().decompress,
         zstandard.compress,
     ),
+    (b'BZh', lambda: bz2.BZ2Decompressor().decompress, bz2.compress),
     (b'\xfd7zXZ', lambda: lzma.LZMADecompressor().decompress, lzma.compress),
 )
 _ODD = ('-999', '-9999.0', '65535', '3276.7', '0', '', 'NaN', 'null', '#N/A', '---', '1e2', '6,0', '6.0 rpm')
+_LOCALES = (',.', ';,'), (';,', ',.')
 # What is looked for in each line, and what may stand in its place.
 _PATTERNS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (r',', (';', '\t', ', ', ',,', '.')),
@@ -58,8 +61,8 @@ _PATTERNS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (r'"src": 16', ('"src": 17', '"src": "16"')),
     (r'127488', ('127489', '"127488"')),
     (r'(: )(\d+\.\d+)', (r'\1"\2"', r'\1{"value": \2}', r'\1null', r'\1[\2]', r'\1\2e0', r'\1NaN')),
-    (r'^', ('\x02', '#', ' ', '\ufeff', '"', '\0', '1;', 'INFO ', '2026-05-04T06:00:00Z ', '> ')),
-    (r'$', (',', ';', ' ', '\x03', '\r', ',,,', ',0', '"', ' #', ',x', '\n', '}', '*00')),
+    (r'^', ('\x02', '#', ' ', '\ufeff', '"', '\0', '1;', 'INFO ', '2026-05-04T06:00:00Z ', '> ', '\xb6')),
+    (r'$', (',', ';', ' ', '\x03', '\r', ',,,', ',0', '"', ' #', ',x', '\n', '}', '*00', '\xc3')),
     (r'^(.*)$', (r'"\1"', r'\1\1', r'\1,\1', '', '# \\1', r'\1 \1')),
     (r'^([^,;]*)[,;]([^,;]*)', (r'\2,\1', r'\1,1,\2', r'\1', r'\2')),
     (r'(\d)(\d)', (r'\2\1', r'\1', r'\1\2\2')),
@@ -127,7 +130,7 @@ def _mend_checksums(line: str) -> str:
 def _move_lines(rng: random.Random, run: list[str], lines: list[str]) -> list[str]:
     """Return a run of lines in another order, with others between them, or without some."""
     place = rng.randrange(len(run) + 1)
-    match rng.randrange(12):
+    match rng.randrange(15):
         case 0:
             return run[::-1]
         case 1:
@@ -159,6 +162,13 @@ def _move_lines(rng: random.Random, run: list[str], lines: list[str]) -> list[st
         case 10:
             inserted = lines[: len(run)]
             return [line for pair in zip(run, inserted, strict=False) for line in pair]
+        case 11:
+            return [*run[:place], *run[place : place + 2][::-1], *run[place + 2 :]]
+        case 12:
+            return [re.sub(r'[,;\t][^,;\t]*$', '', line) if rng.random() < 0.5 else line for line in run]
+        case 13:
+            locale = str.maketrans(*rng.choice(_LOCALES))
+            return [line.translate(locale) for line in run]
         case _:
             # A frozen clock, or a frozen value: what the first line of the run begins or ends with.
             size = len(run[0]) // 2 if run else 0

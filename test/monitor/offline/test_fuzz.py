@@ -15,8 +15,9 @@ import pytest
 from fuzz.bags import random_difference
 from fuzz.corpus import LARGE, ODD
 from fuzz.mutants import mutant
-from fuzz.run import CONFIG, MEGABYTES, SOURCES, check_voyage, judge, judge_voyage
-from fuzz.voyages import QUIET_RPM, STICKING_RPM, VOYAGES
+from fuzz.run import CONFIG, MEGABYTES, SOURCES, config_file, judge, judge_voyage
+from fuzz.verdicts import Reading
+from fuzz.voyages import QUIET_RPM, STICKING_RPM, VOYAGES, samples_of
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_monitor.cli import main
 from stickslip_monitor.errors import BagError
@@ -96,28 +97,44 @@ def test_mutants_lose_nothing_without_a_word(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('kind', VOYAGES)
-def test_mutants_of_a_voyage_have_its_verdict_or_words(kind: str, tmp_path: Path) -> None:
-    path = tmp_path / f'mutant.{kind}'
+def test_mutants_of_a_voyage_have_its_verdict_or_words(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, is_read = tmp_path / f'mutant.{kind}', kind != 'candump'
     for speeds, code in ((QUIET_RPM, 0), (STICKING_RPM, 1)):
         for data in VOYAGES[kind](speeds):
             path.write_bytes(data)
-            assert check_voyage(path) == code
-            assert bool(judge_voyage(path, is_quiet=True)) == bool(code)
-    for speeds, seeds in ((QUIET_RPM, range(5)), (STICKING_RPM, range(20))):
+            assert main(['check', str(path), '--config', config_file(kind)]) == (code if is_read else 2)
+            assert judge_voyage(path, is_quiet=not code) == ''
+    for speeds, seeds in ((QUIET_RPM, range(20)), (STICKING_RPM, range(20))):
         source = VOYAGES[kind](speeds)
         for seed in seeds:
             path.write_bytes(mutant(seed, source, kind))
             assert judge_voyage(path, speeds is QUIET_RPM) == '', f'seed {seed}'
 
 
-@pytest.mark.parametrize(
-    ('kind', 'seed'),
-    [('db3', (20261126 << 32) + 417), ('csv', (70002 << 32) + 1932)],
-    ids=['a page that asks for more memory than there is', 'numbers and times change places'],
-)
-def test_files_on_which_mutants_had_failed(kind: str, seed: int, tmp_path: Path) -> None:
-    path = tmp_path / f'mutant.{kind}'
-    path.write_bytes(mutant(seed, SOURCES[kind](), kind))
+@pytest.mark.parametrize('kind', ['csv', 'nmea', 'db3'])
+def test_what_a_reader_loses_or_invents_is_noticed(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f'sound.{kind}'
+    path.write_bytes(VOYAGES[kind](STICKING_RPM)[0])
+    samples = samples_of(STICKING_RPM)
+    late = {sample._replace(time_ns=sample.time_ns + 1) for sample in samples}
+    for wrong, fault in (
+        (Reading({*list(samples)[1:]}, is_told=False, most_missing=0, is_moved=False), '1 of 60 samples'),
+        (Reading(set(), is_told=True, most_missing=8, is_moved=True), '60 of 60 samples'),
+        (Reading(late, is_told=True, most_missing=8, is_moved=False), '60 of 60 samples'),
+        (Reading(samples | late, is_told=False, most_missing=0, is_moved=False), '60 samples are of no line'),
+    ):
+        monkeypatch.setattr('fuzz.verdicts.read_voyage', lambda *_, wrong=wrong: wrong)
+        is_bounded = kind != 'db3' or 'of no line' not in fault
+        assert judge_voyage(path, is_quiet=False).startswith(fault if is_bounded else '')
+
+
+def test_a_page_that_asks_for_more_memory_than_there_is(tmp_path: Path) -> None:
+    path = tmp_path / 'mutant.db3'
+    path.write_bytes(mutant((20261126 << 32) + 417, SOURCES['db3'](), 'db3'))
     assert judge(path) == ''
 
 
