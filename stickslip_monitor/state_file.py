@@ -137,7 +137,7 @@ class StateFile:
         """Read the document; ``None`` where there is no file yet.
 
         Raises:
-            AlarmStateError: It cannot be read, is empty, or is not JSON.
+            AlarmStateError: It cannot be read, is larger than :data:`MAX_SIZE`, is empty, or is not JSON.
         """
         try:
             content = read_file(self.path, MAX_SIZE)
@@ -219,7 +219,10 @@ class Background(Generic[T]):
         return thread is None or not thread.is_alive()
 
     def _run_writer(self) -> None:
-        """Write what waits, as the thread, until :meth:`close`; store a failure in :attr:`fault`."""
+        """Write what waits, as the thread, until :meth:`close`; store a failure in :attr:`fault`.
+
+        It is tried again after :data:`RETRY_PERIOD`.
+        """
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting or self._closing)

@@ -143,7 +143,7 @@ class Edges:
 
     @property
     def loads(self) -> tuple[float, float]:
-        """Least and greatest load of the slow passages [N]; (0, 0) without any."""
+        """Least and greatest load below three times the fold speed [N]; (0, 0) if nothing was as slow."""
         slow = [one.load[one.over < _MAX_RATIO] for one in self.tracks]
         loads = np.concatenate([np.empty(0), *slow])
         return (float(loads.min()), float(loads.max())) if loads.size else (0.0, 0.0)

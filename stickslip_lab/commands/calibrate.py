@@ -74,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
         CalibrationError: There is no evidence, or it is contradictory or of another bearing.
         ConfigurationError: The configuration or an option is invalid.
         BagError: A recording cannot be read.
+        OSError: A file of a recording was removed while it was read.
         PhysicsError: The friction law cannot be moved so far.
         DrawingError, OutputError: An output cannot be made or written.
     """

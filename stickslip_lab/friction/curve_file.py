@@ -146,7 +146,7 @@ def _read_rows(path: str | Path) -> tuple[list[TableRow], str]:
     """Return the rows, the headings with their units first, and the delimiter of their cells.
 
     Raises:
-        FitError: The file cannot be read, has no points or too many.
+        FitError: The file cannot be read, has no points or more than :data:`MAX_POINTS`.
     """
 
     def is_heading(cells: list[str]) -> bool:

@@ -390,9 +390,8 @@ def _robust_scale(fit: StribeckFit) -> float:
     """Estimate the standard deviation from the median absolute residual, in units of ``std``.
 
     It is raised for few points, of which there must be more than free coefficients, and not below a hundredth
-    of the rounding error. Since k residuals
-    are small by construction, the smallest k - 1 are left out (Street, Carroll and
-    Ruppert 1988).
+    of the rounding error. Since k residuals are small by construction, the smallest k - 1 are left out
+    (Street, Carroll and Ruppert 1988).
     """
     ordered, k = np.sort(np.abs(fit.residual / fit.curve.std)), len(fit.names)
     # The median of few residuals scatters: this keeps it from setting good points aside.

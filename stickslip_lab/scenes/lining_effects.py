@@ -79,8 +79,8 @@ def water_temperature(settings: Settings, run: SceneRun) -> None:
     that it is configured with.
 
     Raises:
-        SceneError: A setting breaks its rule, friction does not depend on the water, or the topic serves a
-            bearing that the effect is not for.
+        SceneError: A setting breaks its rule, a temperature is out of range, friction does not depend on the
+            water, or the topic serves a bearing that the effect is not for.
     """
     water = read_profile(settings, 'C', run.duration, run.folder)
     for time, value in zip(water.times.tolist(), water.values.tolist(), strict=True):

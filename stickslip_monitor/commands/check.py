@@ -142,6 +142,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ConfigurationError: Options do not go together, or the configuration is refused.
         BagError: There is no recording, or ``--mcap`` is refused.
+        OSError: Standard input cannot be copied to a file, or a recording was removed while it was read.
         FleetError: The cluster of ``--scheduler`` cannot be used.
         ReportError, DrawingError, OutputError: The report cannot be made (Jinja2 or matplotlib is missing)
             or written.

@@ -31,6 +31,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ConfigurationError: The configuration or a range is refused, or a track is asked for in a table.
         BagError: The recording of the track cannot be read.
+        OSError: A file of a recording was removed while it was read.
         DrawingError, OutputError: The file cannot be written.
     """
     is_table = args.output.lower().endswith('.csv')

@@ -100,7 +100,9 @@ class Hub:
         self.readers: set[Reader] = set()
 
     def join(self, signed_in: bool = True) -> Reader:
-        """Add a reader; some places are reserved for those who have signed in at the page.
+        """Add a reader to those there are, up to :data:`MAX_READERS`; some places are for the signed in.
+
+        ``signed_in`` says whether it has signed in at the page.
 
         Raises:
             DashboardError: There is no place left for this reader.
@@ -303,8 +305,9 @@ class Server:
     async def _carry_out(self, request: web.Request) -> web.Response:
         """Carry out an action; answer 200 with the number of alarms that it changed.
 
-        The answer is 409 where there was nothing to do or no answer came, 503 where the monitor cannot be
-        reached; 400, 408, 413 or 415 to an invalid request (:func:`_read_request`).
+        The answer is 409 where there was nothing to do or no answer came within :data:`ACTION_TIMEOUT`, 503
+        where the monitor cannot be reached; 400, 408, 413 or 415 to an invalid request
+        (:func:`_read_request`).
         """
         action_request = await _read_request(request, self._parse_action)
         try:
@@ -373,8 +376,8 @@ async def _read_request(request: web.Request, read: Callable[[Any], T]) -> T:
 
     Raises:
         web.HTTPException: The answer to a request that is not JSON (415 by its type, else 400), that ``read``
-            refuses with a ``ValueError`` (400), that is too large (413), or that does not come whole in time
-            (408).
+            refuses with a ``ValueError`` (400), that is too large (413), or that does not come whole within
+            :data:`REQUEST_TIMEOUT` (408).
     """
     if request.content_type != 'application/json':
         raise web.HTTPUnsupportedMediaType(text='a request must be application/json\n')

@@ -108,7 +108,10 @@ class LiveMonitor:
         self._session.flush(now)
 
     def _read_moment(self) -> Moment:
-        """Return the time now; leave a stall since the last tick out of the age of every input, once."""
+        """Return the time now; leave a stall since the last tick out of the age of every input, once.
+
+        A stall is a time of more than :data:`STALL_NS`.
+        """
         now = self._now()
         held_ns = now.steady_ns - self._ticked_ns
         if held_ns > STALL_NS:

@@ -99,7 +99,8 @@ class SentenceStream:
     def take(self, data: bytes) -> list[str]:
         """Return the sentences with a good checksum that some bytes complete, without ends of line.
 
-        A beginning is stored for the next call; what cannot be used is counted in :attr:`unused`.
+        A beginning is stored for the next call, up to 1024 characters of it; what cannot be used is counted
+        in :attr:`unused`.
         """
         text = self._rest + data.decode('ascii', 'replace')
         pieces = [piece for piece in re.split('(?=[$!])', text) if piece.startswith(('$', '!'))]

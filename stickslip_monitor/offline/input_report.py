@@ -571,6 +571,7 @@ class Plausibility:
     def _distance_questions(self, nearest: float) -> list[str]:
         """Return a question on units in a list if all points are far from the fold; else an empty list.
 
+        That is above :data:`FAR_ABOVE` or below :data:`FAR_BELOW` times the fold speed.
         ``nearest`` is the least speed of the turning shaft relative to the fold; inf for none.
         """
         question = 'are units, scales and topics of speed and load right?'

@@ -63,7 +63,7 @@ def spread(
         that where its worker died.
 
     Raises:
-        FleetError: The scheduler is lost, or has no worker any more.
+        FleetError: The scheduler is lost, or has had no worker for a minute.
     """
     waiting = dict(calls)
     while waiting:
@@ -87,7 +87,7 @@ def _completed_calls(
     Exceptions of the function are yielded, not raised.
 
     Raises:
-        FleetError: The scheduler is lost, or has no worker any more.
+        FleetError: The scheduler is lost, or has had no worker for a minute.
     """
     with _ignore_interrupts():
         futures = {workers.submit(function, *call): key for key, call in calls.items()}
@@ -184,7 +184,7 @@ def run_on_cluster(
 
     Raises:
         FleetError: Dask is not installed, the scheduler does not answer or is lost, or a worker
-            has another version of this package, of Dask or of Python.
+            has another version of this package, of Dask or of Python. Or no worker is there for a minute.
     """
     try:
         from distributed import Client

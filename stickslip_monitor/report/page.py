@@ -134,7 +134,10 @@ class Archive:
         self._urgent: list[tuple[int, int, int]] = []
 
     def add(self, part: RecordingPart) -> None:
-        """Add a part; drop the outlines of recordings that are no longer among the most urgent."""
+        """Add a part; drop the outlines of recordings that are no longer among the most urgent.
+
+        These have the :data:`MAX_DRAWN` most urgent bearings.
+        """
         number = len(self.parts)
         self.parts.append(part)
         entries = [(-finding.rank, number, k) for k, finding in enumerate(part.findings)]
@@ -271,8 +274,9 @@ def html_page(
 ) -> bytes:
     """Render the report as UTF-8 HTML.
 
-    Every text is escaped; only the pictures are inserted as they are. If the recordings are many, those
-    without bearings to show are rows of a table.
+    Every text is escaped; only the pictures are inserted as they are. Of more than :data:`MAX_DRAWN`
+    recordings those without bearings to show are rows of a table; of the topics of one the first
+    :data:`_MAX_TOPICS` are listed.
 
     Args:
         parts: The recordings, at least one.

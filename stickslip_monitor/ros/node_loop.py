@@ -116,8 +116,8 @@ class NodeLoop:
     def turn(self) -> None:
         """Take the waiting messages, let time pass, and publish what changes; nothing after :meth:`destroy`.
 
-        Called every :data:`TURN_PERIOD`. A stall of the node is left out of the age of every input; after one
-        amid a turn, time passes in the next turn only.
+        Called every :data:`TURN_PERIOD`. A stall of the node, a time beyond :data:`LATE_NS`, is left out of
+        the age of every input; after one amid a turn, time passes in the next turn only.
         """
         if self._ticker is None:
             return  # a call that waited while the node was deactivated
@@ -182,6 +182,8 @@ class NodeLoop:
 
     def _discount_stall(self, held_ns: int, now: Moment) -> None:
         """Leave a stall [ns] out of the age of every input; report a long one: health, log, alarm notes.
+
+        A long one has more than :data:`LONG_STALL_NS`.
 
         For the alarms the time until ``now`` has passed all the same.
         """
