@@ -251,8 +251,8 @@ def read_rows(path: str | Path) -> list[Row]:
     """Return the rows of a measurement from the CSV file that ``stickslip accuracy`` wrote; empty is ``nan``.
 
     Raises:
-        ConfigurationError: The file cannot be read, is too large, is no measurement, or has a cell that is not
-            a number.
+        ConfigurationError: The file cannot be read, is too large, is no measurement, or has a cell that is no
+            number.
     """
     try:
         text = read_file(path, MAX_TABLE_BYTES).decode()
