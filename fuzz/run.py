@@ -186,7 +186,7 @@ def batch(
             is_quiet = is_voyage and number % 2 == 0
             data = mutant((seed << 32) + number, originals[0 if is_quiet else -1], kind)
             path.write_bytes(data)
-            text = judge_voyage(path, is_quiet, number % 16 < 2) if is_voyage else judge(path)
+            text = judge_voyage(path, is_quiet, number % 32 < 2) if is_voyage else judge(path)
             used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
             if not text and used > MEGABYTES:
                 text = f'{used} MB'

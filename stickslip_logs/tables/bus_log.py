@@ -173,11 +173,8 @@ def _sentence_numbers(kind: str, fields: Sequence[str]) -> Iterator[tuple[str, s
             kind, value, unit, name = fields[at : at + 4]
             # A pressure in bar, or volts, is no force whatever it is called: it has a name of its own.
             is_force = kind == 'N' or not unit
-            yield (
-                name if is_force else f'{name} [{kind} {unit}]',
-                _plain_number(value),
-                unit if is_force else '',
-            )
+            name, unit = (name, unit) if is_force else (f'{name} [{kind} {unit}]', '')
+            yield name, _plain_number(value), unit
 
 
 def _plain_number(text: str) -> str:
