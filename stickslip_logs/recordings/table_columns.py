@@ -431,7 +431,7 @@ class ColumnRecording(Recording):
             and str(row[column.place]).strip()
             and all(is_same_key(row[place], text) for place, text in keys)
         ]
-        return _drop_untimed(column_rows, self.table.clock_of(column.place))
+        return _drop_untimed(column_rows, self.table.clocks_of([column.place])[0])
 
     def chosen_keys(self, column: LogColumn) -> tuple[tuple[int, str], ...]:
         """Return places and texts of the cells by which rows belong to a column; empty where all rows do."""

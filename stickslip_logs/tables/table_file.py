@@ -71,7 +71,7 @@ class Rows:
     def select(
         self, keys: Iterable[tuple[int, str]], is_same: Callable[[str, str], bool] = is_same_key
     ) -> BoolArray:
-        """Return which rows have, at each place of the keys, a cell that is its text, shape (n,)."""
+        """Return which rows have at each key's place a cell that is its text by ``is_same``, shape (n,)."""
         chosen = np.ones(self.time_ns.size, np.bool_)
         for place, text in keys:
             cells = self.texts(place)
@@ -126,10 +126,6 @@ class NumberTable(ABC):
     def time_columns(self) -> list[int]:
         """The places of the columns of all clocks."""
         return [k for clock in self.clocks for k in clock.columns]
-
-    def clock_of(self, column: int) -> Clock:
-        """Return the clock whose time the cells of a column have; the first clock if no other has it."""
-        return next((clock for clock in self.clocks if clock.has_column(column)), self.clocks[0])
 
     def clocks_of(self, columns: Sequence[int]) -> list[Clock]:
         """Return the clocks of some columns, each once, in the order of ``clocks``; else the first clock."""
@@ -282,16 +278,13 @@ class TextTable(NumberTable):
             yield from reading.read_batch(batch)
         reading.report_unused(lose, note)
 
-    def _read_lines(self) -> Iterator[str]:
-        """Yield the lines of the file."""
-        return read_text_lines(self._path, self._dialect.encoding, is_plain=self._is_plain)
-
     def _bus_blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of a bus log in blocks, a number a row (time, name, value, unit, sender).
 
         At the end, lines that are damaged or without a time are lost, and lines without a sentence noted.
         """
-        log_rows = BUS_LOGS[self._dialect.delimiter](self._read_lines())
+        lines = read_text_lines(self._path, self._dialect.encoding, is_plain=self._is_plain)
+        log_rows = BUS_LOGS[self._dialect.delimiter](lines)
         lost, foreign, clock = 0, 0, self.clocks[0]
         while batch := list(itertools.islice(log_rows, BLOCK)):
             rows = [row for row in batch if row]
@@ -312,7 +305,7 @@ class TextTable(NumberTable):
         Such lines stand within open quotation marks. A truncated last row is dropped and counted as one. A
         batch may be empty.
         """
-        lines = self._read_lines()
+        lines = read_text_lines(self._path, self._dialect.encoding, is_plain=self._is_plain)
         cells = csv_reader(lines, self._dialect.delimiter)
         for _ in itertools.islice(cells, len(self._dialect.above)):
             pass

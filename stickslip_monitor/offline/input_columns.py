@@ -286,7 +286,7 @@ class ColumnBinding:
         A clock is asked about once, with the first input that has its times; that is stored. Each question is
         a clause that follows the name of the input; ``interval`` is that of the values [s].
         """
-        clock = self._log.table.clock_of(column.place)
+        clock = self._log.table.clocks_of([column.place])[0]
         if clock.question and clock.columns not in self._asked_clocks:
             self._asked_clocks.add(clock.columns)
             yield clock.question
