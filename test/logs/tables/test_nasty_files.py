@@ -229,3 +229,19 @@ def test_lines_with_a_number_in_place_of_a_unit_are_damaged(line: str, tmp_path:
     (series,) = recording.read([Request('speed', 'data')]).values()
     assert series.value.tolist() == [30.0 + k for k in range(20)]
     assert recording.losses == ('10 lines with a number in place of a unit were not used',)
+
+
+@pytest.mark.parametrize('delimiter', ['\t', ';'])
+@pytest.mark.parametrize('damaged', ['6,0', '1.234,5'])
+def test_one_damaged_cell_does_not_tell_the_decimal_sign_of_the_others(
+    damaged: str, delimiter: str, tmp_path: Path
+) -> None:
+    """All speeds have three decimals, which may be thousands; the loads have one, which may not."""
+    rows = [f'2026-05-04T06:00:{k:02}Z,{30 + k / 1e3:.3f},1000.5' for k in range(20)]
+    text = '\n'.join(['time,speed,load', *rows, '']).replace(',', delimiter)
+    recording = open_log(tmp_path, text.replace('1000.5', damaged, 1))
+    series = recording.read([Request('speed', 'data'), Request('load', 'data')])
+    assert series[Request('speed', 'data')].value.tolist() == [30 + k / 1e3 for k in range(20)]
+    load = series[Request('load', 'data')]
+    assert load.value[1:].tolist() == [1000.5] * 19
+    assert sum(fault.count for fault in load.faults) == 1
