@@ -22,7 +22,7 @@ ENOUGH = 0.5
 """Share of a voyage's stick-slip from which on there has to be a warning."""
 # A line may have two samples.
 _OF_LINE = 2
-_LINES = re.compile(r'(\d+) (?:lines?\b|zero bytes?\b)')
+_LINES = re.compile(r'(\d+) lines?\b|zero byte')
 # Notes on samples that are at other times than written, and that are left out as of another sender or unit.
 _MOVED = re.compile(r'was set back|leapt ahead')
 _LEFT_OUT = re.compile(r'source .* is left out|lines in .* are left out')
@@ -66,7 +66,7 @@ def read_voyage(path: Path, config: MonitorConfig) -> Reading:
         samples |= {Sample(wanted[request], time_ns, number_key(value)) for time_ns, value in rows}
         lost += sum(fault.count for fault in series.faults)
     counts = [_LINES.search(text) for text in bag.losses]
-    lost += sum(int(match[1]) for match in counts if match)
+    lost += sum(int(match[1] or 0) for match in counts if match)
     is_told = bool(lost or counts or bound.absent or bound.questions)
     is_open = bool(bound.absent or bound.questions) or not all(counts)
     is_open = is_open or any(map(_LEFT_OUT.search, bag.warnings))
