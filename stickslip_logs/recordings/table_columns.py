@@ -18,7 +18,7 @@ import numpy as np
 from stickslip_logs.arrays import FloatArray, IntArray
 from stickslip_logs.errors import BagError, did_you_mean, listed
 from stickslip_logs.recordings.recording import Findings, Recording, TopicInfo
-from stickslip_logs.tables.bus_log import first_name
+from stickslip_logs.tables.bus_log import name_of_first_source
 from stickslip_logs.tables.cell_times import DAY, Cells
 from stickslip_logs.tables.dialect import is_number_as_unit, is_value, parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality_columns import find_bad_mark_test, find_quality_columns, is_quality_of
@@ -232,7 +232,7 @@ class ColumnRecording(Recording):
                 value,
                 heading_text,
                 known_unit,
-                self.is_sent and bool(first := first_name(heading_text)) and first in seen,
+                self.is_sent and bool(first := name_of_first_source(heading_text)) and first in seen,
             )
 
     @property

@@ -19,7 +19,7 @@ from stickslip_logs.errors import BagError, cause, join_names, listed, plural, q
 from stickslip_logs.recordings.recording import Fault, Progress, Request, Series
 from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording, LogColumn, SourceColumn
 from stickslip_logs.source_admission import SourceAdmission
-from stickslip_logs.tables.bus_log import SOURCE, first_name
+from stickslip_logs.tables.bus_log import SOURCE, name_of_first_source
 from stickslip_logs.tables.cell_times import DAY
 from stickslip_logs.tables.dialect import is_number_as_unit, with_unit
 from stickslip_logs.tables.row_keys import KeySteps, NumberedRows, find_end_columns, is_same_key
@@ -223,7 +223,7 @@ class TableReading:
                 self._progress(done, max(done, recording.table.line_count))
         if self._damaged:
             recording.lose(unused_lines(self._damaged, 'with a number in place of a unit'))
-        self._require_one_thing()
+        self._refuse_several_things()
         for block in blank if has_numbers else ():
             add(*block)
         order = whole if has_whole_lines else order
@@ -291,11 +291,11 @@ class TableReading:
         self._steps.add(time_ns[at], texts)
         self._numbered.add(time_ns[at], texts, [*np.where(is_there, values, np.nan)[:, at]])
 
-    def _require_one_thing(self) -> None:
-        """Raise an error if a column tells rows of the same times apart.
+    def _refuse_several_things(self) -> None:
+        """Raise an error if rows of the same times are of several things, as a column tells.
 
         Raises:
-            BagError: One does, and rows have to be chosen by it.
+            BagError: They are, and rows have to be chosen by that column; the text says how.
         """
         for search, how in (
             (self._steps, 'one after the other, at the same times'),
@@ -430,7 +430,7 @@ class TableReading:
 
     def _is_of_number(self, name: str, text: str) -> bool:
         """Return whether a name on a bus is that of a number, or the same number's of another sender."""
-        return is_same_key(name, text) or (name not in self._names and first_name(name) == text)
+        return is_same_key(name, text) or (name not in self._names and name_of_first_source(name) == text)
 
     def _convert_units(self, numbers: Numbers, units: Sequence[str], column: LogColumn) -> None:
         """Convert numbers in other units to that of the column; set those in no such unit to NaN; note both.

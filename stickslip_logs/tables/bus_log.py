@@ -341,10 +341,10 @@ def _name_of(name: str, source: str, first: dict[str, str]) -> str:
     return name if first.setdefault(name, source) == source else f'{name}{_FROM}{source}'
 
 
-def first_name(name: str) -> str:
+def name_of_first_source(name: str) -> str:
     """Return the name that the first source has, for a name of a later source; an empty text for any other.
 
-    >>> first_name('RPM S 1 from ER'), first_name('RPM S 1')
+    >>> name_of_first_source('RPM S 1 from ER'), name_of_first_source('RPM S 1')
     ('RPM S 1', '')
     """
     return name.rpartition(_FROM)[0]

@@ -150,7 +150,7 @@ class NumberedRows:
 def find_end_columns(head: Sequence[Cells], tail: Sequence[Cells], width: int) -> list[int]:
     """Return the places of the columns with one text in all of the head and another one in all of the tail.
 
-    Rows that end before a column say nothing about it; without a tail there is none among the ``width``.
+    Rows that end before one of the ``width`` columns say nothing about it; without a tail there is none.
     """
     if not head or not tail:
         return []
