@@ -28,7 +28,8 @@ from benchmarks.calibration_ships import Kind, Passage, Ship, make_ships, sail_p
 from benchmarks.table import format_row
 from benchmarks.warning_quality import format_figure
 from stickslip_lab.calibration.calibration import Calibration, Evidence, calibrate, read_levels
-from stickslip_lab.calibration.evidence import VibrationReport, bin_level, bin_telemetry
+from stickslip_lab.calibration.evidence import VibrationReport, bin_telemetry
+from stickslip_lab.calibration.level_reports import bin_level
 from stickslip_lab.drawing.studies import draw_calibration
 from stickslip_monitor.drawing.canvas import INK, MUTED, new_figure, save_figure, style
 from stickslip_monitor.errors import CalibrationError

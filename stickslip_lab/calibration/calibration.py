@@ -17,16 +17,8 @@ from typing import Any
 import numpy as np
 
 from stickslip_lab.calibration.edges import Edges, End, Reference, find_edges
-from stickslip_lab.calibration.evidence import (
-    LevelBins,
-    TelemetryBins,
-    VibrationReport,
-    bin_level,
-    bin_telemetry,
-    level_reports,
-    threshold_of,
-    true_reports,
-)
+from stickslip_lab.calibration.evidence import TelemetryBins, VibrationReport, bin_telemetry, true_reports
+from stickslip_lab.calibration.level_reports import LevelBins, bin_level, level_reports, threshold_of
 from stickslip_lab.calibration.posterior import Grid, Posterior, Spreads, infer, wrong_report_probability
 from stickslip_lab.scenes.truth_topics import has_truth, read_truth
 from stickslip_monitor.arrays import FloatArray

@@ -18,7 +18,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stickslip_lab.calibration.evidence import EDGE, FOOT, SLOWEST_FALL, TelemetryBins, VibrationReport
+from stickslip_lab.calibration.evidence import TelemetryBins, VibrationReport
+from stickslip_lab.calibration.level_reports import EDGE, FOOT, SLOWEST_FALL
 from stickslip_monitor.arrays import BoolArray, FloatArray
 from stickslip_monitor.errors import CalibrationError
 from stickslip_monitor.physics import averaging

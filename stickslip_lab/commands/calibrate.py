@@ -29,7 +29,8 @@ from stickslip_lab.calibration.calibration import (
     to_document,
     yaml_fragment,
 )
-from stickslip_lab.calibration.evidence import NoTwoModes, read_reports
+from stickslip_lab.calibration.evidence import read_reports
+from stickslip_lab.calibration.level_reports import NoTwoModes
 from stickslip_lab.drawing.studies import draw_calibration, draw_levels
 from stickslip_monitor import __version__
 from stickslip_monitor.commands import options, output

@@ -15,7 +15,7 @@ import numpy as np
 
 from stickslip_lab.calibration.calibration import Calibration
 from stickslip_lab.calibration.edges import ReportedCourse
-from stickslip_lab.calibration.evidence import LevelBins
+from stickslip_lab.calibration.level_reports import LevelBins
 from stickslip_lab.friction.friction_fit import StribeckFit
 from stickslip_monitor.arrays import FloatArray
 from stickslip_monitor.drawing import canvas

@@ -9,7 +9,8 @@ import numpy as np
 from shared import REFERENCE_BEARING
 
 from stickslip_lab.calibration.calibration import Evidence
-from stickslip_lab.calibration.evidence import VibrationReport, bin_level, bin_telemetry
+from stickslip_lab.calibration.evidence import VibrationReport, bin_telemetry
+from stickslip_lab.calibration.level_reports import bin_level
 
 RPM = REFERENCE_BEARING.speed.factor('rpm')
 # Where vibration begins on a slow passage, below the Hopf speed of 30.74 rpm, and the fold speed,
