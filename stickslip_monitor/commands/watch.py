@@ -32,7 +32,7 @@ from stickslip_monitor.links.live_monitor import LiveMonitor, MonitorSide
 from stickslip_monitor.monitor.alarm_records import ALARM_SCHEMA, ActionRequest
 from stickslip_monitor.monitor.config_questions import question_sentences
 from stickslip_monitor.monitor.configuration import bearing_names, build_config
-from stickslip_monitor.monitor.parameter_file import LINKS, NODE_NAME, load_parameters, load_section
+from stickslip_monitor.monitor.parameter_file import LINKS, NODE_NAME, load_links, load_parameters
 from stickslip_monitor.monitor.parameters import ASSUMED_LOADS, MonitorConfig
 from stickslip_monitor.monitor.sample_types import QUANTITIES, Input
 from stickslip_monitor.monitor.session import Log, Sink
@@ -114,7 +114,7 @@ def load_watch(path: str, node: str | None) -> tuple[MonitorConfig, LinksConfig]
     Raises:
         ConfigurationError: It cannot be read or breaks a rule; the text names the file.
     """
-    with_node, section = node is not None, load_section(path, LINKS)
+    with_node, section = node is not None, load_links(path)
     parameters = load_parameters(path, node)
     try:
         if not with_node:

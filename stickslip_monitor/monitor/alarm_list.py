@@ -192,7 +192,8 @@ class Annunciator:
     def retune(self, config: MonitorConfig) -> None:
         """Replace the configuration of the same bearings; the alarms keep their states.
 
-        A kind of alarm that the configuration newly allows, as vibration with a level, is added.
+        A kind of alarm that the configuration newly allows, as vibration with a level, is added; one that it
+        no longer allows stays.
         """
         self.config = config
         for bearing in config.bearings:
@@ -350,7 +351,7 @@ class Annunciator:
         if kind is not None:
             below = action in (Action.ACKNOWLEDGE, Action.SILENCE)
             # One matter: who knows of the worst knows of what it covers.
-            return [a for a in alarms.values() if a.kind is kind or (below and self.covering(a) is kind)]
+            return [a for a in alarms.values() if a.kind is kind or (below and self.covering_kind(a) is kind)]
         return [a for a in alarms.values() if action is not Action.SHELVE or a.state in STANDING]
 
     def _silence_alarm(self, alarm: LiveAlarm, time_ns: int, by: str) -> AlarmChange:
@@ -414,12 +415,12 @@ class Annunciator:
                 changes += self._fire_trigger(alarm, trigger, time_ns, MONITOR)
         for alarm in self.alarms[name].values():
             # One matter: who is given the worst need not acknowledge what it covers.
-            if alarm.state is AlarmState.UNACKNOWLEDGED and self.covering(alarm) is not None:
+            if alarm.state is AlarmState.UNACKNOWLEDGED and self.covering_kind(alarm) is not None:
                 changes += self._fire_trigger(alarm, Trigger.ACKNOWLEDGE, time_ns, MONITOR)
         return changes
 
-    def covering(self, alarm: LiveAlarm) -> AlarmKind | None:
-        """Return the worse alarm of the ladder that stands for an active one; ``None`` where none does."""
+    def covering_kind(self, alarm: LiveAlarm) -> AlarmKind | None:
+        """Return the kind of the worst alarm that stands for a milder active one of its ladder, or None."""
         if not alarm.active or alarm.kind not in RUNG_OF:
             return None
         for kind, alarm_beside in self.alarms[alarm.bearing].items():  # worst first
@@ -460,7 +461,7 @@ class Annunciator:
         is_back = trigger in (Trigger.UNSHELVE, Trigger.RESTORE)
         facts = Facts(
             suppressed=bool(alarm.suppressed_by),
-            covered=self.covering(alarm) is not None or (self._is_acknowledged(alarm) and not is_back),
+            covered=self.covering_kind(alarm) is not None or (self._is_acknowledged(alarm) and not is_back),
             active=alarm.active,
             latching=alarm.occurred and self.is_latching(alarm),
         )

@@ -58,7 +58,7 @@ def alarms_record(
         sequence: Number of the record.
         monitoring: Whether the bearings are watched.
         notes: Records of what else has happened since the last record.
-        text_of: Returns what a bearing of some name says now.
+        text_of: Returns what a bearing of some name says now; its name by default.
     """
     return {
         'schema': ALARM_SCHEMA,
@@ -114,14 +114,17 @@ def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
         'suppressed_by': list(alarm.suppressed_by),
         'shelved_until': alarm.shelved_until_ns,
         'text': alarm.text,
-        'covered': annunciator.covering(alarm) is not None,
+        'covered': annunciator.covering_kind(alarm) is not None,
     }
 
 
 def row_records(
     annunciator: Annunciator, time_ns: int, text_of: Callable[[str], str]
 ) -> Iterator[dict[str, Any]]:
-    """Yield a row for each bearing with an alarm on show: its worst alarm, and its present state.
+    """Yield a row for each bearing with an alarm that is not normal or suppressed: its worst, as it stands.
+
+    Active alarms come before those that are over and wait. The state is that of the worst; where any of them
+    waits for a person it is unacknowledged, or returned_unacknowledged if the worst is over.
 
     Args:
         annunciator: The alarms.
@@ -313,6 +316,9 @@ def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
     Args:
         document: The request, of any type.
         bearings: Names of the bearings that there are.
+
+    Returns:
+        The request, its name and reason without space around them; a missing reason is ''.
 
     Raises:
         ConfigurationError: It is no valid request; the text names the field, its value and the rule.

@@ -188,7 +188,10 @@ class _Assessed(Generic[_Number]):
 
     @property
     def lower_end(self) -> _Number:
-        """Speed below which friction that first rises leaves no cycle [m/s]; 0 for none."""
+        """Speed below which friction that first rises leaves no cycle [m/s]; 0 for none.
+
+        It is read from the bearing's table of boundaries, which the first access makes and caches.
+        """
         reference, _, load = self._reference
         return boundary_table(reference).lower_end(load) * self.scale
 
@@ -301,7 +304,10 @@ class _Assessed(Generic[_Number]):
 
     @cached_property
     def probability_runs(self) -> _Number:
-        """Probability that stick-slip runs, by the memory of the bistable range; ``nan`` without a belief."""
+        """Probability that stick-slip runs, by the memory of the bistable range; ``nan`` without a belief.
+
+        A point that is assessed by itself has no memory: there it is that of starting by itself.
+        """
         return self.probability_will
 
     @property
@@ -426,12 +432,12 @@ def assess(
         bearing: The bearing.
         speed: Journal surface speed ``V`` [m/s]; negative astern.
         load: Bearing load ``N`` [N]; broadcasts with ``speed``.
-        belief: What probabilities are computed from; without one they are ``nan``.
-        table: The bearing's boundaries over the load, where they are known. Without one more than 64
+        belief: What probabilities are computed from; with ``None`` they are ``nan``.
+        table: The bearing's boundaries over the load, where they are known. With ``None`` more than 64
             points make and cache one, and fewer are solved one by one.
         chances: The probabilities by which the rule decided, in the order of :data:`BELIEFS`; they replace
             those that the belief would give, and are ignored without one.
-        temperature: Of the water [C], of the shape of the points; left out: that of the bearing. Ignored
+        temperature: Of the water [C], of the shape of the points; ``None`` for that of the bearing. Ignored
             where friction depends on speed alone.
 
     Returns:

@@ -258,7 +258,8 @@ class Monitor:
 
     Args:
         config: The validated configuration.
-        states: What is remembered of bearings from before, by name.
+        states: What is remembered of bearings from before, by name, which goes on changing; ``None`` for
+            nothing.
 
     Attributes:
         bearings: Each bearing, by name.

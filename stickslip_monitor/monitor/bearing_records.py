@@ -22,7 +22,7 @@ from stickslip_monitor.monitor.parameters import BearingConfig
 from stickslip_monitor.monitor.rule_state import NEVER
 from stickslip_monitor.monitor.sample_types import INPUTS, Input, Status
 from stickslip_monitor.monitor.severity import NOT_MONITORING, Condition, Severity, Unknown
-from stickslip_monitor.monitor.statements import Event, Verdict, order
+from stickslip_monitor.monitor.statements import Event, Verdict, speed_order
 
 WARNING_SCHEMA = 'stickslip_monitor/warning/3'
 BEARINGS_SCHEMA = 'stickslip_monitor/bearings/4'
@@ -120,7 +120,7 @@ def event_record(event: Event) -> dict[str, Any]:
         'reason': event.after.value,
         'sticking': then.sticking,
         'growth': then.growth,
-        'clears_in': then.clears,
+        'clears_in': then.clears_in,
         'raised': then.raised_lately,
         **({} if measured is None else {'measured': measured.value}),
         **point_record(then.assessment),
@@ -165,7 +165,10 @@ class BearingState:
 
     @property
     def reason(self) -> str:
-        """Word for the present condition, or for why there is none."""
+        """Word for the present condition, or for why there is none.
+
+        That is ``not_monitoring``, ``waiting``, or ``unreliable`` in place of normal where sources are mixed.
+        """
         if not self.monitoring:
             return 'not_monitoring'
         if self.is_waiting:
@@ -209,9 +212,9 @@ def bearing_record(state: BearingState) -> dict[str, Any]:
     """
     bearing, point, monitoring = state.bearing, state.point, state.monitoring
     time_ns, lost = bearing.now_ns or 0, bearing.lost_ages()
-    clears = None if point is None or lost else bearing.clears
+    clears = None if point is None or lost else bearing.clears_in
     rpm = None if point is None else bearing.config.bearing.speed.from_surface(point.speed, 'rpm')
-    given = order(bearing) if monitoring and not lost else None
+    given = speed_order(bearing) if monitoring and not lost else None
     measured = bearing.measured if monitoring else None
     unknown = bearing.unknown if monitoring else None
     has_water = bearing.config.water_temperature is not None or not math.isnan(bearing.state.water)
@@ -307,7 +310,10 @@ def _format_value(value: str | float | None) -> str:
 
 
 def hardware_id(node: str, bearing: str) -> str:
-    """Return a bearing's name in the namespace of a node, as ``aft`` or ``port/aft``."""
+    """Return a bearing's name in the namespace of a node, as ``aft`` or ``port/aft``.
+
+    ``node`` is its full name without the leading slash.
+    """
     space = node.rpartition('/')[0]
     return f'{space}/{bearing}' if space else bearing
 

@@ -242,7 +242,7 @@ class _Section:
         self.name, self._own = name, {row.name: row.checked(f'{name}.{row.name}', values) for row in rows}
 
     def _text_of(self, key: str, unit: str = '') -> str:
-        """Return a parameter as ``aft.mass = 50 kg``, as every refusal names it."""
+        """Return a parameter as ``aft.mass = 50 kg``, as refusals name it; only a float has a unit."""
         value = self._own[key]
         text = f'{value:g} {unit}'.rstrip() if isinstance(value, float) else repr(value)
         return f'{self.name}.{key} = {text}'
@@ -520,7 +520,7 @@ class _Section:
     def _require_other_field(
         self, name: str, source: InputConfig, sources: Mapping[str, InputConfig]
     ) -> None:
-        """Check that an input is not read from the same field of a topic as another.
+        """Check that an input with a topic is not read from the same field of it as another.
 
         Raises:
             ConfigurationError: It is.

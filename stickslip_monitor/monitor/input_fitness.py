@@ -237,7 +237,13 @@ class FitnessWatch:
         self._pairs = _Pairs()
 
     def take_values(self, place: int, time_ns: IntArray, si: FloatArray) -> None:
-        """Take valid values of speed or load (``place``) in order of arrival, shape (n,) [ns] and [SI]."""
+        """Take valid values of an input, speed, load or level, in order of arrival, shape (n,).
+
+        Args:
+            place: Index of the input.
+            time_ns: When they came, rising [ns].
+            si: The values in SI units, a level in its own.
+        """
         if si.size:
             self._changes[place].take(time_ns, si)
 
@@ -247,5 +253,8 @@ class FitnessWatch:
             self._pairs.take(time_ns, speed, load)
 
     def clause(self, place: int) -> str:
-        """Return the fault of speed or load and its remedy, to follow the name of the input; '' for none."""
+        """Return the fault of an input and its remedy, to follow the name of the input; '' for none.
+
+        ``place`` is the index of speed, load or level.
+        """
         return self._changes[place].clause or (self._pairs.clause if place == Input.LOAD else '')

@@ -83,7 +83,10 @@ def compare_levels(
     samples: tuple[Sequence[int], Sequence[int], Sequence[float]],
     rivals: MutableSequence[float],
 ) -> None:
-    """Fill ``rivals`` by :func:`compare_level` for rows, arrivals [ns] and numbers of successive levels."""
+    """Fill ``rivals`` by :func:`compare_level` for rows, arrivals [ns] and numbers of successive levels.
+
+    ``levels`` and ``values`` change as there.
+    """
     rows, arrivals, level_numbers = samples
     for k in range(len(rivals)):
         rivals[k] = compare_level(levels, values, numbers, rows[k], arrivals[k], level_numbers[k])
@@ -129,7 +132,7 @@ class LevelComparison:
     def take_columns(
         self, columns: Mapping[str, tuple[IntArray, IntArray, FloatArray]]
     ) -> dict[str, FloatArray]:
-        """Compare the next levels of a recording.
+        """Compare the next levels of a recording, and store the latest of each bearing.
 
         Args:
             columns: Of each bearing with a level by name: rising places in the recording, arrivals [ns] and
@@ -137,7 +140,7 @@ class LevelComparison:
 
         Returns:
             For each of the bearings the excess of the loudest other level at each of its own, shape (n,), as
-            of :func:`compare_level`; an empty dictionary where there is no other.
+            of :func:`compare_level`; an empty dictionary, and nothing stored, where there is no other.
         """
         if not self._has_several or len(columns) < 2:
             return {}
@@ -170,6 +173,11 @@ def compare_streams(bearings: Sequence[BearingConfig], streams: Mapping[str, Str
     """Return whole recordings of bearings by name, their levels compared in the order in which they came.
 
     Where a clock was set back, what came then follows what had come. At one time the bearings' order counts.
+    Recordings without a level, or of no two levels, come back as they are.
+
+    Args:
+        bearings: The bearings.
+        streams: A recording of each of them, by name.
     """
     columns = {}
     for bearing in bearings:

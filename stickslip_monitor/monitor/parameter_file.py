@@ -141,6 +141,8 @@ class _ParameterLoader(_Loader):
 def load_yaml(path: str | Path, loader: type[_Loader] = _Loader) -> object:
     """Parse one YAML file of up to a megabyte, and return its document; ``None`` for an empty one.
 
+    ``loader`` is what reads it: by default numbers and switches of ROS 2, and no key twice.
+
     Raises:
         ConfigurationError: It cannot be read or is not YAML; the text names file, line and fault.
     """
@@ -179,7 +181,7 @@ def load_parameters(path: str | Path, node: str | None = None) -> dict[str, Any]
 
 
 def _node_parameters(path: str | Path, document: object, node: str | None) -> dict[str, Any]:
-    """Return the parameters for a node, by dotted names; ``node`` is as in :func:`load_parameters`.
+    """Return what :func:`load_parameters` does, of a document that was read already.
 
     Raises:
         ConfigurationError: There are none, one is given twice, or the file is for several nodes.
@@ -325,7 +327,7 @@ def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
     path of Signal K, the name of the transducer, or ``RPM S 1`` with kind and number of the shaft.
     """
     try:
-        links = _read_section(path, document, LINKS)
+        links = _read_links(path, document)
     except ConfigurationError:
         return {}
     columns = {}
@@ -336,25 +338,25 @@ def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
     return columns
 
 
-def load_section(path: str | Path, section: str) -> dict[str, Any]:
-    """Return the parameters of one section of a parameter file, by dotted names; ``None`` for null.
+def load_links(path: str | Path) -> dict[str, Any]:
+    """Return the parameters of a ship's buses in a parameter file, by dotted names; ``None`` for null.
 
     Raises:
         ConfigurationError: The file cannot be read, has no such section, or gives a parameter twice.
     """
-    return _read_section(path, load_yaml(path, _ParameterLoader), section)
+    return _read_links(path, load_yaml(path, _ParameterLoader))
 
 
-def _read_section(path: str | Path, document: object, section: str) -> dict[str, Any]:
-    """Return the parameters of a section of a document by dotted names; ``None`` for null.
+def _read_links(path: str | Path, document: object) -> dict[str, Any]:
+    """Return the parameters of the section :data:`LINKS` by dotted names; ``None`` for null.
 
     Raises:
         ConfigurationError: There is no such section, or one is given twice; the text names ``path``.
     """
-    content = document.get(section) if isinstance(document, Mapping) else None
+    content = document.get(LINKS) if isinstance(document, Mapping) else None
     parameters = content.get('ros__parameters') if isinstance(content, Mapping) else None
     if not isinstance(parameters, Mapping):
-        raise ConfigurationError(f"{path} has no section '{section}:' with 'ros__parameters:'")
+        raise ConfigurationError(f"{path} has no section '{LINKS}:' with 'ros__parameters:'")
     return _flatten_content(path, parameters)
 
 

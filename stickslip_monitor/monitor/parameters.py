@@ -54,7 +54,11 @@ def parameter(
 
 
 def duration(default: float, text: str, within: tuple[float, float] = (0.0, WEEK), **rules: Any) -> Any:
-    """Return a field ``*_ns`` [ns] of a parameter in seconds, whose name goes without the ``_ns``."""
+    """Return a field ``*_ns`` [ns] of a parameter in seconds, whose name goes without the ``_ns``.
+
+    ``default`` and ``within``, the least and the largest value, are in seconds; ``rules`` as of
+    :func:`parameter`.
+    """
     return parameter(default, text, 's', within, convert=nanoseconds, kind='float', **rules)
 
 
@@ -63,7 +67,8 @@ def declared_parameters(
 ) -> tuple[Parameter, ...]:
     """Return the parameters that a dataclass declares, in the order of its fields, names after a prefix.
 
-    ``changes`` replace attributes of a parameter, by its name without the prefix.
+    Fields that are no parameters are left out. ``changes`` replace attributes of a parameter, by its name
+    without the prefix; one for a name that is not there does nothing.
     """
     parameters = []
     for item in fields(section):
@@ -82,10 +87,17 @@ def _parameter_name(item: Field[Any]) -> str:
 
 
 def build_section(section: type[Section], prefix: str, values: Mapping[str, Any], **derived: Any) -> Section:
-    """Return a dataclass made from the checked values of its parameters, by name after a prefix.
+    """Return an instance of a dataclass, made from the checked values of its parameters.
 
-    ``derived`` are values of its other fields, or in place of a parameter's. A value is converted as its
-    parameter declares, as seconds to nanoseconds.
+    Args:
+        section: The dataclass.
+        prefix: What stands before each parameter's name in ``values``.
+        values: A value for each of its parameters, and perhaps others; converted as the parameter declares,
+            as seconds to nanoseconds.
+        **derived: Values of its other fields, or, as they are, in place of a parameter's.
+
+    Raises:
+        KeyError: A parameter has no value.
     """
     filled_values = {
         item.name: item.metadata['convert'](values[prefix + _parameter_name(item)])

@@ -159,7 +159,10 @@ def latest_value(s: State, place: int) -> float:
 
 
 def take_level_or_water(s: State, c: RuleNumbers, place: int, time: int, si: float) -> None:
-    """Store a valid level or water temperature that came at a time [ns], and update the pace of its input."""
+    """Store a valid level or water temperature that came at a time [ns], and update the pace of its input.
+
+    ``si`` is a level in its own unit, or a temperature in C, by which the viscosity ratio is set, too.
+    """
     gap = time - s.came[place] if s.came[place] != NEVER else -1
     s.came[place] = time
     if gap > 0:
@@ -251,7 +254,8 @@ def repeat_value(s: State, c: RuleNumbers, model: Model, place: int) -> int:
     The age of the value is not renewed.
 
     Returns:
-        As of :func:`take_value`.
+        The time until which the values of the operating point that it made stand [ns]; ``NEVER`` where it
+        made none: an input is missing or lost.
     """
     until = standing_until(s, c)
     if s.came[SPEED] == NEVER or s.came[LOAD] == NEVER or s.now > until:
@@ -354,11 +358,11 @@ def update_pace(s: State, c: RuleNumbers, place: int, gap: int) -> None:
     s.gap[place] = max(gap, s.gap[place] // 2)
 
 
-def median_of_three(first: float, second: float, third: float) -> float:
-    """Return the median of three values; the first where the third is ``nan``, as it has not come yet."""
-    if third != third:
-        return first
-    return max(min(first, second), min(max(first, second), third))
+def median_of_three(latest: float, before: float, earlier: float) -> float:
+    """Return the median of the last three values; the latest one while ``earlier`` is ``nan``, for none."""
+    if earlier != earlier:
+        return latest
+    return max(min(latest, before), min(max(latest, before), earlier))
 
 
 def take_point(s: State, c: RuleNumbers, model: Model, until: int) -> None:
@@ -551,8 +555,9 @@ def median_point(s: State) -> tuple[float, float]:
 def growth_rate(c: RuleNumbers, law: Numbers, speed: float, load: float, scale: float) -> float:
     """Return the growth rate of a small disturbance, ``(-N mu'(V) - c)/2m`` [1/s].
 
-    At rest or without load it is that of damping alone. The load counts ``c.lean`` times, 1 where margins
-    decide. ``scale`` is :func:`scale_of` the load.
+    It is for a surface speed of either sign [m/s] and a load [N], of which ``scale`` is :func:`scale_of`. At
+    rest or without load it is that of damping alone. The load counts ``c.lean`` times, 1 where margins
+    decide.
     """
     drive = 0.0
     if speed != 0.0 and load > 0.0:

@@ -213,7 +213,7 @@ class Scan:
             return scale * self.settings.boundaries.fold(load / scale)
 
     def assessed(self, rows: IndexArray | slice) -> Assessments:
-        """Return the models' assessments of some of the points."""
+        """Return the models' assessments of some of the points, of arrays of shape (rows,)."""
         config, table = self.config, self.settings.boundaries
         speed, load, chances = self.speed[rows], self.load[rows], self.chances[rows].T
         water = None if config.water_temperature is None else self.water[rows]
@@ -240,7 +240,7 @@ def join_scans(parts: Sequence[Scan]) -> Scan:
 
 
 def count_statuses(inputs: NDArray[np.int8], status: NDArray[np.int8]) -> IntArray:
-    """Count samples by :class:`Input` and :class:`Status`; return shape (4, 7)."""
+    """Count samples by their :class:`Input` and :class:`Status`, shape (n,) each; return shape (4, 7)."""
     kinds = np.bincount(inputs * len(Status) + status, minlength=len(Input) * len(Status))
     return kinds.reshape(len(Input), len(Status))
 

@@ -31,39 +31,32 @@ _LARGEST = 1e15
 
 
 def _declare_part(
-    start: float,
-    minimum: float,
-    maximum: float,
-    unit: str,
-    meaning: str,
-    size: int = 0,
-    start_at: float | None = None,
+    unit: str, meaning: str, size: int = 0, *, start: float, minimum: float, maximum: float
 ) -> Any:
-    """Declare one part of the memory: a list of ``size`` numbers, or one number for 0.
+    """Return the dataclass field of one part of the memory: a list of ``size`` numbers, or one number for 0.
 
     Args:
-        start: Value at a first start.
-        minimum: Least value that a saved one may have.
-        maximum: Largest such value.
         unit: Its unit.
         meaning: What it is, for the docs.
         size: How many numbers.
-        start_at: A value in place of ``start``; ``None`` for none.
+        start: Value at a first start, of each number.
+        minimum: Least value that a saved one may have.
+        maximum: Largest such value.
     """
-    start = start if start_at is None else start_at
     facts = {'meaning': meaning, 'unit': unit, 'size': size, 'range': (minimum, maximum)}
     if size:
         return field(default_factory=lambda: [start] * size, metadata=facts)
     return field(default=start, metadata=facts)
 
 
-_time = partial(_declare_part, NEVER, NEVER, -NEVER, 'ns')
-_span = partial(_declare_part, 0, 0, -NEVER, 'ns')
-_difference = partial(_declare_part, 0, NEVER, -NEVER, 'ns')
-_flag = partial(_declare_part, 0, 0, 1, '')
-_number = partial(_declare_part, math.nan, -_LARGEST, _LARGEST)
-_growth = partial(_declare_part, 0.0, 0.0, _LARGEST, 'e-folds')
-_chance = partial(_declare_part, 0.0, 0.0, 1.0, '')
+_time = partial(_declare_part, 'ns', start=NEVER, minimum=NEVER, maximum=-NEVER)
+_span = partial(_declare_part, 'ns', start=0, minimum=0, maximum=-NEVER)
+_difference = partial(_declare_part, 'ns', start=0, minimum=NEVER, maximum=-NEVER)
+_count = partial(_declare_part, '', start=0, minimum=0)
+_flag = partial(_count, maximum=1)
+_number = partial(_declare_part, start=math.nan, minimum=-_LARGEST, maximum=_LARGEST)
+_growth = partial(_declare_part, 'e-folds', start=0.0, minimum=0.0, maximum=_LARGEST)
+_chance = partial(_declare_part, '', start=0.0, minimum=0.0, maximum=1.0)
 
 
 @dataclass(slots=True)
@@ -92,40 +85,40 @@ class State:
     # Whether stick-slip runs.
     sticking: int = _flag('1 while stick-slip is predicted to run')
     known: int = _flag('1 once it is known which state a bistable bearing is in')
-    onsets: int = _declare_part(0, 0, -NEVER, '', 'how often it has begun after it was clear')
+    onsets: int = _count('how often it has begun after it was clear', maximum=-NEVER)
     growth: float = _growth('how far a disturbance has grown')
     dying: int = _span('net time where no cycle exists while one is predicted')
     idle: int = _span('net time at rest, unloaded or measured quiet meanwhile')
     can: float = _chance('probability that a cycle exists, where there is a belief')
     will: float = _chance('that stick-slip starts by itself')
     runs: float = _chance('that it runs')
-    amplitude: float = _number('m', 'of the exact cycle, where a limit needs it', start_at=0.0)
+    amplitude: float = _number('m', 'of the exact cycle, where a limit needs it', start=0.0)
     sized: int = _time('when that was worked out')
     # What the latest point says.
-    course: int = _declare_part(0, 0, 2, '', 'a cycle exists, none exists, or nothing slides')
-    rate: float = _number('1/s', 'growth rate of a disturbance there', start_at=0.0)
+    course: int = _count('a cycle exists, none exists, or nothing slides', maximum=2)
+    rate: float = _number('1/s', 'growth rate of a disturbance there', start=0.0)
     # The rungs of the alarm, in the order of the ladder without normal.
-    raised: int = _declare_part(0, 0, 31, '', 'the rungs that are raised, as bits')
-    asks: int = _declare_part(0, 0, 31, '', 'the rungs that the latest point asks to change, as bits')
+    raised: int = _count('the rungs that are raised, as bits', maximum=31)
+    asks: int = _count('the rungs that the latest point asks to change, as bits', maximum=31)
     count: list[int] = _span('net time for which each has been asked to change', 5)
     cleared: list[int] = _time('when each was last cleared; of a raised one: held', 5)
     # The measured level.
     level: float = _number('its own', 'latest level')
-    vibrating: int = _declare_part(0, 0, 2, '', 'unknown, quiet or vibrating')
+    vibrating: int = _count('unknown, quiet or vibrating', maximum=2)
     level_count: int = _difference('net time above the threshold; negative: below')
     still: int = _span('for how long the level has not moved')
     background: float = _number('dB', 'mean where no stick-slip is predicted')
     high_for: int = _span('how long it has been high')
     beyond_for: int = _span('for how long of that the point was beyond the fold, to the latest')
     grown_before: float = _growth('how far a disturbance had grown when it rose')
-    doubt: int = _span('for how long yet what is short is not used', start_at=DOUBT // 2)
+    doubt: int = _span('for how long yet what is short is not used', start=DOUBT // 2)
     heard: int = _flag('1 once the level has vibrated in this episode')
     unseen: int = _time('since when stick-slip is predicted and not measured')
     rival: float = _number('dB', 'how far the loudest other level is above its threshold')
-    lead: float = _number('dB', 'how much further than this one, behind a lag of 1 s', start_at=0.0)
+    lead: float = _number('dB', 'how much further than this one, behind a lag of 1 s', start=0.0)
     # The water by which friction goes.
     water: float = _number('C', 'its temperature: the latest, or as configured until one has come')
-    viscosity_ratio: float = _number('', 'its viscosity over that at the measurement', start_at=1.0)
+    viscosity_ratio: float = _number('', 'its viscosity over that at the measurement', start=1.0)
 
     def copy(self) -> State:
         """Return a copy of the memory, which shares no list with it."""

@@ -116,7 +116,8 @@ class Session:
     """The monitor with everything around it.
 
     Events, input faults, people's actions and failures to save are logged. Saved alarms are restored; those
-    that cannot be read raise nothing. Samples, time and states are for the time from :meth:`begin` on.
+    that cannot be read raise nothing. Samples, time, states and :meth:`end` are for the time from
+    :meth:`begin` on; a bearing's name has to be one of the configuration.
 
     Args:
         config: The configuration, with the full names of topics.

@@ -121,7 +121,7 @@ class Standing:
         return 1 if self.state.cleared[rung - 1] == NEVER else 2
 
     @property
-    def clears(self) -> float | None:
+    def clears_in(self) -> float | None:
         """Time until the rung clears if the point stays [s]; ``None`` where it is normal or lasts."""
         state, k = self.state, self.rung - 1
         if k < 0 or not state.asks & (1 << k):
@@ -292,14 +292,14 @@ def describe(b: Standing, lost: dict[str, float], before: Condition | None = Non
     Args:
         b: The bearing.
         lost: The inputs lost, with their ages [s]; with any of them the text is about these alone.
-        before: The condition before, where the text is about its change.
+        before: The condition before, where the text is about its change; else ``None``.
     """
     config, condition, point = b.config, b.condition, b.assessment
     if lost:
         return f'{config.name}: {_lost_text(config, lost)}'
     if point is None or condition is Condition.INPUT_STALE:
         return f'{config.name}: {condition.sentence}'
-    given = order(b)
+    given = speed_order(b)
     condition_text = _condition_text(b, point, given)
     if before is Condition.INPUT_STALE:
         condition_text = f'Speed and load are back. {condition_text}'
@@ -349,7 +349,7 @@ def _condition_text(b: Standing, point: Assessment, given: SpeedOrder | None) ->
 
     The text is one or two sentences. ``given`` is the order to the crew; ``None`` where there is none.
     """
-    condition, clears = b.condition, b.clears
+    condition, clears = b.condition, b.clears_in
     if clears is not None:
         held = ' It came back within a minute and is held.' if b.raised_lately > 1 else ''
         return f'{_OVER[condition]}: {condition} clears in {duration_text(max(clears, 1.0))}.{held}'
@@ -498,8 +498,8 @@ def _is_starting(b: Standing, point: Assessment) -> bool:
     return point.outcome is Outcome.STICK_SLIP and not b.sticking and b.condition is not Condition.NORMAL
 
 
-def order(b: Standing) -> SpeedOrder | None:
-    """Return the order that leads out of the condition and clear of caution.
+def speed_order(b: Standing) -> SpeedOrder | None:
+    """Return the order to the crew that leads out of the condition and clear of caution.
 
     ``None`` where the condition is normal, asks for no speed, or no speed ends it.
     """
@@ -516,7 +516,7 @@ def order(b: Standing) -> SpeedOrder | None:
     if abs(point.speed) < clear:
         is_mild = condition is Condition.CAUTION and not is_starting
         kind = OrderKind.CLEARS_ABOVE if is_mild else OrderKind.RAISE_SPEED
-    elif abs(point.speed) > clear and condition is Condition.CAUTION and b.clears is None:
+    elif abs(point.speed) > clear and condition is Condition.CAUTION and b.clears_in is None:
         kind = OrderKind.STAY_ABOVE
     else:
         return None

@@ -406,7 +406,10 @@ def cusp_slope(law: FrictionLaw, speed: FloatArray) -> FloatArray:
 
 
 def hopf_load(law: FrictionLaw, speed: FloatArray, damping: float) -> FloatArray:
-    """Return ``N_H = -c/mu'(V)`` [N], shape of ``speed``; ``nan`` where friction does not fall."""
+    """Return ``N_H = -c/mu'(V)`` [N] at speeds >= 0 [m/s], of their shape, for a damping ``c`` [N s/m].
+
+    It is ``nan`` where friction does not fall.
+    """
     return balancing_load(-law.slope(speed), damping)
 
 
@@ -623,7 +626,7 @@ def _cycle_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> Float
 
 
 def _scan_brackets(law: FrictionLaw, speed: FloatArray, q: FloatArray) -> FloatArray:
-    """Return :func:`_cycle_brackets` of few speeds, which are scanned at once."""
+    """Return :func:`_cycle_brackets` of few speeds, which are scanned at once; arguments as there."""
     rows, error = _scan_roughly(law, speed, GRID.size)
     rows -= q[:, None]
     steps = np.abs(np.diff(rows, axis=1, prepend=rows[:, :1], append=rows[:, -1:]))

@@ -249,12 +249,15 @@ def peak_slope(law: Stribeck, speed: FloatArray) -> FloatArray:
 
 
 def has_cycle(law: Stribeck, speed: FloatArray, q: FloatArray, fold: FloatArray) -> BoolArray:
-    """Return where a stable cycle exists, shape (n,): below the averaged ``fold`` [m/s]; no more is used."""
+    """Return where a stable cycle exists, shape (n,): at speeds below the averaged ``fold`` [m/s both].
+
+    Neither ``law`` nor ``q`` is used.
+    """
     return speed < fold
 
 
 def is_unstable(law: Stribeck, speed: FloatArray, q: FloatArray, hopf: FloatArray) -> BoolArray:
-    """Return where a small disturbance of steady sliding grows: below ``hopf`` [m/s].
+    """Return where a small disturbance of steady sliding grows, shape (n,): at speeds below ``hopf`` [m/s].
 
     Not from the slope of ``law``, which underflows; it and ``q`` are not used.
     """

@@ -265,9 +265,10 @@ def _join_loads(
         loads: Loads that graze [N], ``nan`` for none and where none was tried, shape (n,).
 
     Returns:
-        The loads of all speeds, shape (n,) [N], ``inf`` beside speeds without one; and rows to solve, too. Of
-        a smooth law these lie halfway between ``rows`` where polynomials of eight and of twelve points differ
-        by over 1e-8; of one in pieces they are least loads that were not solved: folds that may not exist.
+        The loads of all speeds, shape (n,) [N], ``inf`` beside speeds without one, and everywhere where three
+        or fewer were solved; and rows to solve, too. Of a smooth law these lie halfway between ``rows`` where
+        polynomials of eight and of twelve points differ by over 1e-8; of one in pieces they are least loads
+        that were not solved: folds that may not exist.
     """
     is_solved = np.isfinite(loads[rows])
     solved, none = rows[is_solved], np.zeros(0, np.intp)
@@ -336,7 +337,7 @@ def last_speeds(curve: FloatArray, load: FloatArray, smooth: bool) -> FloatArray
 
 
 def _curve_slopes(x: FloatArray, y: FloatArray, smooth: bool) -> FloatArray:
-    """Return the slopes of the interpolant at a curve's points, shape (n,).
+    """Return the slopes of the interpolant at a curve's points: rising ``x`` and their ``y``, shape (n,).
 
     Each stretch of finite points is joined by itself: by a spline where ``smooth``, else by monotone cubics.
     0 at points that are not finite and in stretches of up to three.

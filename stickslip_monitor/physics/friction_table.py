@@ -122,7 +122,7 @@ class Tabulated:
         return np.where((v == inside) & falls_or_rises, derivative, 0.0)
 
     def _find_interval(self, inside: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-        """Return the index of each speed's interval in the table, and the distance from its begin [m/s]."""
+        """Return the index of the interval of each speed in the table, and its distance from there [m/s]."""
         i = np.searchsorted(self._begins[1:], inside, side='right')
         return i, inside - self._begins[i]
 

@@ -361,7 +361,14 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
 
 
 def _make_body(bearing: Bearing, drive: Drive, pieces: int, accuracy: float) -> integrator_loops.Body:
-    """Return the oscillator; its limit of steps is several times what its fastest time scale can need."""
+    """Return the oscillator; its limit of steps is several times what its fastest time scale can need.
+
+    Args:
+        bearing: The bearing.
+        drive: Speed and load, of which duration, size and largest load count.
+        pieces: Number of pieces of the law, which make steps short; 0 for a law that is whole.
+        accuracy: Error of a step, as of :func:`integrate`.
+    """
     bounds = law_bounds(bearing.friction)
     fastest = bearing.natural_frequency + bearing.damping / bearing.mass
     fastest += float(np.max(drive.load)) * bounds.steepest / bearing.mass

@@ -514,7 +514,8 @@ def stick_slip_probabilities(
         share: The averaged fold over the fold that decides, > 0; 1 where either is missing.
 
     Returns:
-        Both ``nan`` at rest or where speed or load is not finite; both 0 without a load.
+        The second is never above the first. Both ``nan`` at rest or where speed or load is not finite; both 0
+        without a load.
     """
     if not (0.0 < speed < math.inf and math.isfinite(load)):
         return math.nan, math.nan

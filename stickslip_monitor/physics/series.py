@@ -25,7 +25,10 @@ def new_work() -> list[float]:
 
 
 def place_and_speed(work: Sequence[float], order: int, share: float) -> tuple[float, float]:
-    """Return displacement and relative speed at a share of the unit, by series up to the power ``order``."""
+    """Return displacement and relative speed at a share of the unit.
+
+    By their series in the row ``work``, up to the power ``order``.
+    """
     place, speed = 0.0, 0.0
     for k in range(order, -1, -1):
         place, speed = place * share + work[PLACE + k], speed * share + work[RELATIVE_SPEED + k]

@@ -16,7 +16,7 @@ from stickslip_monitor.monitor.rule_settings import settings_of
 from stickslip_monitor.monitor.rule_state import DOUBT, State
 from stickslip_monitor.monitor.sample_types import NO_VALUES, Input, Status
 from stickslip_monitor.monitor.severity import LADDER, Condition
-from stickslip_monitor.monitor.statements import OrderKind, SpeedOrder, order
+from stickslip_monitor.monitor.statements import OrderKind, SpeedOrder, speed_order
 from stickslip_monitor.monitor.vibration_rule import (
     BEGUN,
     LASTING,
@@ -247,7 +247,7 @@ def test_a_mild_condition_gives_the_order_of_the_worse_that_is_starting() -> Non
     assert bearing.condition is Condition.CAUTION
     begin = 'aft: Steady sliding is unstable: stick-slip is starting.'
     assert bearing.text().startswith(f'{begin} Raise speed above 50 rpm, or stop the shaft.')
-    assert order(bearing) == SpeedOrder(OrderKind.RAISE_SPEED, 50.0)
+    assert speed_order(bearing) == SpeedOrder(OrderKind.RAISE_SPEED, 50.0)
 
 
 @pytest.mark.parametrize(('sign', 'astern'), [(1.0, ''), (-1.0, ' astern')])
@@ -257,12 +257,12 @@ def test_the_order_is_that_of_the_text(sign: float, astern: str) -> None:
     phrases = {'raise_speed': 'Raise speed above', 'stay_above': 'stay above', 'clears_above': 'Clears above'}
     for time in range(80):
         update_point(monitor, time, sign * max(80.0 - time, 36.0))
-        text, speed_order = monitor.bearings['aft'].text(), order(monitor.bearings['aft'])
-        assert (speed_order is None) == (' above 50 rpm' not in text)
-        if speed_order is not None:
-            kinds.add(speed_order.kind.value)
-            assert f'{phrases[speed_order.kind.value]} 50 rpm{astern}' in text
-            assert speed_order.rpm == sign * 50.0
+        text, given = monitor.bearings['aft'].text(), speed_order(monitor.bearings['aft'])
+        assert (given is None) == (' above 50 rpm' not in text)
+        if given is not None:
+            kinds.add(given.kind.value)
+            assert f'{phrases[given.kind.value]} 50 rpm{astern}' in text
+            assert given.rpm == sign * 50.0
     assert kinds == set(phrases)
 
 
