@@ -149,13 +149,8 @@ class BagPass:
         """Yield the columns of the wanted messages of a block, piece by piece, unsorted; report what is lost.
 
         The log times of each piece are replaced by corrected ones. Nothing is yielded from a piece on by
-        which the pass over the file is over.
-
-        Args:
-            job: The block to read.
-            columns_of: Makes the columns of the chosen messages of a piece.
-            yielded_ns: All messages before this time were yielded already [ns]: earlier ones in the block,
-                which declares a later beginning, are lost.
+        which the pass over the file is over. Messages before ``yielded_ns`` [ns], up to which all were
+        yielded, are lost: their block declares a later beginning.
 
         Raises:
             BagError: The file cannot be read.
@@ -196,11 +191,7 @@ class BagPass:
 
 
 def _sort_columns(parts: Sequence[Columns]) -> Columns:
-    """Return columns joined, sorted by time, then by number of block, then in their order.
-
-    Args:
-        parts: Columns, at least one of them: times [ns], numbers of blocks, and others.
-    """
+    """Return at least one part of columns joined, sorted by time (the first), then block, then in order."""
     columns = parts[0]
     if len(parts) > 1:
         columns = tuple(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))
@@ -281,11 +272,7 @@ class BagReading:
     ) -> dict[Request, Series]:
         """Return the series of a sorted stretch by request, and move the sequence numbers on by its length.
 
-        Args:
-            log_time_ns: Log times, rising [ns], shape (n,).
-            topic: The index of the topic of each message among the wanted ones, shape (n,).
-            stamp_ns: Stamps, the log time in a message without one [ns], shape (n,).
-            values: What the reader of its topic gave for each message, NaN in rows below, shape (k, n).
+        The columns are those of :meth:`_make_columns` without the blocks, in the order of time.
         """
         result: dict[Request, Series] = {}
         is_unstamped = np.array_equal(log_time_ns, stamp_ns)

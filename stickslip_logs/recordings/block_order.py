@@ -16,7 +16,7 @@ from mcap.opcode import Opcode
 from stickslip_logs.arrays import BoolArray, IntArray
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.bag_file import BagFile
-from stickslip_logs.recordings.mcap_chunks import HEAD, PAYLOAD, Block, DamagedBlock, Piece
+from stickslip_logs.recordings.mcap_chunks import HEAD, Block, DamagedBlock, Piece
 from stickslip_logs.time_order import MAX_TIME_NS, Row, TimeCourse, TimeOrder
 from stickslip_logs.units import KIB, MIB
 
@@ -140,14 +140,8 @@ class BlockTimes:
     ) -> Iterator[Row]:
         """Yield the messages of some topics from one place up to another in a span of time, by their place.
 
-        In each block they are yielded up to damage.
-
-        Args:
-            numbers: The number of each topic.
-            spans: The first and last time of each block that has any [ns], by its number.
-            begin: The first place.
-            end: The place behind the last one.
-            span_ns: The first and last time, both included [ns].
+        In each block, whose first and last time is in ``spans`` [ns], they are yielded up to damage. The end
+        is excluded, the last time of the span included [ns].
 
         Raises:
             BagError: A file cannot be read.
@@ -190,7 +184,7 @@ class BlockTimes:
         parts, begin = [(_NONE, _NONE, _NONE)], 0
         if block.size <= _MAX_WALKED_BYTES and self._sparse_bytes <= _MAX_SPARSE_BYTES:
             with contextlib.suppress(DamagedBlock):
-                for piece in file.load_pieces(block, numbers)[1]:
+                for piece in file.load_times(block, numbers):
                     parts.append(_rows_of(file, piece, numbers))
                     if piece.channel.size * _SPARSE_BYTES < piece.end - begin:
                         self._sparse_bytes += piece.end - begin
@@ -267,17 +261,8 @@ def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_Top
 
 
 def _rows_of(file: BagFile, piece: Piece, numbers: Mapping[str, int]) -> _Rows:
-    """Return the log times, topics and places of the messages of a piece, shape (n,) each.
-
-    Args:
-        file: The file, which says the topic of each channel.
-        piece: The piece.
-        numbers: The number of each topic; other topics become -1.
-
-    Returns:
-        Log times [ns], numbers of topics, and the byte of the block at which each record begins.
-    """
+    """Return log times [ns], numbers of topics, -1 for others, and places of messages, shape (n,)."""
     keys, which = np.unique(piece.channel, return_inverse=True)
     topics = [numbers.get(file.channels[k].topic, -1) if k in file.channels else -1 for k in keys.tolist()]
     topic = np.array(topics, np.int64)[which] if topics else _NONE
-    return piece.log_time_ns, topic, piece.offset - PAYLOAD
+    return piece.log_time_ns, topic, piece.place

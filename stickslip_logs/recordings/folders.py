@@ -134,11 +134,8 @@ def _find_in_folder(path: Path) -> list[Path]:
 def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list[str]]]:
     """Yield a folder and each below it, with the names of its files, in the order of the system.
 
-    Hidden folders and files are left out.
-
-    Args:
-        folder: The folder; nothing is yielded for a file.
-        closed: Takes the folders that cannot be read: they are appended.
+    Hidden folders and files are left out. Nothing is yielded for a file. Folders that cannot be read are
+    appended to ``closed``.
     """
     for where, folders, files in os.walk(folder, onerror=lambda error: closed.append(Path(error.filename))):
         # Drafts of recordings that are being written begin with a dot.
@@ -181,10 +178,7 @@ def _kind_of(path: Path) -> str:
 def _kind_by_content(path: Path, size: int, changed_ns: int) -> str:
     """Return the kind of a file as :func:`_kind_of` does, by reading it; cache it, 'other' for an error too.
 
-    Args:
-        path: The file.
-        size: Its size [bytes], a part of the key of the cache.
-        changed_ns: When it was changed last [ns], likewise.
+    Size and last change are a part of the key of the cache.
     """
     del size, changed_ns  # they tell a file from one that had its name before
     try:
@@ -215,13 +209,9 @@ def _holds_numbers(begin: bytes) -> bool:
 def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> list[Path]:
     """Return the recordings that files of a folder are: the folder where they are parts of one, else each.
 
-    Without metadata, parts are numbered files of one name that follow each other in time (read to see that);
-    a single one is too. No names make an empty list then.
-
-    Args:
-        folder: The folder.
-        names: The names of its files of recordings, in any order.
-        has_metadata: Whether it has a ``metadata.yaml``, which makes them parts of one.
+    A ``metadata.yaml`` makes them parts of one. Without, parts are numbered files of one name that follow
+    each other in time (read to see that); a single one is too. No names, which may be in any order, make an
+    empty list then.
     """
     if has_metadata:
         return [folder]
@@ -273,10 +263,7 @@ def are_consecutive(files: Sequence[BagFile]) -> bool:
 def has_other_parts(path: Path) -> bool:
     """Return whether a numbered file has parts of the same recording beside it, and no metadata.
 
-    False where the folder cannot be read.
-
-    Args:
-        path: A file named as a part, such as ``voyage_0.mcap``.
+    False where the folder cannot be read. The file is named as a part, such as ``voyage_0.mcap``.
     """
     try:
         names = [part.name for part in path.parent.iterdir()]

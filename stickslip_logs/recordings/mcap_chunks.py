@@ -207,6 +207,7 @@ class Piece:
         definitions: Records that define channels and schemas.
         unreadable_count: How many records are whole and cannot be read.
         end: The byte behind its last record.
+        place: Where each message is in the block: the byte of its record, or its row.
     """
 
     data: bytes
@@ -217,6 +218,7 @@ class Piece:
     definitions: list[bytes]
     unreadable_count: int
     end: int
+    place: IntArray
 
     def groups(self) -> Iterator[tuple[int, IntArray]]:
         """Yield each channel id that has messages, rising, and the indexes of these, shape (m,)."""
@@ -274,9 +276,9 @@ def walk_records(data: bytes) -> Iterator[Piece]:
         rows = np.concatenate(runs)
         if len(rows) < len(begin):
             begin, length, next_word = begin[rows], length[rows], next_word[rows]
-        offset = begin + PAYLOAD
+        offset, size = begin + PAYLOAD, length - PAYLOAD
         channel = (next_word >> 8).astype(np.uint16)
-        yield Piece(data, channel, words[offset - 16], offset, length - PAYLOAD, definitions, unreadable, end)
+        yield Piece(data, channel, words[offset - 16], offset, size, definitions, unreadable, end, begin)
 
 
 def _find_equal_run(data: bytes, begin: int) -> Piece | None:
@@ -301,19 +303,17 @@ def _find_equal_run(data: bytes, begin: int) -> Piece | None:
     count = count if same.all() else int(same.argmin())
     if count * length < _MIN_RUN:
         return None
-    offset = np.arange(count) * length + (begin + PAYLOAD)
+    place = np.arange(count) * length + begin
     size = np.full(count, length - PAYLOAD)
     channel, log_time_ns = column('<u2', HEAD.size).copy(), column('<i8', PAYLOAD - 16).copy()
-    return Piece(data, channel, log_time_ns, offset, size, [], 0, begin + count * length)
+    end = begin + count * length
+    return Piece(data, channel, log_time_ns, place + PAYLOAD, size, [], 0, end, place)
 
 
 def _skip_record(data: bytes, begin: int, definitions: list[bytes]) -> tuple[int, int]:
-    """Skip one record that is no valid message, or a run of empty ones of opcode 0.
+    """Skip one record that is no valid message, or a run of empty ones of opcode 0, in a block.
 
-    Args:
-        data: The block.
-        begin: Where the record begins.
-        definitions: Takes a schema or channel of up to 4 MiB.
+    A schema or channel of up to 4 MiB is appended to the definitions.
 
     Returns:
         The byte behind it, or ``begin`` where it is not whole; and how many unreadable records were skipped.

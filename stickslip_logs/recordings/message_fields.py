@@ -153,9 +153,7 @@ def _gather_numbers(
     def fetch(code: str, place: int | IntArray) -> NDArray[Any]:
         """Return a number of each message, shape (n,); clear ``sound`` where the message ends before it.
 
-        Args:
-            code: The type of the number, as numpy writes it without byte order.
-            place: Where it begins behind the head of the message [bytes]: one for all, or shape (n,).
+        Its place behind the head of the message [bytes] is one for all, or of shape (n,).
         """
         numbers = view_numbers(data, '<' + code, _ENCAPSULATION)
         np.logical_and(sound, place + (_ENCAPSULATION + numbers.itemsize) <= size, out=sound)
@@ -374,13 +372,8 @@ class FieldReader:
     ) -> IntArray:
         """Write the numbers and stamps of messages, in little-endian order, into two arrays.
 
-        Args:
-            values: Takes the numbers, shape (k, n).
-            stamp_ns: Takes the stamps that are not zero, shape (n,) [ns].
-            rows: The messages among the n.
-            data: What they lie in.
-            offset: Where each of them begins in it.
-            size: How long each is [bytes].
+        Numbers go to ``values``, shape (k, n), stamps that are not zero to ``stamp_ns``, shape (n,) [ns].
+        Of the messages, ``rows`` of the n, ``offset`` and ``size`` are where each begins, and its length.
 
         Returns:
             The indexes among the n of those that have to be decoded one by one: what was written is wrong.

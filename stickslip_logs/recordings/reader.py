@@ -73,16 +73,11 @@ def open_bag(path: str | Path) -> Recording:
 def _open_files(
     path: Path, files: Sequence[Path], packed: str, findings: Findings, is_one: bool = True
 ) -> Recording:
-    """Open files of MCAP or SQLite as a recording.
+    """Open files of MCAP or SQLite, at least one, in order as a recording that is named by a path.
 
-    Files that are packed as a whole are unpacked into a temporary folder, which goes with the recording.
-
-    Args:
-        path: The file or folder by which the recording is named.
-        files: The files in order, at least one.
-        packed: 'message' where each message of a database is compressed; else empty.
-        findings: Takes the warnings.
-        is_one: Whether the files are known to be parts of one recording; else their times decide.
+    Files that are packed as a whole are unpacked into a temporary folder, which goes with the recording;
+    ``packed`` is 'message' where each message of a database is. Unless the files are known to be parts of
+    one recording, their times decide.
 
     Raises:
         BagError: One cannot be read, or they are not parts of one recording.
@@ -100,11 +95,6 @@ def _open_files(
 
 def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
     """Return a file, or the unpacked copy of one that is packed by zstd as a whole; report a truncated one.
-
-    Args:
-        path: The file.
-        scratch: The folder of the copy.
-        findings: Takes the loss of a truncated file.
 
     Raises:
         BagError: It is damaged, nothing of it can be unpacked, it grows to more than its size allows, or the

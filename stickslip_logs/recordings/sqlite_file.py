@@ -15,6 +15,7 @@ import sqlite3
 import sys
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +24,27 @@ import zstandard
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
+from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import MAX_NAMED, BagError, plural
 from stickslip_logs.recordings.bag_file import BagFile
-from stickslip_logs.recordings.mcap_chunks import MAX_CHUNK, PAYLOAD, Block, Piece
+from stickslip_logs.recordings.mcap_chunks import MAX_CHUNK, Block, Piece
 from stickslip_logs.recordings.message_types import definition_of
 from stickslip_logs.recordings.recording import Findings, Scratch
-from stickslip_logs.time_order import MAX_TIME_NS
+from stickslip_logs.time_order import MAX_TIME_NS, select_rows
+from stickslip_logs.units import MIB
 
 MAGIC = b'SQLite format 3\0'
 # Messages that are read at a time.
 _BATCH = 32_768
 # Of a page whose damage makes it ask for more memory than there is, the latter.
 _ERRORS = sqlite3.Error, MemoryError
-# Whether a message has a number that can be a log time [ns]; 0 can be one.
-_TIME = f'timestamp BETWEEN 0 AND {MAX_TIME_NS}'
+# Larger blocks have one message; so many messages of some kB are one read of them [bytes].
+_MAX_BYTES = 16 * MIB
+# The first messages whose times are kept for the judge of their order: he reads those of others [messages].
+_MAX_KEPT = 1 << 20
+_NONE = np.empty(0, np.int64)
+# The largest message that is unpacked: a picture may be larger than a chunk [bytes].
+_MAX_UNPACKED = 2 * MAX_CHUNK
 Rows = list[tuple[Any, ...]]
 
 
@@ -59,7 +67,9 @@ class SqliteFile(BagFile):
         super().__init__(path, 0, findings)
         self._scratch, self._is_packed = scratch, is_packed
         self._numbers: dict[int, int] = {}  # the channel of each id of a topic
-        self._copy: Path | None = None  # of the messages, where their row ids do not rise
+        self._is_rising = True  # whether row ids do
+        self._times = dict[int, Piece]()  # without data, by the first row id of their block
+        self._copies = dict[str, Path]()  # of the messages of some topics, where row ids do not rise
         self._decompressor = zstandard.ZstdDecompressor()
         with self._open_read_only() as database:
             self.size = path.stat().st_size
@@ -67,14 +77,14 @@ class SqliteFile(BagFile):
             self._scan_messages(database)
 
     @contextlib.contextmanager
-    def _open_read_only(self) -> Iterator[sqlite3.Connection]:
-        """Open a connection that changes nothing; with a journal beside the file, to a copy.
+    def _open_read_only(self, copy: Path | None = None) -> Iterator[sqlite3.Connection]:
+        """Open a connection that changes nothing, to a copy or else the file, in which its journal is played.
 
         Raises:
             BagError: The file cannot be read; also for an error of the database inside the context.
         """
         try:
-            file = self._copy or self._apply_journal()
+            file = copy or self._apply_journal()
             uri = f'{file.absolute().as_uri()}?mode=ro&immutable=1'
             with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
                 if sys.version_info >= (3, 11):
@@ -148,55 +158,69 @@ class SqliteFile(BagFile):
     def _scan_messages(self, database: sqlite3.Connection) -> None:
         """Fill in counts, blocks and times; report messages of topics that are defined nowhere as lost.
 
-        Messages without a valid time count too. Blocks are ranges of row ids: where these do not rise, as
-        in a damaged tree, the messages are copied, and the copy is scanned: errors as :meth:`_copy_messages`.
+        Messages without a valid time count too. Blocks are ranges of row ids of up to 16 MiB, unpacked, or of
+        one message; where row ids do not rise, as in a damaged tree, of the numbers of the messages in it.
         """
-        unknown, end = Counter[Any](), -(1 << 63)
-        for rows in self._iterate_rows(database, f'{_TIME}, timestamp, topic_id'):
-            ids = np.array([row[0] for row in rows], np.int64)
-            if ids[0] < end or (ids[1:] <= ids[:-1]).any():
-                self._copy_messages(database)
-                self.blocks.clear()
-                self.counts.clear()
-                with self._open_read_only() as copy:
-                    self._scan_messages(copy)
-                return
-            first, end = int(ids[0]), int(ids[-1]) + 1
-            counts = Counter(key for *_, key in rows)
-            unknown.update({key: count for key, count in counts.items() if key not in self._numbers})
-            counts_by_channel = {
-                self._numbers[key]: counts[key] for key in counts.keys() & self._numbers.keys()
-            }
-            self.counts.update(counts_by_channel)
-            times = [time for _, is_time, time, key in rows if is_time and key in self._numbers]
-            spans = self.widen_span(np.array(times, np.int64))
-            block = Block(self.path, first, end - first, 0, False, place_name='row')
-            block.channels = sum(1 << number for number in counts_by_channel)
-            if spans:
-                ((block.start_ns, block.end_ns),) = spans
-            self.blocks.append(block)
+        unknown, counts, end = Counter[Any](), [1], -(1 << 63)
+        lengths = 'ifnull(length(data), 0)' + self._is_packed * ', substr(data, 1, 18)'
+        for rows in self._iterate_rows(database, f'timestamp, topic_id, {lengths}'):
+            row_ids, times, keys, *sizes = _columns_of(rows, 4 + self._is_packed)
+            ids, time_ns, channel = np.array(row_ids, np.int64), _times_of(times), self._find_channels(keys)
+            self._is_rising &= bool(ids[0] >= end and (ids[1:] > ids[:-1]).all())
+            end = int(ids[-1]) + 1
+            unknown.update(itertools.compress(keys, channel < 0))
+            size = np.fromiter(map(_unpacked_size, *sizes) if self._is_packed else sizes[0], np.int64)
+            splits = np.flatnonzero(np.diff(np.cumsum(size) // _MAX_BYTES)) + 1
+            for part in np.split(np.arange(ids.size), splits):
+                defined = part[channel[part] >= 0]
+                numbers = dict(enumerate(np.bincount(channel[defined]).tolist()))
+                self.counts.update(numbers)
+                first, last = ids[part[[0, -1]]].tolist()
+                block = Block(self.path, first, last - first + 1, 0, False, place_name='row')
+                block.channels = sum(1 << number for number, count in numbers.items() if count)
+                if spans := self.widen_span(time_ns[defined][time_ns[defined] >= 0]):
+                    ((block.start_ns, block.end_ns),) = spans
+                self.blocks.append(block)
+                counts.append(part.size)
+                if sum(counts) <= _MAX_KEPT + 1:
+                    columns = channel[part].astype(np.uint16), time_ns[part], _NONE, _NONE
+                    self._times[first] = Piece(b'', *columns, [], 0, 0, _places_of(ids[part], first))
+        if not self._is_rising:
+            self._times.clear()
+            self.findings.note(
+                f"file '{self.path.name}' is damaged (its row ids do not rise): read as a copy"
+            )
+            for k, begin in enumerate(itertools.accumulate(counts[:-1])):
+                # Where data of some topics are damaged, those behind move to other blocks.
+                self.blocks[k] = replace(self.blocks[k], offset=begin, length=counts[k + 1], channels=None)
         for key, count in unknown.items():
             self.findings.lose(
                 f"file '{self.path.name}': {plural(count, 'message')} of topic {key}, which is"
                 ' defined nowhere, were not read'
             )
 
-    def _copy_messages(self, database: sqlite3.Connection) -> None:
-        """Copy the messages to the temporary folder, in the order of the tree and with rising row ids.
+    def _find_channels(self, keys: Sequence[Any]) -> IntArray:
+        """Return the channels of ids of topics, shape (n,); -1 for an id that is defined nowhere."""
+        return np.fromiter(map(self._numbers.get, keys, itertools.repeat(-1)), np.int64, len(keys))
 
-        Sets ``_copy``, which later connections open, and notes it.
+    def _copy_messages(self, keys: str) -> Path:
+        """Return a copy of a damaged tree with numbers from 1 on as row ids, and the data of some topics.
+
+        It is made once, in the temporary folder; ``keys`` are the ids of the topics, separated by commas.
 
         Raises:
-            OSError: There is no folder for temporary files; also sqlite3.Error where its disk is full.
+            BagError: The file cannot be read, or the copy not be written.
         """
-        copy = self._scratch.folder / f'{self.path.name}.messages'
-        with contextlib.closing(sqlite3.connect(copy)) as target:
-            target.execute('CREATE TABLE messages(timestamp, topic_id, data)')
-            for rows in self._iterate_rows(database, 'timestamp, topic_id, data'):
-                target.executemany('INSERT INTO messages VALUES (?, ?, ?)', [row[1:] for row in rows])
-            target.commit()
-        self._copy = copy
-        self.findings.note(f"file '{self.path.name}' is damaged (its row ids do not rise): read as a copy")
+        if keys not in self._copies:
+            copy = self._scratch.folder / f'{self.path.name}.{len(self._copies)}'
+            columns = f'timestamp, topic_id, CASE WHEN topic_id IN ({keys}) THEN data END'
+            with self._open_read_only() as database, contextlib.closing(sqlite3.connect(copy)) as target:
+                target.execute('CREATE TABLE messages(timestamp, topic_id, data)')
+                for rows in self._iterate_rows(database, columns):
+                    target.executemany('INSERT INTO messages VALUES (?, ?, ?)', [row[1:] for row in rows])
+                target.commit()
+            self._copies[keys] = copy
+        return self._copies[keys]
 
     def load_pieces(self, block: Block, topics: Collection[str] | None = None) -> tuple[int, Sequence[Piece]]:
         """Read the messages of some topics, or all, in a block; those without a time or data are unreadable.
@@ -209,29 +233,36 @@ class SqliteFile(BagFile):
         Raises:
             BagError: The file cannot be read.
         """
-        numbers = {
-            key: number
-            for key, number in self._numbers.items()
-            if topics is None or self.channels[number].topic in topics
-        }
-        where = f'rowid < {block.offset + block.length} AND topic_id IN ({",".join(map(str, numbers))})'
-        columns = f"{_TIME} AND typeof(data) = 'blob', timestamp, topic_id, data"
-        with self._open_read_only() as database:
-            batches = self._iterate_rows(database, columns, block.offset, where)
-            rows = list(itertools.chain.from_iterable(batches))
-        sound = [row for row in rows if row[1]]
-        times, keys, parts = ([row[k] for row in sound] for k in (2, 3, 4))
-        if self._is_packed:
+        piece = self._read_piece(block, topics, 'data')
+        return piece.end, [piece]
+
+    def load_times(self, block: Block, topics: Collection[str]) -> Sequence[Piece]:
+        """Return the pieces of a block as :meth:`load_pieces` does, without data; kept ones of all topics."""
+        piece = self._times.get(block.offset)
+        return [self._read_piece(block, topics, "x''") if piece is None else piece]
+
+    def _read_piece(self, block: Block, topics: Collection[str] | None, data_column: str) -> Piece:
+        """Return the messages of some topics, or all, in a block, with data as a column of SQL gives them."""
+        numbers = self._numbers.items()
+        ids = [key for key, number in numbers if topics is None or self.channels[number].topic in topics]
+        wanted_ids = ','.join(map(str, ids))
+        file = None if self._is_rising else self._copy_messages(wanted_ids)
+        where = f'rowid < {block.offset + block.length} AND topic_id IN ({wanted_ids})'
+        with self._open_read_only(file) as database:
+            selected = f'timestamp, topic_id, {data_column}'
+            rows = list(itertools.chain(*self._iterate_rows(database, selected, block.offset, where)))
+        sound = [row for row in rows if type(row[3]) is bytes]
+        row_ids, times, keys, parts = _columns_of(sound, 4)
+        time_ns = _times_of(times)
+        if self._is_packed and data_column == 'data':
             parts = list(map(self._unpack_message, parts))
-        # Where the head of the first message would be.
-        data = b''.join([bytes(PAYLOAD), *parts])
-        size = np.fromiter(map(len, parts), np.int64, len(parts))
-        offset = PAYLOAD + np.cumsum(size) - size
-        channel = np.array([numbers[key] for key in keys], np.uint16)
-        unread = len(rows) - len(sound)
-        return len(data), [
-            Piece(data, channel, np.array(times, np.int64), offset, size, [], unread, len(data))
-        ]
+        data, size = b''.join(parts), np.fromiter(map(len, parts), np.int64, len(parts))
+        offset = np.cumsum(size) - size
+        place = _places_of(np.array(row_ids, np.int64), block.offset)
+        columns = time_ns, self._find_channels(keys).astype(np.uint16), offset, size, place
+        time_ns, channel, offset, size, place = select_rows(columns, time_ns >= 0)
+        unread = len(rows) - time_ns.size
+        return Piece(data, channel, time_ns, offset, size, [], unread, len(data), place)
 
     def _iterate_rows(
         self, database: sqlite3.Connection, columns: str, begin: int = -(1 << 63), where: str = '1'
@@ -240,13 +271,7 @@ class SqliteFile(BagFile):
 
         Damaged pages and rows are reported as a loss, not raised. Reading goes on behind them, over one row
         id first, then over a quarter more each time: where every second page is zeros, four fifths of the
-        others' messages are read.
-
-        Args:
-            database: A connection to the file.
-            columns: The columns, as SQL writes them.
-            begin: The first row id.
-            where: The condition, as SQL writes it; trusted.
+        others' messages are read. Columns and condition, as SQL writes them, are trusted.
         """
         step = 1
         while begin < 1 << 63:
@@ -278,10 +303,40 @@ class SqliteFile(BagFile):
 
     def _unpack_message(self, data: bytes) -> bytes:
         """Return the unpacked data of a message; empty where they are damaged or too large."""
-        try:
-            return self._decompressor.decompress(data, max_output_size=MAX_CHUNK)
-        except zstandard.ZstdError:
+        if _unpacked_size(0, data[:18]) > _MAX_UNPACKED:
             return b''
+        with contextlib.suppress(zstandard.ZstdError, MemoryError):
+            return self._decompressor.decompress(data, max_output_size=MAX_CHUNK)
+        return b''
+
+
+def _unpacked_size(length: int, head: bytes) -> int:
+    """Return how large a packed message of a length becomes by its first 18 bytes [bytes].
+
+    Where these do not say it, it is taken to become 100 times as large.
+    """
+    with contextlib.suppress(zstandard.ZstdError, TypeError):
+        size = zstandard.frame_content_size(head)
+        return min(size, 1 << 40) if size >= 0 else 100 * length
+    return length
+
+
+def _columns_of(rows: Rows, count: int) -> list[list[Any]]:
+    """Return the columns of rows: ``zip`` would make an object of each, which takes twice as long."""
+    return [[row[k] for row in rows] for k in range(count)]
+
+
+def _places_of(row_ids: IntArray, begin: int) -> IntArray:
+    """Return the places of rows in a block by its first row id, shape (n,); they end at 2^32 - 1."""
+    return np.minimum((row_ids - begin).view(np.uint64), (1 << 32) - 1).astype(np.int64)
+
+
+def _times_of(values: Sequence[Any]) -> IntArray:
+    """Return log times [ns], shape (n,); -1 for what is not a number from 0 to ``MAX_TIME_NS``."""
+    if not set(map(type, values)) <= {int}:
+        values = [int(v) if isinstance(v, float | int) and abs(v) <= MAX_TIME_NS else -1 for v in values]
+    time_ns = np.array(values, np.int64)
+    return np.where((time_ns >= 0) & (time_ns <= MAX_TIME_NS), time_ns, -1)
 
 
 def _last_in_order(row_ids: list[int]) -> int:
@@ -296,11 +351,9 @@ def _last_in_order(row_ids: list[int]) -> int:
 
 
 def _refusal_text(file: Path, problem: str) -> str:
-    """Return the error text on a database that cannot be read; open it once more to name its tables.
+    """Return the error text on a database that cannot be read, of which SQLite names a problem.
 
-    Args:
-        file: The database.
-        problem: What SQLite says; a missing table of topics means that it is no recording.
+    Without a table of topics it is no recording: then it is opened once more to name its tables.
     """
     if problem == 'no such table: topics':
         uri = f'{file.absolute().as_uri()}?mode=ro&immutable=1'

@@ -7,16 +7,21 @@ import contextlib
 import hashlib
 import re
 import sqlite3
+import struct
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
+import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from stickslip_logs.recordings.bag_recording import BagRecording
 from stickslip_logs.recordings.folders import find_bags
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Findings, Request, Scratch
@@ -197,6 +202,94 @@ def test_a_damaged_row_id_costs_no_messages_of_others(row_id: int, changed_id: b
     assert recording.message_count == series.value.size + series_by_request[LOAD].value.size
     np.testing.assert_array_equal(series.log_time_ns, START + series.value.astype(np.int64) * 10_000_000)
     assert 'is damaged' in ' '.join(recording.losses)
+
+
+def test_of_damaged_rows_only_wanted_messages_are_copied(tmp_path: Path) -> None:
+    """Row 100 has the id 5; those of a camera have 100 kB each, and nobody asks for them."""
+    file = change_database(
+        tmp_path,
+        'DELETE FROM messages WHERE id > 200',
+        'CREATE TABLE copy AS SELECT * FROM topics LIMIT 1',
+        "UPDATE copy SET id = 3, name = '/camera'",
+        'INSERT INTO topics SELECT * FROM copy',
+        'INSERT INTO messages(id, topic_id, timestamp, data)'
+        ' SELECT id + 200, 3, timestamp, randomblob(100000) FROM messages',
+    )
+    data = bytearray(file.read_bytes())
+    row = next(re.finditer(rb'\x64[\5\6]\0[\1\x09]\x06', data)).start()
+    data[row] = 5
+    file.write_bytes(data)
+    recording = cast('BagRecording', open_bag(file))
+    series = recording.read([SPEED])[SPEED]
+    np.testing.assert_array_equal(series.value, np.arange(100.0))
+    assert 'its row ids do not rise' in ' '.join(recording.warnings)
+    copies = list(recording._scratch.folder.iterdir())
+    assert len(copies) == 1
+    assert copies[0].stat().st_size < 100_000
+    assert len([m for m in recording.messages() if len(m.data) == 100_000]) == 200
+
+
+def test_the_judge_of_times_reads_no_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond the first 1000 messages times are read again, and the times alone."""
+    monkeypatch.setattr('stickslip_logs.recordings.sqlite_file._MAX_KEPT', 1000)
+    monkeypatch.setattr('stickslip_logs.recordings.sqlite_file._BATCH', 900)
+    file = change_database(tmp_path)
+    recording = cast('BagRecording', open_bag(file))
+    columns: list[str] = []
+    read = SqliteFile._iterate_rows
+
+    def note_columns(file: SqliteFile, database: sqlite3.Connection, names: str, *args: Any) -> Any:
+        columns.append(names)
+        return read(file, database, names, *args)
+
+    monkeypatch.setattr(SqliteFile, '_iterate_rows', note_columns)
+    recording.judge_order(['/shaft/speed', '/load'])
+    assert columns == ["timestamp, topic_id, x''"] * 5
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute('UPDATE messages SET timestamp = timestamp - 8000000000 WHERE id > 2000')
+        database.commit()
+    series = open_bag(file).read([SPEED])[SPEED]
+    np.testing.assert_array_equal(series.value, np.arange(float(COUNT)))
+    np.testing.assert_array_equal(np.diff(series.log_time_ns), 10_000_000)
+
+
+READ_PICTURES = """
+import resource, sys
+from stickslip_logs.recordings.reader import open_bag
+from stickslip_logs.recordings.recording import Request
+
+resource.setrlimit(resource.RLIMIT_AS, (1_500_000_000, 1_500_000_000))
+request = Request('/camera', 'height')
+recording = open_bag(sys.argv[1])
+print(recording.read([request])[request].value.tolist(), recording.losses)
+"""
+
+
+def test_large_packed_messages_are_unpacked_one_by_one(tmp_path: Path) -> None:
+    """Ten pictures of 200 MB fit into 1.5 GB."""
+    folder = tmp_path / 'bag'
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        (file,) = make_database(folder, 9, CompressionMode.MESSAGE).glob('*.db3')
+    head = b'\0\1\0\0' + struct.pack('<II', 7, 200_000_000)
+    packed = zstandard.ZstdCompressor(level=1).compress(head + bytes(200_000_000))
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute('DELETE FROM messages WHERE id > 10')
+        database.execute("UPDATE topics SET name = '/camera', type = 'yard_msgs/msg/Picture'")
+        picture = 'uint32 height\nuint8[] pixels', 'yard_msgs/msg/Picture'
+        database.execute(
+            'UPDATE message_definitions SET encoded_message_definition = ?, topic_type = ?', picture
+        )
+        database.execute('UPDATE messages SET topic_id = 1, data = ?', (packed,))
+        database.commit()
+    (folder / 'metadata.yaml').write_text(
+        (folder / 'metadata.yaml').read_text().replace('message_count: 5000', 'message_count: 10')
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', READ_PICTURES, str(folder)], capture_output=True, text=True, check=False
+    )
+    assert done.stderr == ''
+    assert done.stdout == f'{[7.0] * 10} ()\n'
 
 
 class Damaged:
