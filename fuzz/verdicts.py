@@ -23,6 +23,7 @@ ENOUGH = 0.5
 # A line may have two samples.
 _OF_LINE = 2
 _LINES = re.compile(r'(\d+) lines?\b|zero byte')
+_REFUSED = re.compile(r'(\d+) x ')
 # Notes on samples that are at other times than written, and that are left out as of another sender or unit.
 _MOVED = re.compile(r'was set back|leapt ahead')
 _LEFT_OUT = re.compile(r'source .* is left out|lines in .* are left out')
@@ -36,12 +37,14 @@ class Reading(NamedTuple):
         is_told: Whether something costs exit code 0.
         most_missing: How many samples may be missing by what is said.
         is_moved: Whether samples may be at other times than written.
+        count: How many samples there are, of one time or not.
     """
 
     samples: set[Sample]
     is_told: bool
     most_missing: float
     is_moved: bool
+    count: int
 
 
 def read_voyage(path: Path, config: MonitorConfig) -> Reading:
@@ -66,27 +69,28 @@ def read_voyage(path: Path, config: MonitorConfig) -> Reading:
         samples |= {Sample(wanted[request], time_ns, number_key(value)) for time_ns, value in rows}
         lost += sum(fault.count for fault in series.faults)
     counts = [_LINES.search(text) for text in bag.losses]
-    lost += sum(int(match[1] or 0) for match in counts if match)
+    lost += _OF_LINE * sum(int(match[1] or 0) for match in counts if match)
     is_told = bool(lost or counts or bound.absent or bound.questions)
     is_open = bool(bound.absent or bound.questions) or not all(counts)
     is_open = is_open or any(map(_LEFT_OUT.search, bag.warnings))
-    most_missing = math.inf if is_open else _OF_LINE * lost
-    return Reading(samples, is_told, most_missing, any(map(_MOVED.search, bag.warnings)))
+    most_missing = math.inf if is_open else lost
+    count = sum(series.value.size for series in series_by_request.values())
+    return Reading(samples, is_told, most_missing, any(map(_MOVED.search, bag.warnings)), count)
 
 
 def voyage_fault(path: Path, kind: str, config: MonitorConfig, is_quiet: bool) -> str:
     """Return what is wrong with how a mutant of a voyage is read and judged; empty if nothing is."""
     speeds = QUIET_RPM if is_quiet else STICKING_RPM
     try:
-        samples, is_told, most_missing, is_moved = read_voyage(path, config)
+        samples, is_told, most_missing, is_moved, count = read_voyage(path, config)
     except StickslipError:
         return ''
     if kind == 'candump':
         return 'frames of NMEA 2000 are read as something else'
     expected, other_count = samples_in(path, kind, speeds)
     missing, foreign = len(expected - samples), len(samples - samples_of(speeds))
-    missing = min(missing, len(expected) - len(samples)) if is_moved else missing
-    if missing > most_missing:
+    missing = min(missing, len(expected) - count) if is_moved else missing
+    if missing > most_missing and missing > _refused_count(check_one(Task(config), path)):
         return f'{missing} of {len(expected)} samples are missing, and at most {most_missing} are told of'
     if foreign > other_count and not (is_told or is_moved or most_missing):
         return f'{foreign} samples are of no line, and {other_count} may be of lines that were changed'
@@ -98,6 +102,12 @@ def voyage_fault(path: Path, kind: str, config: MonitorConfig, is_quiet: bool) -
     is_sticking = not (is_quiet or foreign) and sticking_share(samples) >= ENOUGH
     is_clear = is_sticking and check_one(Task(config), path).code == 0
     return 'its stick-slip is an all-clear' if is_clear else ''
+
+
+def _refused_count(result: CheckResult) -> int:
+    """Return how many samples a check refuses, as words or implausible."""
+    bearings = result.document.get('bearings', {}).values()
+    return sum(int(count) for item in bearings for count in _REFUSED.findall(' '.join(item['data'])))
 
 
 def _has_stick_slip(result: CheckResult) -> bool:

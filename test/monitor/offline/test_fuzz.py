@@ -121,11 +121,12 @@ def test_what_a_reader_loses_or_invents_is_noticed(
     path.write_bytes(VOYAGES[kind](STICKING_RPM)[0])
     samples = samples_of(STICKING_RPM)
     late = {sample._replace(time_ns=sample.time_ns + 1) for sample in samples}
+    sound = Reading(samples, is_told=False, most_missing=0, is_moved=False, count=60)
     for wrong, fault in (
-        (Reading({*list(samples)[1:]}, is_told=False, most_missing=0, is_moved=False), '1 of 60 samples'),
-        (Reading(set(), is_told=True, most_missing=8, is_moved=True), '60 of 60 samples'),
-        (Reading(late, is_told=True, most_missing=8, is_moved=False), '60 of 60 samples'),
-        (Reading(samples | late, is_told=False, most_missing=0, is_moved=False), '60 samples are of no line'),
+        (sound._replace(samples={*list(samples)[1:]}), '1 of 60 samples'),
+        (sound._replace(samples=set(), count=0, is_told=True, most_missing=8, is_moved=True), '60 of 60'),
+        (sound._replace(samples=late, is_told=True, most_missing=8), '60 of 60 samples'),
+        (sound._replace(samples=samples | late), '60 samples are of no line'),
     ):
         monkeypatch.setattr('fuzz.verdicts.read_voyage', lambda *_, wrong=wrong: wrong)
         is_bounded = kind != 'db3' or 'of no line' not in fault
