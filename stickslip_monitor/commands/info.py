@@ -30,15 +30,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what a recording or log holds; return 1 if no line has a time or nothing could be read, else 0.
+    """Print what a recording or log holds; return 1 if no time is usable or nothing could be read, else 0.
+
+    No time is usable where no message has one, or all have the same: a clock that was not set is 0.
 
     Raises:
         BagError: It cannot be opened.
     """
     bag = open_bag(args.bag)
     record = bag_record(bag)
+    has_lines = any(topic.count > 1 for topic in bag.topics.values())
+    problem = 'no line has a time that can be read' if record['start'] is None and record['messages'] else ''
+    if record['duration'] == 0.0 and has_lines:
+        problem = f'all times are the same, {record["start"]} ns: was the clock of the recorder not set?'
     # Lines without a time are no recording, nor is one of which nothing could be read.
-    code = int(record['start'] is None and bool(record['messages'] or bag.losses))
+    code = int(bool(problem or (record['start'] is None and bag.losses)))
     if args.json:
         output.print_json({'schema': SCHEMA, **record})
         return code
@@ -57,8 +63,8 @@ def run(args: argparse.Namespace) -> int:
         out.print(table)
     for text in (*(cut['text'] for cut in record['cuts']), *record['warnings']):
         out.print(printable(f'data: {text}'), markup=False)
-    if record['messages'] and code:
-        out.print('data: no line has a time that can be read', markup=False)
+    if problem:
+        out.print(f'data: {problem}', markup=False)
     return code
 
 

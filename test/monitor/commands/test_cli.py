@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from command_cases import OF_MONITOR, show_help, show_on_40_columns
+from made_logs import write_recording
 from shared import ROOT, Stickslip
 
 from stickslip_monitor.cli import main
@@ -72,6 +73,18 @@ def test_a_recording_is_shown_without_a_configuration(stickslip: Stickslip) -> N
     printed = ' '.join(stickslip('info', BAG).out.split())
     assert 'from 2026-05-04 06:00:00 to 2026-05-04 06:04:40 UTC' in printed
     assert '/bearing/aft_stern/load' in printed
+
+
+@pytest.mark.parametrize('time_ns', [0, 1_776_074_400 * 10**9])
+@pytest.mark.parametrize(('count', 'code'), [(1, 0), (2, 1)])
+def test_a_recording_in_which_no_time_passes_is_looked_at(
+    time_ns: int, count: int, code: int, tmp_path: Path, stickslip: Stickslip
+) -> None:
+    columns = {topic: ([time_ns] * count, [1.0] * count) for topic in ('/speed', '/load')}
+    path = write_recording(tmp_path / 'log.mcap', columns)
+    done = stickslip('info', path)
+    assert done.code == stickslip('info', path, '--json').code == code
+    assert (f'all times are the same, {time_ns} ns' in done.out) == bool(code)
 
 
 @pytest.mark.parametrize(
