@@ -83,7 +83,10 @@ MAX_LAST_PAUSE = 0.5
 
 
 class _LineForwarder:
-    """Forwards lines from one file descriptor to another that may block; drops the oldest that wait."""
+    """Forwards lines from one file descriptor to another that may block.
+
+    Of more than :data:`MAX_LINES` that wait the oldest are dropped.
+    """
 
     def __init__(self, source: int, target: int) -> None:
         self._source, self._target = source, target

@@ -48,6 +48,8 @@ class LiveMonitor:
     Bearings and inputs must be configured.
 
     Args:
+        sink: Takes what is published.
+        log: Given warnings and errors.
         store: Keeps the alarms over a restart; ``None`` for a session that forgets them.
         clock: The clocks.
     """

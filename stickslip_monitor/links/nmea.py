@@ -160,7 +160,12 @@ def _parse_number(text: str) -> float:
 
 
 class NmeaInputs(BusInputs):
-    """Samples out of sentences, and a count of what was received in their place."""
+    """Samples out of sentences, and a count of what was received in their place.
+
+    Args:
+        inputs: Those that come from NMEA.
+        log: As of :class:`.BusInputs`, and given a line for each input that has become silent.
+    """
 
     def __init__(self, inputs: Sequence[BusInput], log: Callable[[str], object]) -> None:
         super().__init__(inputs, log)

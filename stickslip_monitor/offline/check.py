@@ -400,7 +400,7 @@ def merge_series(series: Sequence[Series], places: Sequence[int]) -> Stream:
 
     Args:
         series: The samples of each input.
-        places: The number of each input (:class:`Input`), in the same order.
+        places: The number of each input (:class:`.Input`), in the same order.
 
     Returns:
         The stream, ordered by :attr:`.Series.sequence`; its arrivals are the log times.

@@ -171,6 +171,9 @@ class ClipWriter(StretchSink):
 
     A part of the recording waits until no alarm can follow within the length of a clip. A clip that
     cannot be written is listed in ``counts.failures``; the others are written.
+
+    Args:
+        store: Where to; also of several recordings one after the other.
     """
 
     def __init__(self, store: ClipFolder) -> None:

@@ -261,7 +261,7 @@ class Extreme:
     """The worst value of a quantity in a recording, and the operating point it came from."""
 
     time_ns: int
-    value: float
+    value: float  # a margin [-] or an amplitude [m]
     point: Assessment
 
 

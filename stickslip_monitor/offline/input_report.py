@@ -74,7 +74,7 @@ class Gaps:
     """The rhythm of a topic: the intervals between its stamps, and how its log times go on.
 
     Attributes:
-        count: How many intervals are longer than a limit [ns].
+        count: How many intervals are longer than ``limit_ns``.
         longest: Of these, longest first, at most five.
         usual: The interval that is usual where it begins [s]; nan for fewer than two messages.
     """

@@ -292,7 +292,7 @@ def _status_message(record: DiagnosticRecord) -> DiagnosticStatus:
 
 
 class Clips(ClipRecorder):
-    """Records what passes the node, and writes a clip around each alarm.
+    """Records what passes the node, and has ``store`` write a clip around each alarm, in a thread.
 
     One that cannot be written is tried again until a newer one comes; of more than two that wait
     the oldest are lost.
