@@ -236,7 +236,7 @@ def test_lines_with_a_number_in_place_of_a_unit_are_damaged(line: str, tmp_path:
 def test_one_damaged_cell_does_not_tell_the_decimal_sign_of_the_others(
     damaged: str, delimiter: str, tmp_path: Path
 ) -> None:
-    """All speeds have three decimals, which may be thousands; the loads have one, which may not."""
+    """Write speeds of three decimals, which may be thousands, and loads of one, which may not."""
     rows = [f'2026-05-04T06:00:{k:02}Z,{30 + k / 1e3:.3f},1000.5' for k in range(20)]
     text = '\n'.join(['time,speed,load', *rows, '']).replace(',', delimiter)
     recording = open_log(tmp_path, text.replace('1000.5', damaged, 1))
