@@ -42,7 +42,7 @@ from stickslip_lab.scenes.lining import (
     replace_parameters,
 )
 from stickslip_lab.scenes.settings import Profile, Settings, check_points, random_stream, read_profile
-from stickslip_lab.scenes.telemetry import MAX_RATE, Channel, TimeBlock, nominal_load
+from stickslip_lab.scenes.telemetry import MAX_RATE, Channel, TimeBlock, nominal_fold
 from stickslip_lab.scenes.truth_topics import BOOL, FLOAT64, STRING, Column, event_text, topic
 from stickslip_logs.units import factors_of, names_of
 from stickslip_monitor.arrays import FloatArray
@@ -50,7 +50,6 @@ from stickslip_monitor.errors import PhysicsError, SceneError
 from stickslip_monitor.monitor.assessment import assess
 from stickslip_monitor.monitor.parameters import LEVEL_UNITS, BearingConfig
 from stickslip_monitor.monitor.sample_types import INPUTS, WATER
-from stickslip_monitor.physics.averaging import fold_speed
 from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATURE
 
 
@@ -250,11 +249,11 @@ def _unit_blow(settings: Settings, config: BearingConfig) -> float:
     That of ``fold`` gives the lining the velocity of the averaged fold at the nominal load.
 
     Raises:
-        SceneError: The unit is neither ``N s`` nor ``fold``, or the bearing has no nominal load.
+        SceneError: The unit is neither ``N s`` nor ``fold``, or the bearing has no fold at its nominal load.
     """
     if 'knock_unit' not in settings or settings.choice('knock_unit', ('N s', 'fold')) == 'N s':
         return 1.0
-    return config.bearing.mass * float(fold_speed(config.bearing, nominal_load(config)))
+    return config.bearing.mass * nominal_fold(config)
 
 
 def _read_rate(settings: Settings, key: str, max_rate: float) -> float:

@@ -77,6 +77,22 @@ def nominal_load(config: BearingConfig) -> float:
     return load
 
 
+def nominal_fold(config: BearingConfig) -> float:
+    """Return the averaged fold speed of a bearing at its nominal load [m/s].
+
+    Raises:
+        SceneError: It has no fold there, or no nominal load.
+    """
+    load = nominal_load(config)
+    fold = float(fold_speed(config.bearing, load))
+    if not 0.0 < fold < math.inf:
+        raise SceneError(
+            f'bearing {config.name} has no fold at its nominal load, {load:g} N, which the unit fold and'
+            ' vibration_background need: use another unit, or leave the effect out'
+        )
+    return fold
+
+
 @dataclass(frozen=True, slots=True)
 class Channel:
     """One sensor: a topic, and the bearings that read it.
@@ -141,16 +157,7 @@ class Channel:
             return 1.0
         if unit in ('nominal', 'fold'):
             config = self.bearings[0]
-            load = nominal_load(config)
-            if unit == 'nominal':
-                return load
-            fold = float(fold_speed(config.bearing, load))
-            if not 0.0 < fold < math.inf:
-                raise SceneError(
-                    f'unit fold says nothing about bearing {config.name}: it has no fold at its nominal load,'
-                    f' {load:g} N; use rpm'
-                )
-            return fold
+            return nominal_load(config) if unit == 'nominal' else nominal_fold(config)
         if self.quantity == 'load':
             return LOAD_UNITS[unit]
         if unit == 'm/s' and len({b.bearing.journal_diameter for b in self.bearings}) > 1:

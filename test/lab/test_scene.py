@@ -215,8 +215,17 @@ def test_a_load_that_the_monitor_assumes_has_a_topic_of_its_own(
 def test_speeds_of_a_bearing_without_a_fold_at_its_load_are_refused(make_scene: MakeScene) -> None:
     # Of the reference bearing sliding is unstable from 200 N on, and a vibration lasts from about there.
     profile = {'speed_profile': {'unit': 'fold', 'points': [[0, 1.5]]}}
-    with pytest.raises(SceneError, match='it has no fold at its nominal load, 1 N; use rpm'):
-        make_scene({'aft': {'load': {'constant': 1.0, 'topic': '', 'unit': 'N'}}}, effects=[profile])
+    light = {'load': {'constant': 1.0, 'topic': '', 'unit': 'N'}}
+    with pytest.raises(SceneError, match='bearing aft has no fold at its nominal load, 1 N, which the unit'):
+        make_scene({'aft': light}, effects=[profile])
+    # A blow in that unit had no size, and the lining none of its motion.
+    knock = {
+        'knocks': [[5, 1.0]],
+        'knock_unit': 'fold',
+        'disturbance': {'standard_deviation': 0, 'unit': 'N'},
+    }
+    with pytest.raises(SceneError, match='bearing aft has no fold'):
+        make_scene({'aft': light}, effects=[{'lining_motion': knock}])
 
 
 NS = 10**9
