@@ -126,11 +126,13 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
     """Return the change that adds background vibration to a level, by the root of the sum of squares.
 
     The background is the ``floor`` of the sensor plus the ``engine``, given at the fold speed and growing
-    with the square of the speed. It swells and falls by the share ``sea`` in each ``period`` [s]. Each sum is
-    multiplied by a normal number of the standard deviation ``scatter`` about 1, and never negative.
+    with the square of the speed. It swells and falls by the share ``sea`` in each ``period`` [s]. Each
+    sum is multiplied by a normal number of the standard deviation ``scatter``, up to 0.3, about 1, and
+    never negative. ``sea`` may be missing, and then ``period``; ``floor`` and ``engine`` are in ``unit``,
+    that of the level.
 
     Raises:
-        SceneError: A setting is missing or breaks its rule.
+        SceneError: A setting is missing or breaks its rule, or the bearing has no fold at its nominal load.
     """
     unit, _ = read_unit(settings, channel)
     bearing = channel.bearings[0].name
@@ -157,6 +159,8 @@ def vibration_background(settings: Settings, channel: Channel, run: SceneRun) ->
 def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Return the change that adds a ``bias`` to the values and, where it is given, a ``drift`` per hour.
 
+    Both are in ``unit``.
+
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
@@ -172,7 +176,7 @@ def bias(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'standard_deviation', 'unit', section='the noise')
 def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Return the change that adds white normal noise to the values.
+    """Return the change that adds white normal noise of a ``standard_deviation`` in ``unit`` to the values.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -191,7 +195,8 @@ def sensor_noise(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Return the change that adds ``size`` to some values, or takes it from them, with even chances.
 
-    It hits those in ``windows``, those of a random ``share``, or those of the share in the windows.
+    The size is in ``unit``. It hits those in ``windows``, those of a random ``share``, or those of the share
+    in the windows.
 
     Raises:
         SceneError: There is neither, or a setting is missing or breaks its rule.
@@ -211,7 +216,7 @@ def spikes(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 
 @channel_effect('sensor', CHANNELS, 'step', 'unit', section='the step')
 def quantisation(settings: Settings, channel: Channel, run: SceneRun) -> Change:
-    """Return the change that rounds values to the nearest multiple of a step.
+    """Return the change that rounds values to the nearest multiple of a ``step`` in ``unit``.
 
     Raises:
         SceneError: The step is missing or below 1e-9.
@@ -337,8 +342,8 @@ def _clock_jumps(settings: Settings, duration: float) -> list[tuple[float, float
 def out_of_order(settings: Settings, channel: Channel, run: SceneRun) -> Change:
     """Return the change that delays the arrival of some messages, which are then recorded out of order.
 
-    Their stamps stay. It hits those in ``windows``, those of a random ``share``, or those of the share in the
-    windows.
+    The ``delay`` [s] is above the time between two messages and at most 60 s. Their stamps stay. It hits
+    those in ``windows``, those of a random ``share``, or those of the share in the windows.
 
     Raises:
         SceneError: The messages have no header, there is neither, or a setting breaks its rule.
@@ -392,7 +397,8 @@ def dropout(settings: Settings, channel: Channel, run: SceneRun) -> Change:
 def second_publisher(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Add an effect to the run that merges a second sender's messages into a topic's signal of each block.
 
-    It sends a constant value, half-way between instants of its rate.
+    It sends a constant ``value``, in ``unit``, half-way between instants of its ``rate`` > 0 [Hz], up to
+    :data:`.MAX_RATE`.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.

@@ -251,8 +251,8 @@ def read_profile(settings: Settings, unit: str, duration: float, folder: Path) -
 def read_steps(settings: Settings, unit: str, duration: float) -> Profile:
     """Return the ``steps`` and the ``rise`` of an effect as a profile.
 
-    Each step [time in s, level] begins at its time and takes ``rise`` [s]: neither a shaft nor
-    the load on a bearing jumps. The first level holds from the scene's start.
+    Each step [time in s, level] begins at its time and takes ``rise`` > 0 [s], which must be given: neither
+    a shaft nor the load on a bearing jumps. The first level holds from the scene's start.
 
     Args:
         settings: Settings of the effect.

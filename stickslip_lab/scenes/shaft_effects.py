@@ -69,6 +69,8 @@ def _add_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
 def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Add a profile over time to the speed in ``run.shaft``, and its integral to the turns of the shaft.
 
+    It has ``points`` or a ``table``, in ``unit``: see :func:`.read_profile`.
+
     Raises:
         SceneError: A setting is missing or breaks its rule.
     """
@@ -78,6 +80,8 @@ def speed_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
 @channel_effect('shaft', ['speed'], 'unit', 'steps', 'rise')
 def speed_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Add steps over time to the speed in ``run.shaft``, and their integral to the turns of the shaft.
+
+    It has ``steps``, in ``unit``, and a ``rise``: see :func:`.read_steps`.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -92,6 +96,9 @@ STEPS = ('dead slow', 'slow', 'half', 'full')
 @channel_effect('shaft', ['speed'], 'unit', 'ahead', 'astern', 'orders', 'time_constant')
 def manoeuvre(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Add the response to telegraph orders to the shaft's speed in ``run.shaft``, and turn the shaft by it.
+
+    The ``orders`` have speeds in ``ahead`` and ``astern``, in ``unit``, each of which may be missing; the
+    speed follows with the ``time_constant`` > 0 [s].
 
     Raises:
         SceneError: A setting is missing or breaks its rule, or an order has no speed.
@@ -202,7 +209,7 @@ class Response:
 
 @channel_effect('shaft', ['load'], 'unit', 'points', 'table')
 def load_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add a profile over time to the load in ``run.shaft``.
+    """Add a profile over time to the load in ``run.shaft``, as :func:`speed_profile`.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -212,7 +219,7 @@ def load_profile(settings: Settings, channel: Channel, run: SceneRun) -> None:
 
 @channel_effect('shaft', ['load'], 'unit', 'steps', 'rise')
 def load_steps(settings: Settings, channel: Channel, run: SceneRun) -> None:
-    """Add steps over time to the load in ``run.shaft``.
+    """Add steps over time to the load in ``run.shaft``, as :func:`speed_steps`.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -229,6 +236,9 @@ _RANGE = np.linspace(0.25, 5.0, 20_000)
 @channel_effect('shaft', ['load'], 'unit', 'significant_height', 'peak_period', 'gamma', 'load_per_metre')
 def load_in_waves(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Add the load of a sea to ``run.shaft`` on a channel; all bearings have the same waves.
+
+    All settings are required: ``significant_height`` >= 0 [m], ``peak_period`` >= 0.1 [s], ``gamma`` from 1
+    to 10, and ``load_per_metre``, in ``unit`` per metre of elevation.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -293,7 +303,8 @@ def _energy_below(gamma: float) -> FloatArray:
 def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Add ripple at the rate of the blades to the speed in ``run.shaft``; its amplitude is a share of that.
 
-    It follows from the turning of the shaft, and does not turn it.
+    It follows from the turning of the shaft, and does not turn it. There may be 1 to 20 ``blades``; the
+    ``amplitude`` is from 0 to 1.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
@@ -313,6 +324,8 @@ def blade_ripple(settings: Settings, channel: Channel, run: SceneRun) -> None:
 @channel_effect('turning', ['load'], 'amplitude', 'unit')
 def misalignment(settings: Settings, channel: Channel, run: SceneRun) -> None:
     """Add ripple to the load, of the channel in ``run.shaft``, with one period in each turn of the shaft.
+
+    Its ``amplitude`` >= 0 is in ``unit``.
 
     Raises:
         SceneError: A setting is missing or breaks its rule.
