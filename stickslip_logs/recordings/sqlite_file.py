@@ -159,7 +159,8 @@ class SqliteFile(BagFile):
         """Fill in counts, blocks and times; report messages of topics that are defined nowhere as lost.
 
         Messages without a valid time count too. Blocks are ranges of row ids of up to 16 MiB, unpacked, or of
-        one message; where row ids do not rise, as in a damaged tree, of the numbers of the messages in it.
+        one message; where row ids do not rise, as in a damaged tree, of the numbers of the messages in it,
+        which is noted; else the times of the first million messages are kept.
         """
         unknown, counts, end = Counter[Any](), [1], -(1 << 63)
         lengths = 'ifnull(length(data), 0)' + self._is_packed * ', substr(data, 1, 18)'
@@ -206,10 +207,11 @@ class SqliteFile(BagFile):
     def _copy_messages(self, keys: str) -> Path:
         """Return a copy of a damaged tree with numbers from 1 on as row ids, and the data of some topics.
 
-        It is made once, in the temporary folder; ``keys`` are the ids of the topics, separated by commas.
+        It is made once for each ``keys``, ids of topics separated by commas, in the temporary folder.
 
         Raises:
             BagError: The file cannot be read, or the copy not be written.
+            OSError: There is no folder for temporary files.
         """
         if keys not in self._copies:
             copy = self._scratch.folder / f'{self.path.name}.{len(self._copies)}'
@@ -237,12 +239,20 @@ class SqliteFile(BagFile):
         return piece.end, [piece]
 
     def load_times(self, block: Block, topics: Collection[str]) -> Sequence[Piece]:
-        """Return the pieces of a block as :meth:`load_pieces` does, without data; kept ones of all topics."""
+        """Return the pieces of a block as :meth:`load_pieces` does, without data.
+
+        Where the times of the block are kept they are those of all topics, also of undefined ones and -1 for
+        none; offsets and sizes are empty then.
+        """
         piece = self._times.get(block.offset)
         return [self._read_piece(block, topics, "x''") if piece is None else piece]
 
     def _read_piece(self, block: Block, topics: Collection[str] | None, data_column: str) -> Piece:
-        """Return the messages of some topics, or all, in a block, with data as a column of SQL gives them."""
+        """Return the messages of some topics, or all, in a block, with data as a column of SQL gives them.
+
+        Raises:
+            BagError: The file cannot be read, or a copy where its row ids do not rise not be written.
+        """
         numbers = self._numbers.items()
         ids = [key for key, number in numbers if topics is None or self.channels[number].topic in topics]
         wanted_ids = ','.join(map(str, ids))
@@ -271,7 +281,7 @@ class SqliteFile(BagFile):
 
         Damaged pages and rows are reported as a loss, not raised. Reading goes on behind them, over one row
         id first, then over a quarter more each time: where every second page is zeros, four fifths of the
-        others' messages are read. Columns and condition, as SQL writes them, are trusted.
+        others' messages are read. ``begin`` is the first row id; columns and condition are trusted SQL.
         """
         step = 1
         while begin < 1 << 63:
@@ -313,7 +323,7 @@ class SqliteFile(BagFile):
 def _unpacked_size(length: int, head: bytes) -> int:
     """Return how large a packed message of a length becomes by its first 18 bytes [bytes].
 
-    Where these do not say it, it is taken to become 100 times as large.
+    Where these do not say it, it is taken to become 100 times as large; damaged ones stay as they are.
     """
     with contextlib.suppress(zstandard.ZstdError, TypeError):
         size = zstandard.frame_content_size(head)
@@ -332,7 +342,7 @@ def _places_of(row_ids: IntArray, begin: int) -> IntArray:
 
 
 def _times_of(values: Sequence[Any]) -> IntArray:
-    """Return log times [ns], shape (n,); -1 for what is not a number from 0 to ``MAX_TIME_NS``."""
+    """Return log times [ns], shape (n,), without fractions; -1 for no number from 0 to ``MAX_TIME_NS``."""
     if not set(map(type, values)) <= {int}:
         values = [int(v) if isinstance(v, float | int) and abs(v) <= MAX_TIME_NS else -1 for v in values]
     time_ns = np.array(values, np.int64)
