@@ -31,7 +31,7 @@ _live = threading.Event()
 
 @contextmanager
 def interpreted() -> Iterator[None]:
-    """Run a block in which no thread loads numba: what answers live has no seconds to compile."""
+    """Run a block in which no thread of the process loads numba: what answers live cannot wait to compile."""
     before = _live.is_set()
     _live.set()
     try:

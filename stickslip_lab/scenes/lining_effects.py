@@ -55,9 +55,9 @@ from stickslip_monitor.physics.lubrication import MAX_TEMPERATURE, MIN_TEMPERATU
 
 @effect('lining', 'bearing', 'parameter', 'points', 'table')
 def friction_drift(settings: Settings, run: SceneRun) -> None:
-    """Let a parameter of the lining's friction law drift; the monitor keeps its configuration.
+    """Let a ``parameter`` of the lining's friction law drift; the monitor keeps its configuration.
 
-    The drift goes into ``run.courses``.
+    The drift, as ``points`` or a ``table`` in the parameter's unit, goes into ``run.courses``.
 
     Raises:
         SceneError: A setting is missing or breaks its rule, or a value of the drift breaks one of the law.
@@ -198,6 +198,10 @@ def lining_motion(settings: Settings, run: SceneRun) -> None:
 
     Every block gets its sticks and events as truth; its amplitude and motion on request; and where the
     scene sends a level, that level is raised by the lining's vibration. Bearings are claimed.
+
+    Required is the ``disturbance`` of the load, with a ``standard_deviation`` >= 0 in its ``unit``. There may
+    be ``knocks`` [time in s, impulse in ``knock_unit``], and the ``amplitude`` and the ``motion``, each at a
+    ``rate`` [Hz].
 
     Raises:
         SceneError: A setting is missing or breaks its rule, or a level is sent in a unit or at a rate that

@@ -266,7 +266,10 @@ class SignalKClient(Sink):
                 await self._wake.wait()
 
     def _on_text(self, text: str) -> None:
-        """Pass the samples of a frame to the monitor, and process echoes; ignore what is not JSON."""
+        """Pass the samples of a frame to the monitor, and with a prefix its echoes to :meth:`_on_echo`.
+
+        What is not JSON is ignored.
+        """
         try:
             frame = json.loads(text)
         except (ValueError, RecursionError):

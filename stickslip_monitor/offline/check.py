@@ -35,7 +35,7 @@ from stickslip_monitor.monitor.statements import Event, duration_text
 from stickslip_monitor.offline.extremes import Extreme, Extremes, Outline, OutlineBuilder, sum_durations
 from stickslip_monitor.offline.held_values import HeldValues
 from stickslip_monitor.offline.input_binding import bind_at_least_one
-from stickslip_monitor.offline.input_columns import Bound, guess_of
+from stickslip_monitor.offline.input_columns import Bound, quantity_hint
 from stickslip_monitor.offline.input_report import COARSE, HOLDS, Gap, InputCheck, InputReport, Plausibility
 
 SCHEMA = 'stickslip_monitor/check/3'
@@ -519,7 +519,7 @@ def bag_record(bag: Recording) -> dict[str, Any]:
         'messages': bag.message_count,
         'topics': {
             name: {
-                'type': f'{topic.type}{guess_of(topic.type)}',
+                'type': f'{topic.type}{quantity_hint(topic.type)}',
                 'messages': topic.count,
                 'problem': topic.problem or None,
             }

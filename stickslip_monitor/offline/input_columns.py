@@ -439,7 +439,7 @@ def _units_of(quantity: str, source: InputConfig) -> tuple[str, ...]:
     )
 
 
-def guess_of(kind: str) -> str:
+def quantity_hint(kind: str) -> str:
     """Return ', may be the speed' or ', may be the load' for a type 'column in UNIT'; else an empty text."""
     unit = kind.removeprefix('column in ')
     quantities = dict.fromkeys(TURNING_UNITS, 'speed') | dict.fromkeys(LOAD_UNITS, 'load')
