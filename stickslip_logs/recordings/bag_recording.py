@@ -191,7 +191,7 @@ class BagPass:
 
 
 def _sort_columns(parts: Sequence[Columns]) -> Columns:
-    """Return at least one part of columns joined, sorted by time (the first), then block, then in order."""
+    """Return parts of columns, at least one, joined and sorted by time (first column), then by block."""
     columns = parts[0]
     if len(parts) > 1:
         columns = tuple(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True))

@@ -261,7 +261,7 @@ def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_Top
 
 
 def _rows_of(file: BagFile, piece: Piece, numbers: Mapping[str, int]) -> _Rows:
-    """Return log times [ns], numbers of topics, -1 for others, and places of messages, shape (n,)."""
+    """Return log times [ns], topics by ``numbers`` (-1 for others) and places of a piece's messages, (n,)."""
     keys, which = np.unique(piece.channel, return_inverse=True)
     topics = [numbers.get(file.channels[k].topic, -1) if k in file.channels else -1 for k in keys.tolist()]
     topic = np.array(topics, np.int64)[which] if topics else _NONE

@@ -136,8 +136,8 @@ class RecordHeads:
         """Add a record of the data section to the last block, or begin a new block with it.
 
         An index of messages goes only to the chunk right before it, and its messages into ``indexed``. Other
-        records are in no block; those of opcode 0 are counted in ``empty_count``. Its length is with its head
-        [bytes], with which its first bytes begin.
+        records are in no block; those of opcode 0 are counted in ``empty_count``. ``length`` includes the
+        head [bytes]; ``begin`` are its first bytes, from the head on.
         """
         self.empty_count += kind == 0
         self._has_bare = self._has_bare or kind == Opcode.MESSAGE
@@ -164,8 +164,8 @@ class RecordHeads:
     def _keep_summary_record(self, kind: int, offset: int, length: int) -> None:
         """Append a channel or schema of the summary to ``definitions``, or read it into ``statistics``.
 
-        Other records, those of more than 1 MiB and damaged statistics are ignored. The length
-        is with the head [bytes].
+        Other records, those of more than 1 MiB and damaged statistics are ignored. ``length`` includes the
+        head [bytes].
         """
         if length > MAX_RECORD or kind not in (*_BARE, Opcode.STATISTICS):
             return

@@ -73,7 +73,7 @@ def open_bag(path: str | Path) -> Recording:
 def _open_files(
     path: Path, files: Sequence[Path], packed: str, findings: Findings, is_one: bool = True
 ) -> Recording:
-    """Open files of MCAP or SQLite, at least one, in order as a recording that is named by a path.
+    """Open files of MCAP or SQLite, in order and at least one, as the recording that a path names.
 
     Files that are packed as a whole are unpacked into a temporary folder, which goes with the recording;
     ``packed`` is 'message' where each message of a database is. Unless the files are known to be parts of
