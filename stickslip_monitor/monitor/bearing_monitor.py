@@ -229,7 +229,7 @@ class BearingMonitor(Standing):
             size_cycle(self.config, state)
         if place == Input.LEVEL and self._rival_of is not None:
             state.rival = self._rival_of(arrival_ns, number)
-        before, lost, onsets = rule.condition(state), state.lost, state.onsets
+        before, lost, onsets = rule.condition_index(state), state.lost, state.onsets
         code, time, si = rule.receive_sample(state, c, place, time_ns, arrival_ns, number)
         status = _STATUS[code]
         stands = code == rule.REPEATED and rule.has_repeats(c, place)
@@ -238,7 +238,7 @@ class BearingMonitor(Standing):
         events = []
         if state.lost > lost:
             events.append(self.event(before, state.lost_since))
-            before = rule.condition(state)
+            before = rule.condition_index(state)
         if stands:
             until = rule.repeat_value(state, c, settings.model, place)
         else:
@@ -248,13 +248,13 @@ class BearingMonitor(Standing):
         chances = state.can, state.will, state.runs
         verdict = self.judge([*state.value, state.water, *chances], self.measured)
         onset = state.onsets > onsets
-        if onset or rule.condition(state) != before:
+        if onset or rule.condition_index(state) != before:
             events.append(self.event(before, state.now, onset=onset))
         return Update(status, verdict, events)
 
 
 class Monitor:
-    """All bearings of a configuration.
+    """All bearings of a configuration; to make one takes the time to tabulate their boundaries, once.
 
     Args:
         config: The validated configuration.

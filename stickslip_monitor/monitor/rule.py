@@ -698,7 +698,7 @@ def rung_of(s: State) -> int:
     return top
 
 
-def condition(s: State) -> int:
+def condition_index(s: State) -> int:
     """Return the index in ``CONDITIONS``: :func:`rung_of`, or that of a lost input."""
     return RUNGS + 1 if s.lost else rung_of(s)
 

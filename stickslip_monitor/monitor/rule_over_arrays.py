@@ -28,7 +28,7 @@ from stickslip_monitor.monitor.rule import (
     Model,
     Numbers,
     Rows,
-    condition,
+    condition_index,
     has_repeats,
     is_amplitude_due,
     measured_now,
@@ -84,7 +84,7 @@ def run(
     statuses, now = noted
     (time_ns, until_ns, speed, load, water, sample, rung, sticking, vibration), chances = points
     s, c = states[0], numbers[0]
-    count, before = 0, condition(s)
+    count, before = 0, condition_index(s)
     for k in range(begin, end):
         if count + 2 > len(memories) or (k > begin and is_amplitude_due(s, c)):
             return k, count, made
@@ -94,9 +94,9 @@ def run(
             s.rival = rivals[k]
         status, time, si = receive_sample(s, c, place, stamps[k], arrivals[k], values[k])
         if s.lost != lost:
-            note = first + k, s.lost_since, before, condition(s), s.onsets - onsets, made
+            note = first + k, s.lost_since, before, condition_index(s), s.onsets - onsets, made
             count = store_change(states, changes, memories, count, note)
-            before = condition(s)
+            before = condition_index(s)
         if status == ACCEPTED and place < LEVEL:
             until = take_value(s, c, model, place, time, si)
         elif status == REPEATED and has_repeats(c, place):
@@ -109,7 +109,7 @@ def run(
             end_point(time_ns, until_ns, made - 1, time_ns[made])
         speed[made], load[made], water[made] = s.value[SPEED], s.value[LOAD], s.water
         sample[made] = first + k
-        after = condition(s)
+        after = condition_index(s)
         rung[made], sticking[made], vibration[made] = after, s.sticking > 0, measured_now(s, c)
         if c.has_belief:
             chances[made][0], chances[made][1], chances[made][2] = s.can, s.will, s.runs

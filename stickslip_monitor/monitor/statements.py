@@ -81,7 +81,7 @@ class Standing:
     @property
     def condition(self) -> Condition:
         """Present condition."""
-        return CONDITIONS[rule.condition(self.state)]
+        return CONDITIONS[rule.condition_index(self.state)]
 
     @property
     def assessment(self) -> Assessment | None:
@@ -206,7 +206,8 @@ class Standing:
         """Set ``verdict`` to that on an operating point which the memory has taken already, and return it.
 
         Args:
-            point: Speed [m/s], load [N], temperature of the water [C], and any probabilities.
+            point: Speed [m/s], load [N], temperature of the water [C], and the first three probabilities of
+                :data:`.BELIEFS`, which count with a belief only.
             measured: State of the level there; ``None`` where none is configured.
         """
         speed, load, water, *chances = point
@@ -229,7 +230,7 @@ class Standing:
         time_ns += state.shift
         if state.now != NEVER and time_ns < state.now:
             return []
-        before, lost = rule.condition(state), state.lost
+        before, lost = rule.condition_index(state), state.lost
         rule.advance(state, self.settings.live, time_ns)
         return [self.event(before, state.lost_since)] if state.lost > lost else []
 

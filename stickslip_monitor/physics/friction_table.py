@@ -130,6 +130,8 @@ class Tabulated:
 def _monotone_cubics(v: tuple[float, ...], mu: tuple[float, ...]) -> FloatArray:
     """Return the monotone cubics between points as ``scipy.interpolate.PPoly.c``, shape (4, n - 1).
 
+    ``v`` are rising speeds [m/s], ``mu`` the coefficients there, n of each.
+
     Raises:
         PhysicsError: A slope is too steep to be a finite number.
     """

@@ -9,7 +9,6 @@ every change of phase is located to rounding. A step is a power series of the ti
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from typing import Any
@@ -24,7 +23,7 @@ from stickslip_monitor.physics import integrator_loops, series, slip_series
 from stickslip_monitor.physics import scalar_law as scalars
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.lubrication import as_measured
-from stickslip_monitor.physics.scalar_law import ScalarLaw, law_bounds, scalar_law
+from stickslip_monitor.physics.scalar_law import law_bounds, scalar_law
 
 Phases = NDArray[np.int8]
 
@@ -280,7 +279,7 @@ def integrate(
     _check_times(at, drive)
     require_positive('accuracy', accuracy)
     law, use = scalar_law(bearing.friction), should_compile(compiled)
-    body = _make_body(bearing, drive, law.pieces, accuracy)
+    body = _make_oscillator(bearing, drive, law.pieces, accuracy)
 
     def columns(kind: type, *values: Any) -> Any:
         """Return each sequence as the inner loops take it: an array of ``kind`` if compiled, else a list."""
@@ -290,7 +289,7 @@ def integrate(
         return arrays if use else [array.tolist() for array in arrays]
 
     speed, load = (np.stack([x[:-1], np.diff(x) / np.diff(drive.time)]) for x in (drive.speed, drive.load))
-    lines = integrator_loops.Lines(*columns(float, drive.time, *speed, *load))
+    lines = integrator_loops.DriveLines(*columns(float, drive.time, *speed, *load))
     phase = _starting_phase(body, lines, state)
     out = columns(float, at, *np.zeros((4, at.size)))
     samples = integrator_loops.MotionSamples(*out, *columns(int, np.zeros(at.size)))
@@ -300,7 +299,11 @@ def integrate(
     begun = (0, 0.0, 0.0, x, z, int(phase), float(state.trial), 0, 0, 0, 0, 0)
     now = integrator_loops.MarchState(integrator_loops.EVENTS_FULL, *begun)
     (work,) = columns(float, series.new_work())
-    loop, law_numbers = (_march_loop(law), law.compiled) if use else (integrator_loops.march, law.plain)
+    loop: Any = integrator_loops.march
+    if use:
+        modules = scalars, series, slip_series, integrator_loops
+        loop = jit.compiled('march', *modules, law=law.module, inline=False)
+    law_numbers = law.compiled if use else law.plain
     instants: list[FloatArray] = []
     afters: list[Phases] = [np.array([phase], dtype=np.int8)]
     while now.status == integrator_loops.EVENTS_FULL:
@@ -325,11 +328,6 @@ def integrate(
         slip_steps=now.slips,
         span=(drive.start, float(drive.time[now.piece]) + (now.time + now.rest)),
     )
-
-
-def _march_loop(law: ScalarLaw) -> Callable[..., Any]:
-    """Return :func:`.integrator_loops.march` compiled for a law with functions of its own."""
-    return jit.compiled('march', scalars, series, slip_series, integrator_loops, law=law.module, inline=False)
 
 
 def should_compile(compiled: bool | None) -> bool:
@@ -360,7 +358,9 @@ def _check_times(times: FloatArray, drive: Drive) -> None:
         )
 
 
-def _make_body(bearing: Bearing, drive: Drive, pieces: int, accuracy: float) -> integrator_loops.Body:
+def _make_oscillator(
+    bearing: Bearing, drive: Drive, pieces: int, accuracy: float
+) -> integrator_loops.Oscillator:
     """Return the oscillator; its limit of steps is several times what its fastest time scale can need.
 
     Args:
@@ -376,10 +376,14 @@ def _make_body(bearing: Bearing, drive: Drive, pieces: int, accuracy: float) -> 
     limit = int(min((1000.0 + 4.0 * (drive.time.size + steps)) * (pieces + 1), 2.0**62))
     damping = 2.0 * bearing.damping_ratio
     held = bounds.hold, bounds.top
-    return integrator_loops.Body(bearing.natural_frequency, damping, bearing.momentum, *held, accuracy, limit)
+    return integrator_loops.Oscillator(
+        bearing.natural_frequency, damping, bearing.momentum, *held, accuracy, limit
+    )
 
 
-def _starting_phase(body: integrator_loops.Body, lines: integrator_loops.Lines, state: MotionState) -> Phase:
+def _starting_phase(
+    body: integrator_loops.Oscillator, lines: integrator_loops.DriveLines, state: MotionState
+) -> Phase:
     """Return the phase in which the motion begins: that of the state if it has one, else by its motion."""
     if state.phase is not None:
         return state.phase

@@ -32,7 +32,7 @@ NOTHING, RELEASE_FORWARD, RELEASE_BACKWARD, CONTACT = range(4)
 _MAX_STALLED = 8
 
 
-class Body(NamedTuple):
+class Oscillator(NamedTuple):
     """The oscillator, what holds it, and the accuracy of its steps.
 
     Attributes:
@@ -54,7 +54,7 @@ class Body(NamedTuple):
     limit: int
 
 
-class Lines(NamedTuple):
+class DriveLines(NamedTuple):
     """Pieces of the drive, on each of which speed and load are straight lines.
 
     Attributes:
@@ -164,7 +164,7 @@ class CompletedStep(NamedTuple):
     step: Advance
 
 
-def medium_at(body: Body, lines: Lines, piece: int, s: float, side: float) -> Medium:
+def medium_at(body: Oscillator, lines: DriveLines, piece: int, s: float, side: float) -> Medium:
     """Return the medium of a lining at a time since a piece began, seen from a side of the belt.
 
     ``e' = V - z, z' = V' + 2 zeta (V - z) + e - N/(m omega) mu(z)`` in units of ``1/omega``.
@@ -187,7 +187,7 @@ def medium_at(body: Body, lines: Lines, piece: int, s: float, side: float) -> Me
 
 def slip_advance(
     law_numbers: Any,
-    body: Body,
+    body: Oscillator,
     medium: Medium,
     z: float,
     trial: float,
@@ -260,14 +260,14 @@ def friction_needed(medium: Medium, e: float) -> float:
     return medium.drift_rate + medium.damping * medium.drift + e
 
 
-def rounding_error(body: Body, medium: Medium, e: float) -> float:
+def rounding_error(body: Oscillator, medium: Medium, e: float) -> float:
     """Return the rounding error of :func:`friction_needed` less the belt's hold, in units of ``m omega``."""
     inner = abs(medium.drift_rate) + abs(medium.damping * medium.drift)
     return 2e-15 * (inner + abs(e) + body.hold * abs(medium.force))
 
 
 def stick_advance(
-    body: Body, medium: Medium, e: float, stalled: int, left: float, work: MutableSequence[float]
+    body: Oscillator, medium: Medium, e: float, stalled: int, left: float, work: MutableSequence[float]
 ) -> Advance:
     """Take one step of sticking, up to the release if it comes within the step.
 
@@ -316,7 +316,7 @@ def first_excess(value: float, rate: float, turn: float) -> float:
     return -2.0 * rate / turn if turn > 0.0 else math.inf
 
 
-def phase_after_contact(body: Body, medium: Medium, e: float, sign: int) -> int:
+def phase_after_contact(body: Oscillator, medium: Medium, e: float, sign: int) -> int:
     """Return the phase of a lining that has met the belt: 0 sticks, 1 slips behind it, -1 ahead of it.
 
     It sticks where friction can hold it, and also where it would continue on the side from which it came.
@@ -370,7 +370,7 @@ def write_samples(
     return cursor
 
 
-def recenter_medium(body: Body, medium: Medium, e: float, z: float) -> Medium:
+def recenter_medium(body: Oscillator, medium: Medium, e: float, z: float) -> Medium:
     """Return the medium with displacements counted from where the lining is, so that they keep digits.
 
     Where it is at the belt's speed, a distance from the limit below 0, or within rounding, becomes 0.
@@ -390,8 +390,8 @@ def recenter_medium(body: Body, medium: Medium, e: float, z: float) -> Medium:
 
 def march(
     law_numbers: Any,
-    body: Body,
-    lines: Lines,
+    body: Oscillator,
+    lines: DriveLines,
     now: MarchState,
     samples: MotionSamples,
     log: TransitionLog,
