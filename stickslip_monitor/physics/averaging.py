@@ -157,12 +157,7 @@ class StationaryAmplitudes:
     stable: NDArray[np.bool_]
 
 
-def _rescale_amplitudes(amplitudes: StationaryAmplitudes, scale: Any) -> StationaryAmplitudes:
-    """Return the amplitudes multiplied by the ``scale`` of each point."""
-    return replace(amplitudes, amplitude=amplitudes.amplitude * np.asarray(scale)[..., None])
-
-
-@at_points(_rescale_amplitudes)
+@at_points(lambda result, s: replace(result, amplitude=result.amplitude * np.asarray(s)[..., None]))
 def stationary_amplitudes(bearing: Bearing, speed: ArrayLike, load: ArrayLike) -> StationaryAmplitudes:
     """Return the amplitudes ``A`` > 0 at which ``dA/dt = 0``, with their stability.
 

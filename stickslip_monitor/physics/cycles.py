@@ -329,12 +329,7 @@ def _exact_fold_at(bearing: Bearing, load: float) -> float:
     return float(exact_fold(bearing, np.array([load]))[0])
 
 
-def _rescale_cycle(cycle: Cycle, scale: Any) -> Cycle:
-    """Return a cycle of the reference point with its amplitude, and its waveform, multiplied by ``scale``."""
-    return replace(cycle, amplitude=cycle.amplitude * scale, _scale=scale)
-
-
-@at_points(_rescale_cycle)
+@at_points(lambda cycle, scale: replace(cycle, amplitude=cycle.amplitude * scale, _scale=scale))
 def _make_cycle(bearing: Bearing, speed: ArrayLike, load: ArrayLike, stable: bool) -> Cycle:
     """Return the stable cycles, or the smallest unstable ones.
 

@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
-from typing import Any, ParamSpec, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -159,47 +159,14 @@ class Lubricated(Protocol):
 
 
 _Bearing = TypeVar('_Bearing', bound=Lubricated)
-_AnyBearing = TypeVar('_AnyBearing', bound=Lubricated, contravariant=True)
-_Result = TypeVar('_Result')
-_CoResult = TypeVar('_CoResult', covariant=True)
-_More = ParamSpec('_More')
-
-
-class SpeedAtLoad(Protocol[_AnyBearing]):
-    """A boundary as a speed [m/s] over the load [N]."""
-
-    def __call__(self, bearing: _AnyBearing, load: ArrayLike) -> Any:
-        """Return the boundary, of the shape of ``load``."""
-
-
-class LoadAtSpeed(Protocol[_AnyBearing]):
-    """A boundary as a load [N] over the surface speed [m/s]."""
-
-    def __call__(self, bearing: _AnyBearing, speed: ArrayLike) -> Any:
-        """Return the boundary, of the shape of ``speed``."""
-
-
-class AtPoints(Protocol[_AnyBearing, _More, _CoResult]):
-    """A quantity of operating points: surface speeds [m/s] and loads [N]."""
-
-    def __call__(
-        self,
-        bearing: _AnyBearing,
-        speed: ArrayLike,
-        load: ArrayLike,
-        *args: _More.args,
-        **kwargs: _More.kwargs,
-    ) -> _CoResult:
-        """Return the quantity at the broadcast points."""
+_Function = TypeVar('_Function', bound=Callable[..., Any])
 
 
 def as_measured(bearing: _Bearing) -> _Bearing:
     """Return the bearing without lubrication: friction as measured at any load and temperature; cached."""
     if bearing.lubrication is None:
         return bearing
-    any_bearing: Any = bearing
-    plain: _Bearing = _without_lubrication(any_bearing)
-    return plain
+    return cast(_Bearing, _without_lubrication(cast(Any, bearing)))
 
 
 @lru_cache(maxsize=64)
@@ -208,15 +175,15 @@ def _without_lubrication(bearing: Any) -> Any:
     return replace(bearing, lubrication=None)
 
 
-def gives_speed(function: SpeedAtLoad[_Bearing]) -> SpeedAtLoad[_Bearing]:
-    """Decorate ``function``, a boundary [m/s] over the load, so that it follows the lubrication."""
+def gives_speed(function: _Function) -> _Function:
+    """Decorate ``function(bearing, load)``, a boundary [m/s], so that it follows the lubrication."""
 
     @wraps(function)
-    def scaled(bearing: _Bearing, load: ArrayLike) -> Any:
+    def scaled(bearing: Lubricated, load: ArrayLike) -> Any:
         """Return the boundary [m/s] at loads [N], of their shape, by :func:`speed_over_load`."""
         return speed_over_load(bearing, lambda n: function(as_measured(bearing), n), load)
 
-    return scaled
+    return cast(_Function, scaled)
 
 
 def speed_over_load(bearing: Lubricated, boundary: Callable[[Any], Any], load: Any) -> Any:
@@ -234,9 +201,7 @@ def speed_over_load(bearing: Lubricated, boundary: Callable[[Any], Any], load: A
         return s * boundary(np.asarray(load, float) / s if np.ndim(load) else float(load) / s)
 
 
-def at_points(
-    rescale: Callable[[_Result, Any], _Result],
-) -> Callable[[AtPoints[_Bearing, _More, _Result]], AtPoints[_Bearing, _More, _Result]]:
+def at_points(rescale: Callable[[Any, Any], Any]) -> Callable[[_Function], _Function]:
     """Return a decorator that lets ``function(bearing, speed, load, ...)`` follow the lubrication.
 
     The decorated function calls ``function`` at the reference point ``(V/s, N/s)`` with the bearing as
@@ -246,20 +211,18 @@ def at_points(
         rescale: Function of a result at the reference point and ``s``, to the result at the point itself.
     """
 
-    def decorate(function: AtPoints[_Bearing, _More, _Result]) -> AtPoints[_Bearing, _More, _Result]:
+    def decorate(function: _Function) -> _Function:
         """Wrap ``function``, so that it follows the lubrication."""
 
         @wraps(function)
-        def scaled(
-            bearing: _Bearing, speed: ArrayLike, load: ArrayLike, *args: _More.args, **kwargs: _More.kwargs
-        ) -> _Result:
+        def scaled(bearing: Lubricated, speed: ArrayLike, load: ArrayLike, *args: Any, **more: Any) -> Any:
             """Call the function at the reference point and rescale; unchanged without lubrication."""
             if bearing.lubrication is None:
-                return function(bearing, speed, load, *args, **kwargs)
+                return function(bearing, speed, load, *args, **more)
             v, n, s = reference_point(bearing, speed, load)
-            return rescale(function(as_measured(bearing), v, n, *args, **kwargs), s)
+            return rescale(function(as_measured(bearing), v, n, *args, **more), s)
 
-        return scaled
+        return cast(_Function, scaled)
 
     return decorate
 
@@ -285,11 +248,11 @@ def reference_point(
         return np.divide(speed, s), np.divide(load, s), s
 
 
-def gives_load(function: LoadAtSpeed[_Bearing]) -> LoadAtSpeed[_Bearing]:
-    """Decorate ``function``, a boundary's load [N] over the speed, so that it follows the lubrication."""
+def gives_load(function: _Function) -> _Function:
+    """Decorate ``function(bearing, speed)``, a boundary's load [N], so that it follows the lubrication."""
 
     @wraps(function)
-    def scaled(bearing: _Bearing, speed: ArrayLike) -> Any:
+    def scaled(bearing: Lubricated, speed: ArrayLike) -> Any:
         """Return the loads [N] at speeds [m/s], of their shape, by :func:`load_over_speed`.
 
         Without lubrication they are those of ``function``.
@@ -301,7 +264,7 @@ def gives_load(function: LoadAtSpeed[_Bearing]) -> LoadAtSpeed[_Bearing]:
             lubrication, lambda v: function(as_measured(bearing), v), speed, lubrication.viscosity_ratio
         )
 
-    return scaled
+    return cast(_Function, scaled)
 
 
 def load_over_speed(
