@@ -265,26 +265,20 @@ class ColumnRecording(Recording):
         """
         status, is_long = self._find_quality_column(column.place), self.names is not None
         places = [] if status is None or self.bad_mark_test(status) is not None else [status]
+        names = [parse_heading(name).name.split() for name in self.table.names]
+        words, times = names[column.place], self.table.time_columns
         if is_long:
             places += self._key_places(column)
-        elif status is None:
-            places += self._find_flag_columns(column.place)
+        elif status is None and words:
+            # What 'rpm fault' says of 'rpm' is for its owner to tell.
+            flags = [k for k, more in enumerate(names) if more[: len(words)] == words != more]
+            places += [k for k in flags if k not in times]
         for place, marks in self._count_marks(places, column).items():
             is_flag = all(parse_number(mark) in (None, 0.0, 1.0) for mark in marks)
             is_of_words = not all(is_value(mark) or not mark for mark in marks)
             if len(marks) > 1 and (place == status or (is_of_words if is_long else is_flag)):
                 return self.table.names[place], [mark for mark, _ in marks.most_common()]
         return None
-
-    def _find_flag_columns(self, column: int) -> list[int]:
-        """Return the places of the columns headed by a signal's words and more.
-
-        So ``rpm fault`` for the column of ``rpm``: what it says of the signal is for its owner to tell.
-        """
-        names = [parse_heading(name).name.split() for name in self.table.names]
-        words = names[column]
-        places = {*range(len(names) if words else 0)} - {*self.table.time_columns}
-        return [k for k in sorted(places) if names[k][: len(words)] == words != names[k]]
 
     def _count_marks(self, places: Iterable[int], column: LogColumn) -> dict[int, Counter[str]]:
         """Count, in the whole file, the texts in columns beside the cells of another that are not empty.
@@ -500,11 +494,14 @@ class ColumnRecording(Recording):
             yield from find_key_columns(rows, time_ns, self.table.names, self._key_places(column))
 
     def _key_places(self, column: LogColumn) -> list[int]:
-        """Return the places of the columns that may tell rows of a column apart and were not chosen by."""
+        """Return the places of the columns that may tell rows of a column apart and were not chosen by.
+
+        None of them is delivered for a topic.
+        """
         names, status = self.table.names, self._find_quality_column(column.place)
         taken = {column.place, *self.table.time_columns, *(place for place, _ in self.chosen_keys(column))}
         taken |= {*(self.names or ()), *(k for k in (self.unit_place, status) if k is not None)}
-        taken |= find_quality_columns(names)
+        taken |= find_quality_columns(names) | {source.column.place for source in self.by_topic.values()}
         return [k for k in range(len(names)) if k not in taken]
 
 

@@ -8,6 +8,7 @@ A value's name is what a configuration calls it: ``RPM S 1``, the name of a tran
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import operator
 import re
@@ -124,9 +125,11 @@ def _time_before(head: str) -> str:
     if epoch := _EPOCH.search(head):
         text = epoch[1]
         return text if len(text) != 13 else f'{text[:10]}.{text[10:]}'
-    # Behind the name of an instrument, perhaps: '05/04/2026,06:00:00.123,', 'shaft 2026:124:06:00:00.123'.
-    text = head.strip(' ,;\t[]<>')
-    candidates = (text, text.partition(' ')[2].strip()) if any(map(str.isdecimal, text)) else ()
+    # Between names of instruments, perhaps: '05/04/2026,06:00:00.123,', 'shaft 2026:124:06:00:00.123 SPD'.
+    text = head.strip(' ,;\t[]<>"')
+    parts = re.split(r'[\s,;"]+', text)
+    pairs = map(' '.join, itertools.pairwise(parts))
+    candidates = (text, *pairs, *parts) if any(map(str.isdecimal, text)) else ()
     return next((text for text in candidates if is_stamp(text) or is_time(text)), '')
 
 

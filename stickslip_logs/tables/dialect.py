@@ -264,7 +264,8 @@ def _table_dialect(
     first = _find_first_row(rows, decimal, width)
     if first is None:
         raise BagError(
-            f"log '{path}' has no line with a time and a number: write them as CSV, one time in each line"
+            f"log '{path}' has no line with a time and a number: write CSV with a time such as"
+            f" 2026-05-04T06:00:00Z in each line, not as '{' '.join(rows[-1])[:MAX_SHOWN]}'"
         )
     # Where signals have times of their own, the lines behind the end of one are short.
     if first > 0 and len(rows[first - 1]) == len(rows[first]) > width:
@@ -281,9 +282,8 @@ def _table_dialect(
             [[*map(str.removesuffix, row, (*suffixes, *[''] * len(row)))] for row in part]
             for part in (below, tail)
         )
-    remarks, losses = list[str](), list[str]()
-    if len(heading) > width:
-        remarks.append(f'{len(heading)} headings stand above {width} cells: they were matched from the left')
+    losses = list[str]()
+    remark = f'{len(heading)} headings stand above {width} cells: they were matched from the left'
     if written and not heading:
         losses.append(
             f'the {len(written)} headings were not used: below are {width} columns, and nothing tells which'
@@ -307,7 +307,7 @@ def _table_dialect(
         tuple(heading),
         tuple(suffixes),
         decimal if delimiter == ';' and _may_be_thousands(below, decimal) else '',
-        tuple(remarks),
+        (remark,) if len(heading) > width else (),
         tuple(losses),
     )
 
@@ -383,10 +383,9 @@ def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
 
 
 def is_row_of_units(row: Cells) -> bool:
-    """Return whether at least one cell is a known unit, and all are below 16 letters and no numbers."""
-    return any(unit_of(cell) for cell in row) and all(
-        len(cell.strip()) < 16 and parse_number(cell) is None for cell in row
-    )
+    """Return whether a cell is a known unit, and all, but the form of a time, are short and no numbers."""
+    names = [cell.strip() for cell in row if {*cell.lower()} - {*'ymdhnsf-/.:, '}]  # yyyy-mm-dd hh:nn:ss.fff
+    return any(map(unit_of, row)) and all(len(name) < 16 and parse_number(name) is None for name in names)
 
 
 def is_value(cell: str) -> bool:
@@ -457,8 +456,9 @@ def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, w
         if is_next and is_data[k]:
             return k
         if is_data[k]:
-            is_timed = is_headed and any(is_stamp(cell) or is_time(cell) for cell in row)
-            is_preamble &= not is_value(row[0]) and not is_timed
+            # The time of an export stands alone behind its word.
+            is_timed = any(is_stamp(cell) or is_time(cell) for cell in row) and sum(map(is_value, row)) > 1
+            is_preamble &= not is_value(row[0]) and not (is_headed and is_timed)
         if is_headed and not is_preamble:
             break
         # A heading may stand above remarks that most lines leave out.
@@ -552,8 +552,7 @@ def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[
     if not named or named[-1][0].strip().lower().startswith('sep='):
         return [], [''] * width
     units, names = _row_of_units(named)
-    pad = [''] * width
-    return _with_names_above(names, above), [*units, *pad]
+    return _with_names_above(names, above), [*units, *[''] * width]
 
 
 def _rows_without_marks(above: Sequence[Cells], width: int) -> list[Cells]:
@@ -598,11 +597,9 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
         one of types does, the one above of cells that all differ.
     """
     for k in reversed(range(len(named))):
-        row = named[k]
-        is_units = is_row_of_units(row)
-        beside = [neighbour for neighbour in (*named[:k][-1:], named[-1]) if neighbour is not row]
-        if is_units and beside and len(beside[0]) == len(row):
-            return row, beside[0]
+        row, names = named[k], named[k - 1]
+        if names is not row and len(names) == len(row) and is_row_of_units(row):
+            return row, names
     distinct = [row for row in named if len({*row}) == len(row) == len(named[-1]) and all(row)]
     return (), (distinct or named)[-1] if len({*named[-1]}) < len(named[-1]) else named[-1]
 
@@ -611,8 +608,8 @@ def _unit_behind_numbers(rows: Sequence[Cells], place: int, heading: str) -> str
     """Return the unit behind most numbers of a column, with the blank before it; empty where there is none.
 
     The first 500 rows count. Letters right behind whole numbers are a unit only if it is a known one, and a
-    single letter only below the heading of a force or a time: else the cells are names, as '1A' and '5s' of
-    shafts. An 'N' is newtons only below the heading of a force.
+    single letter, even behind a blank, only below the heading of a force or a time: else the cells are names,
+    as '1A' and '5s' of shafts. An 'N' is newtons only below the heading of a force.
     """
     cells = [row[place] for row in rows[:500] if place < len(row) and row[place].strip()]
     counts = Counter(match[1] for cell in cells if (match := _WITH_UNIT.fullmatch(cell)))
@@ -621,9 +618,10 @@ def _unit_behind_numbers(rows: Sequence[Cells], place: int, heading: str) -> str
     is_force = bool(FORCE_WORDS & {*words.split()})
     is_of_time = unit.lower() in TIME_UNITS and bool(TIME_WORDS.search(words))
     is_known = is_of_time or (unit_of(unit, 'force' * is_force) and (is_force or len(unit) > 1))
-    is_whole = suffix == unit and not any(mark in cell for cell in cells for mark in '.,')
+    is_whole = not any(mark in cell for cell in cells for mark in '.,')
+    is_name = is_whole and not is_known and (suffix == unit or len(unit) == 1)
     is_north = unit == 'N' and not is_force
-    return '' if is_north or (is_whole and not is_known) or count <= 0.5 * len(cells) else suffix
+    return '' if is_north or is_name or count <= 0.5 * len(cells) else suffix
 
 
 def _bus_dialect(path: Path, encoding: str, kind: str, first: Sequence[str], last: Sequence[str]) -> Dialect:

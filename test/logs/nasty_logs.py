@@ -677,6 +677,28 @@ LOGS = {
         load=range(900, 909),
         says='5 headings stand above 3 cells: they were matched from the left',
     ),
+    'K-Chief: a preamble filled up, with the times of the export': Log(
+        'Trend export;;;\nVessel;Test;;\nFrom;13.04.2026 10:00:00;;\nTo;13.04.2026 10:00:01;;\n;;;\n'
+        'Time;SPEED;LOAD;PITCH\n;rpm;kN;%\n'
+        '13.04.2026 10:00:00;30,0;0,9;72,5\n13.04.2026 10:00:01;31,0;0,901;72,5\n'
+    ),
+    'DIAdem: the form of the time among the units': Log(
+        'Time;Shaft_Speed;Load\nyyyy-mm-dd hh:nn:ss.fff;1/min;kN\n~0.000;30,0;0,9\n~1.000;31,0;0,901\n'
+    ),
+    'NMEA 0183 between the names of instruments': Log(
+        ''.join(
+            f'NAV 2026/04/13 10:00:0{k}.000 SHAFT {nmea_sentence(f"ERRPM,S,1,{30 + k},0,A")}\n'
+            f'NAV 2026/04/13 10:00:0{k}.000 BRG {nmea_sentence(f"ERXDR,N,{900 + k},N,LOAD")}\n'
+            for k in range(2)
+        )
+    ),
+    'NMEA 0183 behind cells in quotation marks': Log(
+        ''.join(
+            f'"13/04/2026 10:00:0{k}";"COM3";"{nmea_sentence(body)}"\n'
+            for k in range(2)
+            for body in (f'ERRPM,S,1,{30 + k},0,A', f'ERXDR,N,{900 + k},N,LOAD')
+        )
+    ),
     'no heading, a status in words': Log(
         '@0,RUN,30\n@1,STOP,31\n@2,RUN,32\n@3,STOP,33\n',
         times=times_after_start(0, 1, 2, 3),

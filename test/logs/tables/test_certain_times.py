@@ -221,6 +221,14 @@ def test_a_number_before_other_digits_is_no_time(time: str, tmp_path: Path) -> N
         times_of(tmp_path, log_of('time', lambda _: time))
 
 
+@pytest.mark.parametrize('time', ['2026年05月14日 06時', '1778738400:0'])
+def test_a_line_without_a_time_is_shown(time: str, tmp_path: Path) -> None:
+    with pytest.raises(
+        BagError, match=f"a time such as 2026-05-04T06:00:00Z in each line, not as '{time} up'"
+    ):
+        times_of(tmp_path, 'when,state\n' + f'{time},up\n' * 9)
+
+
 def test_a_log_of_one_value_a_line_without_headings_has_its_seconds_since_1970(tmp_path: Path) -> None:
     rows = ''.join(
         f'{(T0 + k * EVERY).timestamp():.3f} rpm 30\n{(T0 + k * EVERY).timestamp():.3f} load 900\n'

@@ -171,16 +171,20 @@ def test_shafts_that_turn_alike_at_the_ends_of_a_log_are_told_apart_by_its_middl
         log_of_twins(noise=3, begin=10_000),
         # Samples of one shaft in a second that slows down, and one number of each of many things.
         'time,ms,rpm\n' + ''.join(f'{k // 4},{k % 4 * 250},{90 - k // 50}\n' for k in range(4000)),
+        # A load in whole numbers that comes and goes at a steady pace.
+        'time,load,rpm\n' + ''.join(f'{k},{900 + 5 * k % 13},{90 + k % 3}\n' for k in range(600)),
         'time,n,rpm\n'
         + ''.join(f'{k // 2},{k % 4},{90}\n' for k in range(300))
         + ''.join(f'{k // 2},{k},{90 - 70 * (k % 2)}\n' for k in range(300, 3000)),
     ],
-    ids=['alike to the end', 'samples of one', 'too many'],
+    ids=['alike to the end', 'samples of one', 'a signal', 'too many'],
 )
 def test_numbered_rows_of_alike_values_are_read(text: str, tmp_path: Path) -> None:
     recording = open_log(tmp_path, text)
-    request = Request('rpm', 'data')
-    assert recording.read([request])[request].value.size == text.count('\n') - 1
+    inputs = [column for column in recording.all_columns if column.heading in ('load', 'rpm')]
+    recording.deliver({column.heading: SourceColumn(column) for column in inputs})
+    for request, series in recording.read([Request(c.heading, 'data') for c in inputs]).items():
+        assert series.value.size == text.count('\n') - 1, request
 
 
 @pytest.mark.parametrize('names', ['rpm,oil,fuel', 'oil,rpm,fuel', 'oil,fuel,rpm'])
