@@ -105,7 +105,7 @@ class StampLayout:
         zone: The distance from UTC of those that say none, as +02:00; empty where it is not known.
 
     Attributes:
-        has_zone: Whether their distance from UTC is known.
+        has_zone: Whether their distance from UTC is known: it is given, or half of them or more have one.
         guess: A sentence on a date that may be read in another order; empty where the dates tell.
         question: A question on it, as a clause behind the name of an input; empty where the dates tell.
     """
@@ -116,7 +116,9 @@ class StampLayout:
         )
         matches = [match for text in stamps if (match := self._pattern.fullmatch(text.strip()))]
         self._zone = zone
-        self.has_zone = bool(zone) or any(match['z'] for match in matches)
+        # Where most have a zone, one without is damaged; where few have, theirs is read.
+        self._has_zones = not zone and 2 * sum(bool(match['z']) for match in matches) >= max(len(matches), 1)
+        self.has_zone = bool(zone) or self._has_zones
         self.guess = self.question = ''
         # The groups of the pattern that are year, month and day.
         self._year, self._month, self._day = 'Y', 'm', 'd'
@@ -182,7 +184,7 @@ class StampLayout:
         year, hour, minute, seconds = (int(part[key] or 0) for key in (self._year, 'H', 'M', 'S'))
         if part.get('half'):
             hour = hour % 12 + 12 * (part['half'][0] in 'pP')
-        if hour > 24 or minute > 59 or seconds > 60:
+        if hour > 24 or minute > 59 or seconds > 60 or (self._has_zones and not part['z']):
             return None
         try:
             if 'j' in part:
@@ -208,6 +210,7 @@ class StampLayout:
         if (
             match is None
             or match.groupdict().get('half')
+            or (self._has_zones and not match['z'])
             or {'name', 'j'} & match.groupdict().keys()
             or set(map(len, texts)) != {len(match[0])}
         ):

@@ -227,12 +227,13 @@ def remedy_for_format(path: Path, lines: Sequence[str]) -> str:
     """Return the clause, without its subject, that lines are in a format that is not read; else empty.
 
     It says how to convert the file of that path. More than half of the first 200 lines decide, or a brace
-    before all.
+    before all, perhaps behind a bracket.
     """
-    text = ''.join(lines)
-    if text.lstrip().startswith('{'):
+    text, file = ''.join(lines), shlex.quote(str(path))
+    if begin := re.match(r'\s*(\[?)\s*\{', text):
         program = _JQ_OF_PACKAGE if '"TimeSeriesData"' in text else _JQ_OF_OBJECTS
-        return f"is JSON: write it as CSV with jq -r '{program}' {shlex.quote(str(path))} > NEW.csv"
+        command = f"jq -c '.[]' {file} | jq -r '{program}'" if begin[1] else f"jq -r '{program}' {file}"
+        return f'is JSON: write it as CSV with {command} > NEW.csv'
     forms = {
         form: f'has frames of NMEA 2000: convert it with canboat, {command} > {{1}}.json'
         for form, command in _FRAMES.items()

@@ -70,6 +70,22 @@ def test_times_are_of_the_zone_that_is_written(zone: str, tmp_path: Path) -> Non
     assert times_of(tmp_path, text) == ([epoch_ns(T0 + k * EVERY - behind) for k in range(3)], '')
 
 
+@pytest.mark.parametrize('share', [2, 10, 45])
+def test_times_without_a_zone_among_times_with_one_are_damaged(share: int, tmp_path: Path) -> None:
+    """Two hours lie between +02:00 and nothing, which was taken as UTC."""
+    zones = ['+02:00', ''] if share < 45 else ['', '+02:00']
+    rows = log_of('time', lambda t: f'{t:%Y-%m-%dT%H:%M:%S}{zones[(t - T0).seconds % share == 0]}')
+    recording = open_log(tmp_path, rows)
+    (series,) = recording.read([Request('rpm', 'data')]).values()
+    if share < 45:
+        expected = [epoch_ns(T0 + k * EVERY - timedelta(hours=2)) for k in range(90) if k % share]
+        assert series.stamp_ns.tolist() == expected
+        assert f'{90 // share} lines without a time were not used' in recording.losses[0]
+    else:
+        assert series.value.size == 90
+        assert 'times have no zone: taken as UTC' in recording.warnings
+
+
 @pytest.mark.parametrize(
     ('heading', 'minutes'),
     [('Time (UTC+2)', 120), ('time UTC-03:30', -210), ('GMT+0545', 345), ('Time, GMT +02:00', 120)],

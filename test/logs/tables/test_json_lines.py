@@ -96,3 +96,9 @@ def test_lines_of_json_are_refused_with_a_command(tmp_path: Path) -> None:
     )
     with pytest.raises(BagError, match=re.escape(f"jq -r '{program}' '{path}' > NEW.csv")):
         open_bag(path)
+    # An array is split to lines first, which was run by jq 1.6.
+    path.write_text(
+        '[\n {"ts": "2026-05-04T06:00:00Z", "rpm": 30},\n {"ts": "2026-05-04T06:00:01Z", "rpm": 31}\n]\n'
+    )
+    with pytest.raises(BagError, match=re.escape(f"jq -c '.[]' '{path}' | jq -r '{program}' > NEW.csv")):
+        open_bag(path)
