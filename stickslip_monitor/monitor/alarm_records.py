@@ -76,7 +76,7 @@ def alarms_record(
 
 
 def change_record(change: AlarmChange) -> dict[str, Any]:
-    """Return the record of one change of an alarm."""
+    """Return the record of one change of an alarm; the fields are in interfaces.md."""
     return {
         'time': change.time_ns,
         'bearing': change.bearing,
@@ -104,7 +104,7 @@ def _common_fields(alarm: LiveAlarm) -> dict[str, Any]:
 
 
 def alarm_record(annunciator: Annunciator, alarm: LiveAlarm) -> dict[str, Any]:
-    """Return the record of one alarm as it stands."""
+    """Return the record of one alarm as it stands; the fields are in interfaces.md."""
     return _common_fields(alarm) | {
         'state': alarm.state.value,
         'active': alarm.active,

@@ -156,6 +156,8 @@ class _Assessed(Generic[_Number]):
     ) -> _Number:
         """Return an amplitude under averaging [m] at the points of some outcomes; ``nan`` elsewhere.
 
+        It is ``nan``, too, beyond the averaged fold.
+
         Args:
             solve: Returns amplitudes for the bearing as measured, with speeds and loads of shape (n,).
             *codes: Those outcomes, as indices into :data:`OUTCOMES`.
@@ -197,7 +199,7 @@ class _Assessed(Generic[_Number]):
 
     @property
     def fold_share(self) -> _Number:
-        """The averaged fold as a share of the one that decides; 1 without either."""
+        """The averaged fold as a share of the one that decides; 1 where either is missing or infinite."""
 
         def share(kbm: FloatArray, fold: FloatArray) -> FloatArray:
             """Return ``kbm / fold`` of flat columns; 1 where either is missing or infinite."""

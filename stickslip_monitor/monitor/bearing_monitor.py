@@ -89,7 +89,8 @@ class BearingMonitor(Standing):
     def retune(self, config: BearingConfig) -> None:
         """Replace configuration and settings by new thresholds, delays, scales and timeouts.
 
-        Speed and load in the memory are converted into a new scale; a level is learned anew.
+        Where a scale or an offset changes, speed and load in the memory are converted, and a level is learned
+        anew.
         """
         old, self.config = self.settings.live, config
         self.settings = settings_of(config)

@@ -178,7 +178,10 @@ class BearingState:
 
     @property
     def severity(self) -> Severity:
-        """Severity of the condition, at least WARN where inputs are faulty or the bearing is not watched."""
+        """Severity of the condition, at least WARN where inputs are faulty or their sources mixed.
+
+        WARN, too, while the bearing is not watched, or waits for its first point.
+        """
         if not self.monitoring or self.is_waiting:
             return Severity.WARN
         doubtful = self.faults or self.mixed

@@ -119,9 +119,9 @@ class ClipRecorder:
             self._taken_size = self._past_size
 
     def advance(self, time_ns: int) -> None:
-        """Let time pass up to a time of the samples [ns], which ends a clip after its length.
+        """Let time pass up to a time of the samples [ns]; a clip ends ``around_ns`` after its last alarm.
 
-        A step back by more than a clip's length is a jump of the clock: it ends the clip and drops the past.
+        A step back by more than that is a jump of the clock: it ends the clip and drops the past.
         """
         if time_ns < self.now_ns - self.config.around_ns:
             self.finish()

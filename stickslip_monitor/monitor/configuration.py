@@ -51,7 +51,7 @@ def check_topic(whose: str, topic: str) -> None:
 
 
 def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> MonitorConfig:
-    """Validate flat, dotted parameters and build the configuration.
+    """Validate flat, dotted parameters and build the configuration; files of calibrations are read.
 
     Args:
         values: Parameter values by full name, e.g. ``{'bearings': ['aft'], 'aft.mass': 50.0}``.
@@ -62,7 +62,8 @@ def build_config(values: Mapping[str, Any], *, is_live: bool = False) -> Monitor
         The configuration.
 
     Raises:
-        ConfigurationError: A value breaks its rule; the text names parameter, value and rule.
+        ConfigurationError: A parameter is unknown or missing, or breaks its rule; the text names parameter,
+            value and rule.
 
     >>> lining = {'mass': 50.0, 'damping': 400.0, 'stiffness': 2.0e6, 'journal_diameter': 0.1}
     >>> law = {'friction.static': 0.3, 'friction.kinetic': 0.1, 'friction.decay': 10.0}

@@ -152,7 +152,10 @@ def receive_sample(
 
 
 def latest_value(s: State, place: int) -> float:
-    """Return the latest value of an input: m/s, N or C, a level in its own unit; ``nan`` before the first."""
+    """Return the latest value of an input: m/s, N or C, a level in its own unit; ``nan`` before the first.
+
+    Before its first value the water has its configured temperature, if any.
+    """
     if place == WATER:
         return s.water
     return s.level if place == LEVEL else s.value[place]
@@ -629,7 +632,10 @@ def has_grown(s: State, c: RuleNumbers) -> bool:
 
 
 def begin_stick_slip(s: State, c: RuleNumbers) -> None:
-    """Begin stick-slip, and count it as an onset unless it is back before its alarm could clear."""
+    """Begin stick-slip, and count it as an onset unless it is back before its alarm could clear.
+
+    The times towards its end, and whether the level has risen, start anew.
+    """
     raised = s.raised & (1 << STICK_SLIP)
     s.onsets += int(not raised or s.count[STICK_SLIP] >= c.off_delay)
     s.sticking = s.known = 1
@@ -638,6 +644,8 @@ def begin_stick_slip(s: State, c: RuleNumbers) -> None:
 
 def note_level(s: State, verdict: int) -> None:
     """Note what a level says of stick-slip that is predicted: that it vibrates, or since when it is quiet.
+
+    Where none is predicted that time is forgotten.
 
     Args:
         s: The memory, of which ``heard`` and ``unseen`` change.
@@ -677,7 +685,8 @@ def update_rungs(s: State, c: RuleNumbers, fresh: bool) -> None:
 def change_delay(s: State, c: RuleNumbers, rung: int) -> int:
     """Return for how long a rung has to be asked for until it changes [ns].
 
-    Stick-slip is raised at once, since growth is a delay of its own.
+    It is the on-delay to be raised, but nothing for stick-slip where growth is a delay of its own; to be
+    cleared the off-delay, six of them for a rung that is held because it came back.
     """
     if s.raised & (1 << rung):
         return c.off_delay if s.cleared[rung] == NEVER else HOLD * c.off_delay

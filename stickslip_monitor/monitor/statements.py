@@ -149,7 +149,7 @@ class Standing:
 
     @property
     def unknown(self) -> Unknown | None:
-        """Reason why the measured vibration says nothing; ``None`` where it does."""
+        """Reason why the measured vibration says nothing; ``None`` where it does or none is configured."""
         s, c = self.state, self.settings.live
         if not c.has_level:
             return None
@@ -167,7 +167,10 @@ class Standing:
 
     @property
     def water_doubt(self) -> str:
-        """Reason why the water may have another temperature, as a clause; empty where it is measured."""
+        """Reason why the water may have another temperature, as a clause; empty where it is measured.
+
+        Empty, too, where no sensor of it is configured.
+        """
         source, came = self.config.water_temperature, self.state.came[WATER]
         if source is None:
             return ''

@@ -81,7 +81,7 @@ class FoldShift:
 
 
 def shear_modulus(hardness: float) -> float:
-    """Return the shear modulus [Pa] of rubber of a hardness [Shore A].
+    """Return the shear modulus [Pa] of rubber of a hardness from 30 to 90 [Shore A].
 
     ``E = 0.0981 (56 + 7.623 S) / (0.1375 (254 - 2.54 S)) MPa`` and ``G = E/3``: Gent, Rubber
     Chemistry and Technology 31 (1958) 896.

@@ -33,7 +33,7 @@ def meets_belt(bearing: Bearing, speed: FloatArray, load: FloatArray, error: flo
     """Return where slip from breakaway meets the belt again, whether it then sticks or overtakes.
 
     Args:
-        bearing: The bearing.
+        bearing: The bearing, with friction as measured.
         speed: ``V`` > 0, shape (n,) [m/s].
         load: ``N`` > 0, shape (n,) [N].
         error: Error of a step, relative to the speeds [-].

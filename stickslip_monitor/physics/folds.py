@@ -165,7 +165,7 @@ def exact_fold(bearing: Bearing, load: FloatArray) -> FloatArray:
     """Return the last speed at which the lining sticks [m/s].
 
     Args:
-        bearing: The bearing.
+        bearing: The bearing, with friction as measured.
         load: ``N`` > 0 and finite [N], shape (n,).
 
     Returns:

@@ -265,7 +265,7 @@ def integrate(
         samples up to there.
 
     Raises:
-        PhysicsError: Sample times or accuracy break their rule, or numba was asked for and is missing.
+        PhysicsError: Sample times or accuracy break their rule, or numba was asked for and may not be used.
     """
     if bearing.lubrication is not None:
         scale = float(bearing.lubrication.scale(float(drive.load[0])))

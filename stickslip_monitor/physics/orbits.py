@@ -97,7 +97,7 @@ def slip_field(bearing: Bearing, speed: FloatArray, load: FloatArray) -> SlipFie
     """Return the field in which linings slip behind the belt, with displacements counted from breakaway.
 
     Args:
-        bearing: The bearing.
+        bearing: The bearing; with lubrication, too, friction is taken as measured.
         speed: ``V`` > 0, shape (n,) [m/s].
         load: ``N`` > 0, shape (n,) [N].
     """

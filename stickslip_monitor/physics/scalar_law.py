@@ -132,6 +132,10 @@ def law_bounds(law: FrictionLaw) -> LawBounds:
 class LawFunctions:
     """A law's four functions, bound to its numbers as lists, which are faster than arrays one by one.
 
+    Args:
+        numbers: :class:`.Exponential` or :class:`.Pieces`, copied.
+        module: The module with the functions of these numbers.
+
     Attributes:
         begin: As :func:`begin_series`.
         drop: As :func:`friction_drop`.
