@@ -302,5 +302,7 @@ def _samples_of_lines(text: bytes, source: SampleLines) -> tuple[set[Sample], fl
             if not source.has_clock or second == clock or not samples:
                 is_other, clock = False, second
                 samples_held.update(samples)
+        # A line that was changed may still have a time.
+        clock = -1 if is_other else clock
         other_count += is_other
     return samples_held, 2 * other_count
