@@ -621,6 +621,8 @@ def clock_of_numbers(
     if not is_named and (table.units[column] is not None or not is_steady or not is_fine):
         return None
     heading = table.names[column]
+    if values.size > 4:  # one of them may be damaged
+        values = np.delete(values, [values.argmin(), values.argmax()])
     unit_ns, zero, meaning, question = _meaning_of_numbers(*table.headings[column], values)
     remarks = (f"times in '{heading}' are {meaning}",)
     read = number_reader(unit_ns, zero, table.decimal)

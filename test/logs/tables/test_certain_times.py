@@ -495,3 +495,26 @@ def test_a_date_with_points_has_the_day_first(damaged: str, tmp_path: Path) -> N
     first_ns = epoch_ns(T0 - timedelta(days=10))
     assert times_ns == [first_ns + k * 10**9 for k in range(1, 9)]
     assert not question
+
+
+@pytest.mark.parametrize('place', [0, 7, 89])
+@pytest.mark.parametrize(
+    ('form', 'damaged'),
+    [
+        (
+            lambda t: f'{(t - datetime(1899, 12, 30, tzinfo=timezone.utc)) / timedelta(days=1):.8f}',
+            '4615625.7',
+        ),
+        (lambda t: f'{t.timestamp():.0f}', '1778738400123'),
+        (lambda t: f'{t.timestamp() * 1000:.0f}', '1778738400'),
+    ],
+)
+def test_one_damaged_number_does_not_tell_what_the_other_times_are(
+    form: Callable[[datetime], str], damaged: str, place: int, tmp_path: Path
+) -> None:
+    text = log_of('time', form)
+    sound = open_log(tmp_path, text).table.clocks[0]
+    lines = text.splitlines(keepends=True)
+    lines[place + 1] = f'{damaged},30,900\n'
+    clock = open_log(tmp_path, ''.join(lines)).table.clocks[0]
+    assert (clock.remarks, clock.question) == (sound.remarks, '')
