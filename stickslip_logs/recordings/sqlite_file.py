@@ -211,16 +211,16 @@ class SqliteFile(BagFile):
 
         Raises:
             BagError: The file cannot be read, or the copy not be written.
-            OSError: There is no folder for temporary files.
         """
         if keys not in self._copies:
-            copy = self._scratch.folder / f'{self.path.name}.{len(self._copies)}'
             columns = f'timestamp, topic_id, CASE WHEN topic_id IN ({keys}) THEN data END'
-            with self._open_read_only() as database, contextlib.closing(sqlite3.connect(copy)) as target:
-                target.execute('CREATE TABLE messages(timestamp, topic_id, data)')
-                for rows in self._iterate_rows(database, columns):
-                    target.executemany('INSERT INTO messages VALUES (?, ?, ?)', [row[1:] for row in rows])
-                target.commit()
+            with self._open_read_only() as database:
+                copy = self._scratch.folder / f'{self.path.name}.{len(self._copies)}'
+                with contextlib.closing(sqlite3.connect(copy)) as target:
+                    target.execute('CREATE TABLE messages(timestamp, topic_id, data)')
+                    for rows in self._iterate_rows(database, columns):
+                        target.executemany('INSERT INTO messages VALUES (?, ?, ?)', [row[1:] for row in rows])
+                    target.commit()
             self._copies[keys] = copy
         return self._copies[keys]
 

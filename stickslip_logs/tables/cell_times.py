@@ -175,7 +175,7 @@ class StampLayout:
     def _parse_stamp(self, text: str) -> int | None:
         """Return a date with a time as ns since 1970, in UTC if it has no zone; year 26 is 2026.
 
-        None for another text, for no such day or hour (24 and second 60 are some), and for a time too large.
+        None for another text, one without a zone where most have it, no such day or hour, and a large time.
         """
         match = self._pattern.fullmatch(text.strip())
         if match is None:
@@ -202,8 +202,8 @@ class StampLayout:
     def _parse_alike(self, texts: Cells) -> Times:
         """Return the times of cells that are all written like the first one; else mark none as a time.
 
-        None are times either where the layout has names of months, days of the year or halves of a day. This
-        is the fast way; such cells are left to :meth:`_parse_stamp`.
+        None are either where the layout has names of months, days of the year or halves of a day, or the
+        first lacks a zone. This is the fast way; such cells are left to :meth:`_parse_stamp`.
         """
         none = np.zeros(len(texts), np.int64), np.zeros(len(texts), np.bool_)
         match = self._pattern.fullmatch(texts[0]) if texts else None

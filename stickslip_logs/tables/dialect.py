@@ -384,7 +384,7 @@ def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
 
 
 def is_row_of_units(row: Cells) -> bool:
-    """Return whether a cell is a known unit, and all, but the form of a time, are short and no numbers."""
+    """Return whether a cell is a known unit, and all but forms of times are below 16 letters, no numbers."""
     names = [cell.strip() for cell in row if {*cell.lower()} - {*'ymdhnsf-/.:, '}]  # yyyy-mm-dd hh:nn:ss.fff
     return any(map(unit_of, row)) and all(len(name) < 16 and parse_number(name) is None for name in names)
 

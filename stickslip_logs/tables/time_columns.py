@@ -606,9 +606,9 @@ def clock_of_numbers(
 ) -> Clock | None:
     """Return the clock of a column of numbers by some rows; None where they do not look like times.
 
-    What its numbers were taken for is in its remarks; if they may be something else, it has a question. If it
-    is not headed as a time, its numbers must rise or fall throughout, differ in most rows, and have no unit
-    of the configuration.
+    What its numbers, but the least and the largest of five and more, were taken for is in its remarks; if
+    they may be something else, it has a question. If it is not headed as a time, its numbers must rise or
+    fall throughout, differ in most rows, and have no unit of the configuration.
     """
     numbers = [_number_of(row[column], table.decimal) for row in rows if column < len(row)]
     values = np.array([value for value in numbers if math.isfinite(value)])

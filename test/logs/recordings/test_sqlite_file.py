@@ -21,6 +21,7 @@ import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from stickslip_logs.errors import BagError
 from stickslip_logs.recordings.bag_recording import BagRecording
 from stickslip_logs.recordings.folders import find_bags
 from stickslip_logs.recordings.reader import open_bag
@@ -204,7 +205,9 @@ def test_a_damaged_row_id_costs_no_messages_of_others(row_id: int, changed_id: b
     assert 'is damaged' in ' '.join(recording.losses)
 
 
-def test_of_damaged_rows_only_wanted_messages_are_copied(tmp_path: Path) -> None:
+def test_of_damaged_rows_only_wanted_messages_are_copied(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Row 100 has the id 5; those of a camera have 100 kB each, and nobody asks for them."""
     file = change_database(
         tmp_path,
@@ -227,6 +230,9 @@ def test_of_damaged_rows_only_wanted_messages_are_copied(tmp_path: Path) -> None
     assert len(copies) == 1
     assert copies[0].stat().st_size < 100_000
     assert len([m for m in recording.messages() if len(m.data) == 100_000]) == 200
+    monkeypatch.setattr('tempfile.tempdir', str(tmp_path / 'gone'))
+    with pytest.raises(BagError, match='cannot be read: '):
+        open_bag(file).read([SPEED])
 
 
 def test_the_judge_of_times_reads_no_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
