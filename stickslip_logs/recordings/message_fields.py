@@ -78,10 +78,7 @@ def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPat
     None where the messages must be decoded one by one: an element is chosen by name, or the type has arrays
     of varying size in the way, or is too large.
 
-    Args:
-        definitions: The fields of all types.
-        root: The type.
-        paths: Paths that lead to numbers, as :func:`find_primitive` has checked.
+    The paths lead to numbers of the type ``root``, as :func:`find_primitive` has checked.
     """
     if any(isinstance(step, ByName) for path in paths for step in path):
         return None
@@ -105,12 +102,8 @@ def _list_tokens(
     """Yield each token of a type with its path, in the order of the data; None for what has no layout.
 
     An array of numbers is one token, a text one without a length; a type without fields has one of a byte,
-    called ''. A wstring, an array without a fixed size and too deep nesting have no layout.
-
-    Args:
-        definitions: The fields of all types.
-        root: The short name of the type.
-        prefix: The path to it, with which all paths begin.
+    called ''. A wstring, an array without a fixed size and too deep nesting have no layout. ``root`` is the
+    short name of the type, ``prefix`` the path to it, with which all paths begin.
     """
     if len(prefix) > _MAX_DEPTH:
         yield prefix, None
@@ -138,11 +131,7 @@ def _gather_numbers(
 ) -> tuple[list[NDArray[Any]], BoolArray]:
     """Gather numbers from messages, in little-endian order, by stepping through all of them at once.
 
-    Args:
-        layout: Their layout.
-        data: What they lie in.
-        offset: Where each message begins in it, shape (n,).
-        size: How long it is [bytes], shape (n,).
+    In ``data`` each message begins at its ``offset``, shape (n,), and has its ``size`` [bytes], shape (n,).
 
     Returns:
         An array of shape (n,) for each number; and for which messages they are right, shape (n,).

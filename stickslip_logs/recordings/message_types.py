@@ -118,11 +118,9 @@ def _strip_comments(text: str) -> list[str]:
 
 
 def _parse_fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
-    """Return the fields that lines of a definition declare; skip constants.
+    """Return the fields that lines of a definition, without comments, declare; skip constants.
 
-    Args:
-        lines: The lines without comments.
-        name: The type, whose package is that of types without one.
+    The package of the type ``name`` is that of types without one.
 
     Raises:
         SchemaError: A line is not a field, or its array is too long or has a bound without a number.
@@ -132,11 +130,7 @@ def _parse_fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
 
 
 def _parse_field(line: str, package: str) -> Field:
-    """Parse the line of a field.
-
-    Args:
-        line: The line, not blank.
-        package: The package of a type without one.
+    """Parse the line of a field, which is not blank; ``package`` is that of a type without one.
 
     Raises:
         SchemaError: It is not a field, or its array is too long or has a bound without a number.
@@ -158,12 +152,9 @@ def _parse_field(line: str, package: str) -> Field:
 
 
 def find_primitive(definitions: Definitions, root: str, path: FieldPath) -> str:
-    """Return the primitive type, such as ``float64``, of the number at a path in a type.
+    """Return the primitive type, such as ``float64``, of the number at a path in the type ``root``.
 
-    Args:
-        definitions: The fields of each type by its short name: of the root and of all types within it.
-        root: Name of the type.
-        path: The path.
+    The definitions have, by short name, the fields of the root and of all types within it.
 
     Raises:
         SchemaError: The path does not lead to a number.

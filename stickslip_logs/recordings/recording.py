@@ -256,11 +256,7 @@ class Recording(ABC):
         """Read a whole recording at once; return a series for each request, with its faults.
 
         What cannot be read is missing, and ``losses`` names it. Without stamps ``stamp_ns`` is the same array
-        as ``log_time_ns``.
-
-        Args:
-            requests: The numbers to read.
-            progress: Called during the pass with how much is done and to do.
+        as ``log_time_ns``. The arguments are those of :meth:`reading`.
 
         Raises:
             BagError: As for :meth:`reading`; also FieldError and OSError.
