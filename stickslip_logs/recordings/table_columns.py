@@ -304,7 +304,8 @@ class ColumnRecording(Recording):
     def bad_mark_test(self, status: int) -> Callable[[str], bool] | None:
         """Return a function that is True for a mark by which a number does not count.
 
-        None where the marks of the column at the place ``status``, in head and tail, have no known meaning.
+        The marks are those of the column at the place ``status``, in head and tail. None where they have no
+        known meaning; else an unknown word is such a mark, an empty one is not.
         """
         marks = {str(row[status]) for row in self._ends if len(row) > status}
         return find_bad_mark_test(self.table.names[status], marks)

@@ -122,7 +122,7 @@ class BagWriter:
             name: Its name.
             type: Its message type, e.g. ``std_msgs/msg/Float64``.
             definition: The concatenated ``ros2msg`` definition of a type that is not built in, None for one
-                that is; of a type that another topic has the first one counts.
+                that is; of a type that another topic has the first one counts. It is not checked.
 
         Raises:
             BagError: The topic was added already, the type needs a definition, or the disk does not take it.

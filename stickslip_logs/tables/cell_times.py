@@ -161,7 +161,8 @@ class StampLayout:
         """Return the times of a column, or of those of dates, of times of the day and of zones.
 
         Returns:
-            The times [ns] since 1970, and which cells are in this layout and a date; others have the time 0.
+            The times [ns] since 1970, and which cells are in this layout, a date, and with a zone where half
+            or more have one; others have the time 0.
         """
         texts = columns[0]
         if len(columns) > 1:
@@ -175,7 +176,8 @@ class StampLayout:
     def _parse_stamp(self, text: str) -> int | None:
         """Return a date with a time as ns since 1970, in UTC if it has no zone; year 26 is 2026.
 
-        None for another text, one without a zone where most have it, no such day or hour, and a large time.
+        None for another text, for one without a zone where half or more have one, for no such day or hour,
+        and for a time too large. Hour 24 and second 60 are the beginning of the next day and minute.
         """
         match = self._pattern.fullmatch(text.strip())
         if match is None:
