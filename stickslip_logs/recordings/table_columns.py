@@ -20,7 +20,7 @@ from stickslip_logs.errors import BagError, did_you_mean, listed
 from stickslip_logs.recordings.recording import Findings, Recording, TopicInfo
 from stickslip_logs.tables.bus_log import name_of_first_source
 from stickslip_logs.tables.cell_times import DAY, Cells
-from stickslip_logs.tables.dialect import is_number_as_unit, is_value, parse_heading, parse_number, with_unit
+from stickslip_logs.tables.dialect import is_line_damaged, is_value, parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality_columns import find_bad_mark_test, find_quality_columns, is_quality_of
 from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_columns, is_same_key
 from stickslip_logs.tables.table_file import open_table
@@ -220,10 +220,10 @@ class ColumnRecording(Recording):
         seen: dict[str, Counter[str]] = {}
         for row in self._rows_of_every_name(name):
             unit = row[place] if place is not None and len(row) > place else ''
-            if not is_number_as_unit(unit):
-                seen.setdefault(row[name], Counter())[unit] += 1
+            if not is_line_damaged(row[name], unit):
+                seen.setdefault(row[name].strip(), Counter())[unit] += 1
         for heading_text, units in seen.items():
-            if not heading_text.strip():
+            if not heading_text:
                 continue  # a line without a number
             # The unit of most lines: one line may be damaged.
             heading, known_unit = with_unit(heading_text, units.most_common(1)[0][0])
@@ -469,26 +469,18 @@ class ColumnRecording(Recording):
         """Return the heading of the column whose words tell several things apart, such as shafts, and these.
 
         Only head and tail are searched; the words are each once, in their order. None where the rows of the
-        column are of one thing, may be by :meth:`numbered_columns`, or were sent over a bus.
+        column are of one thing, have numbers for these, or were sent over a bus.
 
         Args:
             column: The column of the numbers of these things.
         """
-        key = next((place for place, is_numbered in self._find_keys(column) if not is_numbered), None)
+        key = next((place for place, is_numbered in self.find_keys(column) if not is_numbered), None)
         if key is None:
             return None
         words = [row[key].strip() for row in self._rows_of(column, self._ends)[0] if key < len(row)]
         return self.table.names[key], list(dict.fromkeys(filter(None, words)))
 
-    def numbered_columns(self, column: LogColumn) -> list[int]:
-        """Return the places of the columns whose numbers may tell things apart; head and tail are searched.
-
-        Args:
-            column: The column of the numbers of these things.
-        """
-        return [place for place, is_numbered in self._find_keys(column) if is_numbered]
-
-    def _find_keys(self, column: LogColumn) -> Iterator[tuple[int, bool]]:
+    def find_keys(self, column: LogColumn) -> Iterator[tuple[int, bool]]:
         """Yield as :func:`.find_key_columns`; nothing for a log of a bus: one sender is used, as live."""
         if not self.is_sent:
             rows, time_ns = self._rows_of(column, self._ends)

@@ -21,7 +21,7 @@ from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
 from stickslip_logs.source_admission import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, name_of_first_source
 from stickslip_logs.tables.cell_times import DAY
-from stickslip_logs.tables.dialect import is_number_as_unit, with_unit
+from stickslip_logs.tables.dialect import is_line_damaged, with_unit
 from stickslip_logs.tables.row_keys import KeySteps, NumberedRows, find_end_columns, is_same_key
 from stickslip_logs.tables.table_file import Numbers, Rows, select_cells, unused_lines
 from stickslip_logs.time_order import Row, Sorter, TimeCourse, TimeOrder
@@ -126,8 +126,9 @@ class TableReading:
         statuses = {k for source in columns.values() if (k := source.status) is not None}
         self._is_bad = {k: is_bad for k in statuses if (is_bad := recording.bad_mark_test(k)) is not None}
         self._unit_place = recording.unit_place
-        numbered = (k for source in columns.values() for k in recording.numbered_columns(source.column))
-        self._numbered = NumberedRows(dict.fromkeys(numbered))
+        self._name_place = None if recording.names is None or recording.is_sent else recording.names[0]
+        keys = (key for source in columns.values() for key in recording.find_keys(source.column))
+        self._numbered = NumberedRows(dict.fromkeys(place for place, is_numbered in keys if is_numbered))
         self._steps, self._wanted = self._choose_places(statuses)
         self._converted: set[str] = set()
         self._signals: dict[tuple[str, ...], int] = {}
@@ -159,9 +160,9 @@ class TableReading:
         ends = [] if table.is_sent else find_end_columns(table.head, table.tail, len(table.names))
         steps = KeySteps(place for place in ends if place not in keys)
         places = [source.column.place for source in self._columns.values()]
-        units = set() if self._unit_place is None else {self._unit_place} - {*statuses}
+        of_line = [place for place in (self._name_place, self._unit_place) if place is not None]
         return steps, list(
-            dict.fromkeys([*places, *keys, *statuses, *units, *steps.places, *self._numbered.texts])
+            dict.fromkeys([*places, *keys, *statuses, *of_line, *steps.places, *self._numbered.texts])
         )
 
     def _judge_order(self) -> tuple[TimeCourse, bool]:
@@ -222,7 +223,7 @@ class TableReading:
             if self._progress is not None:
                 self._progress(done, max(done, recording.table.line_count))
         if self._damaged:
-            recording.lose(unused_lines(self._damaged, 'with a number in place of a unit'))
+            recording.lose(unused_lines(self._damaged, 'of another table, or with a number for a unit'))
         self._refuse_several_things()
         for block in blank if has_numbers else ():
             add(*block)
@@ -365,15 +366,17 @@ class TableReading:
     def _read_rows(self, rows: Rows) -> Part:
         """Read the numbers of all topics from a block of rows; count words that stand in their place.
 
-        Numbers are as the sensor sends them, NaN for a word. Rows without a time are dropped, and rows with a
-        number in place of a unit, which are counted: ``rows.is_timed`` is changed. Numbers in other units are
-        converted, those of bad quality become NaN, and those of unused senders are dropped.
+        Numbers are as the sensor sends them, NaN for a word. Rows without a time are dropped, and rows of
+        another table or with a number for a unit, which are counted: ``rows.is_timed`` is changed. Numbers in
+        other units are converted, those of bad quality become NaN, and those of unused senders are dropped.
         """
-        units = [] if self._unit_place is None else rows.texts(self._unit_place)
-        if damaged := {text for text in {*units} if is_number_as_unit(text)}:
-            is_damaged = np.array([text in damaged for text in units], np.bool_)
-            self._damaged += int((is_damaged & rows.is_timed).sum())
-            rows.is_timed &= ~is_damaged
+        units = [''] * rows.time_ns.size if self._unit_place is None else rows.texts(self._unit_place)
+        if self._name_place is not None:
+            lines = [*zip(rows.texts(self._name_place), units, strict=True)]
+            if damaged := {line for line in {*lines} if is_line_damaged(*line)}:
+                is_damaged = np.fromiter(map(damaged.__contains__, lines), np.bool_, len(lines))
+                self._damaged += int((is_damaged & rows.is_timed).sum())
+                rows.is_timed &= ~is_damaged
         time_ns = rows.time_ns[rows.is_timed]
         is_there = np.zeros((len(self._columns), time_ns.size), np.bool_)
         values = np.full(is_there.shape, np.nan)

@@ -145,9 +145,11 @@ def with_unit(name: str, unit: str) -> tuple[str, str | None]:
     return (name, known_unit) if known_unit else (whole, None)
 
 
-def is_number_as_unit(text: str) -> bool:
-    """Return whether a text in place of a unit is a number other than 1, so that its line is damaged."""
-    return parse_number(text) is not None and find_unit(text, 'coefficient') is None
+def is_line_damaged(name: str, unit: str) -> bool:
+    """Return whether a line of one value has a number, but 1, for a unit, or several numbers for a name."""
+    parts = re.split(r'[;\t|,]', name)
+    is_number = parse_number(unit) is not None and find_unit(unit, 'coefficient') is None
+    return is_number or (len(parts) > 1 and all(parse_number(part) is not None for part in parts))
 
 
 def parse_number(cell: str, decimal: str = '.') -> float | None:

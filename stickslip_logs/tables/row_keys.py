@@ -91,9 +91,10 @@ def _are_alternating(time_ns: IntArray, key: IntArray) -> bool:
 
 
 def _is_number(word: str) -> bool:
-    """Return whether a text is a number with either decimal sign, or one with a known unit behind a blank."""
-    number, _, unit = word.partition(' ')
-    texts = (word, number) if unit_of(unit) else (word,)
+    """Return whether a text is a number, also behind '<' or before '%' or a blank and a known unit."""
+    bare = word.strip('%<>~ ')
+    number, _, unit = bare.partition(' ')
+    texts = (bare, number) if unit_of(unit) else (bare,)
     return any(parse_number(text, sign) is not None for text in texts for sign in '.,')
 
 

@@ -228,7 +228,7 @@ def test_lines_with_a_number_in_place_of_a_unit_are_damaged(line: str, tmp_path:
     assert [column.heading for column in recording.all_columns] == ['speed']
     (series,) = recording.read([Request('speed', 'data')]).values()
     assert series.value.tolist() == [30.0 + k for k in range(20)]
-    assert recording.losses == ('10 lines with a number in place of a unit were not used',)
+    assert recording.losses == ('10 lines of another table, or with a number for a unit were not used',)
 
 
 @pytest.mark.parametrize('delimiter', ['\t', ';'])
@@ -245,3 +245,14 @@ def test_one_damaged_cell_does_not_tell_the_decimal_sign_of_the_others(
     load = series[Request('load', 'data')]
     assert load.value[1:].tolist() == [1000.5] * 19
     assert sum(fault.count for fault in load.faults) == 1
+
+
+def test_lines_with_numbers_in_place_of_a_name_are_damaged(tmp_path: Path) -> None:
+    """Lines with decimal commas behind a table without units were signals of names, too."""
+    rows = ''.join(f'2026-05-04 06:00:{k:02},speed{" " * (k % 2)},{30 + k}\n' for k in range(20))
+    rows += ''.join(f'2026-05-04 06:01:{k:02},000;30,5\n' for k in range(10))
+    recording = open_log(tmp_path, f'time,name,value\n{rows}')
+    (column,) = recording.all_columns  # blanks behind a name are no part of it
+    (series,) = recording.read([Request(column.heading, 'data')]).values()
+    assert series.value.tolist() == [30.0 + k for k in range(20)]
+    assert recording.losses == ('10 lines of another table, or with a number for a unit were not used',)

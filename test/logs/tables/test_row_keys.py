@@ -44,6 +44,7 @@ NUMBERED = {
     ),
 }
 ONE = {
+    'per cent and limits': log_of_two('time,power,rpm', '{at}.0Z,7{slow}.5%,{slow}\n{at}.4Z,<1,{slow}\n'),
     'a state that comes and goes': 'time,fix,rpm\n'
     + ''.join(f'{t},{"V" if t in (3, 19, 22, 40, 58) else "A"},20\n' for t in range(60)),
     'a state that lasts': 'time,valve,rpm\n' + ''.join(f'{t},{"ab"[t // 5 % 2]},20\n' for t in range(60)),
@@ -79,7 +80,9 @@ def test_the_column_that_tells_lines_apart_is_found(name: str, tmp_path: Path) -
 def test_things_with_numbers_are_told_apart_by_their_values(name: str, tmp_path: Path) -> None:
     recording = open_log(tmp_path, NUMBERED[name])
     column = next(listed for listed in recording.all_columns if listed.heading == 'rpm')
-    (key,) = (recording.table.names[place] for place in recording.numbered_columns(column))
+    ((place, is_numbered),) = recording.find_keys(column)
+    key = recording.table.names[place]
+    assert is_numbered
     with pytest.raises(
         BagError, match=rf"column '{key}' has '(\w+)', '\w+' beside .* where: {{'{key}': '\1'}}"
     ):
