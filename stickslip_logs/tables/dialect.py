@@ -405,9 +405,11 @@ def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
     """
     cells = [_SPACES.sub('', cell.strip()) for row in rows for cell in row]
     with_points = [cell for cell in cells if '.' in cell and _NUMBER.fullmatch(cell.replace(',', ''))]
-    if count := sum(map(_has_decimal_comma, cells)):
-        # One cell alone may be damaged: it does not decide against others.
-        return '.' if count == 1 < sum(not _POINTS.fullmatch(cell) for cell in with_points) else ','
+    commas = list(filter(_has_decimal_comma, cells))
+    if len(commas) == 1 < len(with_points):
+        cells.remove(commas[0])  # it may be damaged
+    elif commas:
+        return ','
     with_commas = [cell for cell in cells if _COMMA.fullmatch(cell)]
     if not with_commas or any(',' in cell for cell in with_points):
         return '.'  # 1,000.5

@@ -256,3 +256,10 @@ def test_lines_with_numbers_in_place_of_a_name_are_damaged(tmp_path: Path) -> No
     (series,) = recording.read([Request(column.heading, 'data')]).values()
     assert series.value.tolist() == [30.0 + k for k in range(20)]
     assert recording.losses == ('10 lines of another table, or with a number for a unit were not used',)
+
+
+def test_one_damaged_cell_does_not_tell_that_points_are_of_thousands(tmp_path: Path) -> None:
+    rows = [f'2026-05-04T06:00:{k:02};{30 + k / 1e3:.3f};{1 + k / 1e3:.3f}' for k in range(12)]
+    text = '\n'.join(['time;speed;load', *rows, ''])
+    assert open_log(tmp_path, text.replace('1.005', '1,5')).table.thousands == '.'
+    assert open_log(tmp_path, text).table.thousands == '.'
