@@ -177,6 +177,7 @@ class TableReading:
         Raises:
             BagError: A column tells rows of the same times apart, which have to be chosen by it; or the disk
                 does not take the numbers.
+            OSError: The file is no longer there.
         """
         recording, row, done = self._recording, 0, 0
         order, whole, has_whole_lines, has_numbers = TimeOrder(), TimeOrder(), False, False
@@ -238,8 +239,8 @@ class TableReading:
     def _other_signals(self, rows: Rows, part: slice) -> IntArray:
         """Return the source of each of n lines without a wanted number, shape (n,).
 
-        It is 0 for lines of a signal that is wanted, else -2, -3, ...: one for each text of the columns by
-        which lines are chosen, as the name of another signal.
+        It is 0 for lines of a signal that is wanted, and in a log of a bus; else -2, -3, ...: one for each
+        text of the columns by which lines are chosen, as the name of another signal.
 
         Args:
             rows: A block of rows.
