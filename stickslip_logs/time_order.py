@@ -247,9 +247,10 @@ class _Source:
         return self._is_in_blocks or bool(cells[0] == cells[1])
 
     def _begins_segment(self, step_ns: IntArray, time_ns: IntArray) -> BoolArray:
-        """Return which rows, or segments to be joined, begin a segment, shape (n,); the first always does.
+        """Return which rows, or segments to be joined, begin a segment, shape (n,).
 
-        ``step_ns`` is the step into each of the n > 0 rows, ``time_ns`` its first time [ns].
+        The first does, and those behind a jump or in another cell of time than the one before. ``step_ns`` is
+        the step into each of the n > 0 rows, ``time_ns`` its first time [ns].
         """
         cell = time_ns // self._resolution_ns
         begins: BoolArray = _is_jump(step_ns, self._jump_ns) | (np.diff(cell, prepend=cell[0]) != 0)
