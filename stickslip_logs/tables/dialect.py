@@ -509,9 +509,9 @@ def _fit_headings(
 
     A missing heading is an empty text at the end, and behind a date that of its time. Where the last column
     has numbers and no heading, none are returned, as which number has which is not known; but if words stand
-    below that of the time, the first column is the one without. Surplus headings that
-    are units are joined to the ones before if the number is right then, and all units are empty; else they
-    stay. No headings stay an empty list. The list of units may be longer than the columns.
+    below that of the time, the first column is the one without. Surplus headings that are units are joined to
+    the ones before if the number is right then, and all units are empty; else they stay. No headings stay an
+    empty list. The list of units may be longer than the columns.
     """
     if len(heading) > width:
         # A cell that is a unit belongs to the one before, as in 'Speed, rpm'.

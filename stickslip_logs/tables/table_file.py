@@ -208,6 +208,8 @@ def is_number_table(path: Path) -> bool:
 class TextTable(NumberTable):
     """A table of text.
 
+    Making it reads the file to its end, and once more where the days between may tell how dates are written.
+
     Raises:
         BagError: It is no table, or may be read in two ways.
     """
