@@ -66,7 +66,8 @@ def read_voyage(path: Path, config: MonitorConfig) -> Reading:
     samples, lost = set[Sample](), 0
     for request, series in series_by_request.items():
         rows = zip(series.log_time_ns.tolist(), series.value.tolist(), strict=True)
-        samples |= {Sample(wanted[request], time_ns, number_key(value)) for time_ns, value in rows}
+        # Days have their last digit at some microseconds.
+        samples |= {Sample(wanted[request], round(time_ns, -6), number_key(value)) for time_ns, value in rows}
         lost += sum(fault.count for fault in series.faults)
     counts = [_LINES.search(text) for text in bag.losses]
     lost += _OF_LINE * sum(int(match[1] or 0) for match in counts if match)

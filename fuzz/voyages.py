@@ -63,8 +63,22 @@ def _make_tables(speeds: Sequence[float]) -> list[bytes]:
         )
         for t, v in zip(_STAMPS, speeds, strict=True)
     )
-    texts = wide, wide.replace(',', ';').replace('.', ','), long, german, wide.replace(',', '\t')
-    return [*(text.encode() for text in texts), wide.encode('utf-16')]
+    # Days of a spreadsheet, and seconds since 1970: no damaged one tells what the others are.
+    days, seconds = (
+        'time;shaft speed [rpm];bearing load [N]\n'
+        + ''.join(f'{form(k)};{v:.3f};{_LOAD_N}\n' for k, v in enumerate(speeds))
+        for form in (lambda k: f'{46146.25 + k / 86_400:.9f}', lambda k: str(START // _SECOND + k))
+    )
+    texts = (
+        wide,
+        wide.replace(',', ';').replace('.', ','),
+        long,
+        german,
+        wide.replace(',', '\t'),
+        days,
+        seconds,
+    )
+    return [*(text.encode() for text in (*texts, days, seconds)), wide.encode('utf-16')]
 
 
 def _make_parquets(speeds: Sequence[float]) -> list[bytes]:

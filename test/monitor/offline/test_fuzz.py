@@ -120,7 +120,7 @@ def test_what_a_reader_loses_or_invents_is_noticed(
     path = tmp_path / f'sound.{kind}'
     path.write_bytes(VOYAGES[kind](STICKING_RPM)[0])
     samples = samples_of(STICKING_RPM)
-    late = {sample._replace(time_ns=sample.time_ns + 1) for sample in samples}
+    late = {sample._replace(time_ns=sample.time_ns + 10**6) for sample in samples}
     sound = Reading(samples, is_told=False, most_missing=0, is_moved=False, count=60)
     for wrong, fault in (
         (sound._replace(samples={*list(samples)[1:]}), '1 of 60 samples'),
