@@ -206,7 +206,7 @@ class ColumnRecording(Recording):
     def _list_columns(self) -> Iterator[LogColumn]:
         """Yield each column but those of times; of a long table each name, with the unit of most lines.
 
-        Lines with a number in place of a unit do not count. A long table is read as a whole where head and
+        Damaged lines (:func:`.is_line_damaged`) do not count. A long table is read as a whole where head and
         tail may lack names.
         """
         table = self.table
@@ -481,7 +481,10 @@ class ColumnRecording(Recording):
         return self.table.names[key], list(dict.fromkeys(filter(None, words)))
 
     def find_keys(self, column: LogColumn) -> Iterator[tuple[int, bool]]:
-        """Yield as :func:`.find_key_columns`; nothing for a log of a bus: one sender is used, as live."""
+        """Yield as :func:`.find_key_columns`, by head and tail, what tells the things of a column apart.
+
+        Nothing for a log of a bus: one sender is used, as live.
+        """
         if not self.is_sent:
             rows, time_ns = self._rows_of(column, self._ends)
             yield from find_key_columns(rows, time_ns, self.table.names, self._key_places(column))

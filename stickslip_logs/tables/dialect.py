@@ -400,6 +400,8 @@ def is_value(cell: str) -> bool:
 def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
     """Return the decimal sign of the cells of rows, '.' or ','; '.' where no number has any.
 
+    A single cell that has a decimal comma for certain may be damaged: it is ignored beside two with points.
+
     Raises:
         BagError: The sign may as well be a separator of thousands.
     """

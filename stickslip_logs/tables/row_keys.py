@@ -91,7 +91,7 @@ def _are_alternating(time_ns: IntArray, key: IntArray) -> bool:
 
 
 def _is_number(word: str) -> bool:
-    """Return whether a text is a number, also behind '<' or before '%' or a blank and a known unit."""
+    """Return whether a text is a number with either decimal sign: '5', '<5', '> 5', '~5', '5%' or '5 kN'."""
     bare = word.strip('%<>~ ')
     number, _, unit = bare.partition(' ')
     texts = (bare, number) if unit_of(unit) else (bare,)
