@@ -498,7 +498,8 @@ def _judge_points(
     else:
         hopf, kbm = solver.boundaries(law, q[first])
     if table is None:
-        fold = deciding_fold(bearing, load[first], exact_fold_speed(bearing, load[first]), kbm)
+        loads = load[first]
+        fold = deciding_fold(exact_fold_speed(bearing, loads), kbm, averaging.sticking_end(bearing, loads))
     else:
         fold = table.fold(load[first])
     times = np.diff(np.append(first, load.size))

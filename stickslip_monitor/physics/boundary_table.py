@@ -27,7 +27,7 @@ from stickslip_monitor.arrays import FloatArray, flatten, restore
 from stickslip_monitor.physics import averages_closed_form, averaging
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.fold_curve import fold_curve
-from stickslip_monitor.physics.folds import last_cycle_speeds
+from stickslip_monitor.physics.folds import deciding_fold
 from stickslip_monitor.physics.lubrication import as_measured
 from stickslip_monitor.physics.numerics import hermite_cubics, spline_slopes
 from stickslip_monitor.physics.scalar_law import law_bounds
@@ -174,7 +174,7 @@ def boundary_table(bearing: Bearing) -> BoundaryTable:
     # At its onset the fold of a law that falls most at rest is no speed yet.
     begins = averaged[:1] < curve.exact[0, 0]
     exact[:1] = np.where(begins, averaged[:1], exact[:1])
-    fold = last_cycle_speeds(exact, averaged, sticking_end)
+    fold = deciding_fold(exact, averaged, sticking_end)
     join = _spline_pieces if curve.is_smooth else _linear_pieces
     kbm, step = join(averaged), float(grid[1])
     pieces = np.stack(

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 from stickslip_monitor.arrays import BoolArray, FloatArray, IndexArray, flatten, mapped, restore
 from stickslip_monitor.physics import averages_closed_form
 from stickslip_monitor.physics.averages_by_quadrature import average_curve
-from stickslip_monitor.physics.averaging import averages_of, fold_speed
+from stickslip_monitor.physics.averaging import averages_of, fold_speed, sticking_end
 from stickslip_monitor.physics.bearing import Bearing
 from stickslip_monitor.physics.contact import meets_belt
 from stickslip_monitor.physics.folds import deciding_fold, exact_fold
@@ -314,8 +314,7 @@ def end_of_vibration(bearing: Bearing, load: ArrayLike) -> Any:
 
     def ends(n: FloatArray) -> FloatArray:
         """Return the ends of vibration at loads [N], shape (n,) [m/s]."""
-        exact, kbm = (np.asarray(fold(bearing, n)) for fold in (exact_fold_speed, fold_speed))
-        return deciding_fold(bearing, n, exact, kbm)
+        return deciding_fold(*(fold(bearing, n) for fold in (exact_fold_speed, fold_speed, sticking_end)))
 
     return mapped(ends, load)
 

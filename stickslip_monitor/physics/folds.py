@@ -212,23 +212,8 @@ def last_sticking_speeds(bearing: Bearing, load: FloatArray) -> FloatArray:
     return np.where(slight, averaged, np.array(solved))
 
 
-def deciding_fold(bearing: Bearing, load: FloatArray, exact: FloatArray, averaged: FloatArray) -> FloatArray:
-    """Return the fold that decides [m/s]: the last speeds at which the lining sticks, or vibrates without.
-
-    Args:
-        bearing: The bearing.
-        load: ``N``, shape (n,) [N].
-        exact: The last speeds at which it sticks there, ``nan`` for none, shape (n,) [m/s].
-        averaged: The averaged folds there, ``nan`` for none, shape (n,) [m/s].
-
-    Returns:
-        Shape (n,); the averaged fold where the lining sticks at no speed.
-    """
-    return last_cycle_speeds(exact, averaged, np.asarray(averaging.sticking_end(bearing, load)))
-
-
-def last_cycle_speeds(exact: FloatArray, averaged: FloatArray, sticking_end: FloatArray) -> FloatArray:
-    """Return :func:`deciding_fold` from the ends of sticking and of cycles, each of shape (n,) [m/s].
+def deciding_fold(exact: FloatArray, averaged: FloatArray, sticking_end: FloatArray) -> FloatArray:
+    """Return the fold that decides: the last speeds at which the lining sticks, or vibrates without.
 
     Where the averaged slope is highest below the sliding limit, a cycle lives on without sticking, up to the
     averaged fold. Close to the end of sticking it does by the same share as under averaging, whose errors
@@ -238,9 +223,13 @@ def last_cycle_speeds(exact: FloatArray, averaged: FloatArray, sticking_end: Flo
     has some 1,000.
 
     Args:
-        exact: The last speeds at which the lining sticks, ``nan`` for none.
-        averaged: The averaged folds, ``nan`` for none.
-        sticking_end: The last speeds at which it sticks under averaging, ``nan`` for none.
+        exact: The last speeds at which the lining sticks at n loads, ``nan`` for none, shape (n,) [m/s].
+        averaged: The averaged folds there, ``nan`` for none, shape (n,) [m/s].
+        sticking_end: The last speeds at which it sticks under averaging, by :func:`.averaging.sticking_end`,
+            ``nan`` for none, shape (n,) [m/s].
+
+    Returns:
+        Shape (n,) [m/s]; the averaged fold where the lining sticks at no speed.
     """
     with np.errstate(all='ignore'):
         factor = np.fmax(averaged / sticking_end, 1.0)
