@@ -448,6 +448,8 @@ class Annunciator:
     def _fire_trigger(self, alarm: LiveAlarm, trigger: Trigger, time_ns: int, by: str) -> list[AlarmChange]:
         """Change the state of an alarm by a trigger, with its silence, shelf, count, sound and the flood.
 
+        That a person acknowledges stick-slip is recorded in its causes, too.
+
         Args:
             alarm: The alarm, which changes.
             trigger: What happened.

@@ -114,7 +114,7 @@ def receive_sample(
         place: Index of the input.
         stamp: Time stamp of the message [ns].
         arrival: When it came [ns].
-        number: The number in the message.
+        number: The number in the message; of a load from a table that of the speed.
 
     Returns:
         The :class:`Status` as a number; the time of the sample on the monitor's own clock [ns], 0 where it

@@ -145,12 +145,12 @@ class State:
     def of_record(cls, record: Any) -> State:
         """Read the memory from what :meth:`record` gave, or what that of 0.2.0 did.
 
-        What an earlier version did not have, or meant otherwise, has its value at a first start; what is not
-        of the memory is ignored.
+        What an earlier version did not have, or meant otherwise, has its value at a first start; any other
+        float that is missing is ``nan``. What is not of the memory is ignored.
 
         Raises:
-            ValueError: The record is no mapping; another field is missing, or is not of its kind, number and
-                range.
+            ValueError: The record is no mapping; a list or whole number is missing, or a field is not of its
+                kind, number and range.
         """
         if not isinstance(record, Mapping):
             raise ValueError(f'{record!r:.60} is no object')

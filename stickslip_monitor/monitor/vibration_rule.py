@@ -34,7 +34,8 @@ LEAD_LAG = 1.0
 def take_level(s: State, c: RuleNumbers, si: float, gap: int) -> None:
     """Store a valid level, and update its background, whether it vibrates, and what is doubted of it.
 
-    The times for which it has stood still, or been high, are counted too; a gap adds nothing to them.
+    The times for which it has stood still, or been high, are counted too. A level after too long a gap adds
+    nothing to them, and makes unknown whether it vibrates.
 
     Args:
         s: The memory, changed.

@@ -157,8 +157,8 @@ def move_boundaries(bearing: Bearing, speeds: float, loads: float) -> Bearing:
 class Belief:
     """The distribution of a bearing's boundaries, as probabilities and quantiles.
 
-    Speeds are magnitudes of the journal's surface speed [m/s]; loads are in N. A probability is 0
-    without load, and ``nan`` where the shaft is at rest or an input is not finite. Speeds below 1 mm/s and
+    Speeds are magnitudes of the journal's surface speed [m/s]; loads are in N. A probability is 0 without
+    load, and ``nan`` where the shaft is at rest or an input is not finite; for it speeds below 1 mm/s and
     above 30 m/s count as these. All are of the reference points of :mod:`.lubrication`: those of the bearing
     where friction depends on speed alone.
 
