@@ -85,8 +85,8 @@ class NodeLoop:
         now = clock()
         self._watchdog, self._passing = Watchdog(self._session), PassingTime(simulated, now)
         self._running_ns = self._looks = 0
-        self._turned_ns = self._ticked_ns = now.steady_ns
-        self._late, self._latest = False, True
+        self._turned, self._ticked_ns = now, now.steady_ns
+        self._late, self._latest, self._awaits_clock = False, True, False
         self._set_ns, self._shown_ns = now.set_ns, -SHOW_NS
         # A timer of the steady clock: those of ROS time stall when a replay steps back.
         self._ticker = node.create_timer(
@@ -117,16 +117,20 @@ class NodeLoop:
         """Take the waiting messages, let time pass, and publish what changes; nothing after :meth:`destroy`.
 
         Called every :data:`TURN_PERIOD`. A stall of the node, a time beyond :data:`LATE_NS`, is left out of
-        the age of every input; after one amid a turn, time passes in the next turn only.
+        the age of every input; after one amid a turn, time passes in the next turn only. On a
+        simulated clock a late turn is left to the next one: the executor takes /clock behind its timers.
         """
         if self._ticker is None:
             return  # a call that waited while the node was deactivated
         now = self._now()
-        begun_ns = now.steady_ns
-        held_ns, self._turned_ns = begun_ns - self._turned_ns, begun_ns
-        self._late = late = held_ns > LATE_NS
+        begun_ns, before = now.steady_ns, self._turned
+        self._late = late = begun_ns - before.steady_ns > LATE_NS
+        self._awaits_clock = late and self._simulated and not self._awaits_clock
+        if self._awaits_clock:
+            return
+        self._turned = now
         if late:
-            self._discount_stall(held_ns, now)
+            self._discount_stall(before, now)
         # What waits comes first: no input is lost whose messages are there.
         self.inputs.fetch(late)
         self._latest = not (late or self.inputs.piled)
@@ -141,7 +145,7 @@ class NodeLoop:
             self._let_time_pass(now)
         self._session.flush(now)
         # A turn that was long itself is no stall.
-        self._turned_ns, self._set_ns = now.steady_ns, now.set_ns
+        self._turned, self._set_ns = now, now.set_ns
 
     def _take_number(self, number: Number) -> None:
         """Give a number to the session, and note it for the watchdog if it is a valid speed or load.
@@ -180,17 +184,20 @@ class NodeLoop:
             self._session.show(now)
         self._session.flush(now)
 
-    def _discount_stall(self, held_ns: int, now: Moment) -> None:
-        """Leave a stall [ns] out of the age of every input; report a long one: health, log, alarm notes.
+    def _discount_stall(self, before: Moment, now: Moment) -> None:
+        """Leave a stall out of the age of every input; report a long one: health, log, alarm notes.
 
-        A long one has more than :data:`LONG_STALL_NS`.
+        Ages are on a simulated clock that moves, if any: then the stall is as long as it is there. A long one
+        has more than :data:`LONG_STALL_NS` of the steady clock.
 
         For the alarms the time until ``now`` has passed all the same.
         """
+        held_ns = now.steady_ns - before.steady_ns
+        is_replay = self._simulated and before.time_ns
         # The alarms' time has passed, that of the inputs has not.
         self._running_ns += self._passing.measure_elapsed(now)
         if now.time_ns and not self._passing.stands:  # else no stall counts in their age anyway
-            self._session.discount_stall(held_ns)
+            self._session.discount_stall(max(now.time_ns - before.time_ns, 0) if is_replay else held_ns)
         if held_ns <= LONG_STALL_NS:
             return
         held = held_ns * 1e-9

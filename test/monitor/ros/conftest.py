@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from kit import STAMPED, Hosted, Monitor, Peer, claim_domain
+from kit import Hosted, Monitor, Peer, claim_domain
 from shared import Program
 
 
@@ -72,10 +72,6 @@ def host(peer: Peer, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Hosted]:
     monkeypatch.setattr('stickslip_monitor.monitor.session.LOOK_NS', 10**8)
 
     def start(values: dict[str, Any]) -> Hosted:
-        if values.get('use_sim_time') and values.get('aft.speed.timeout') == STAMPED['speed.timeout']:
-            # No input is lost, and the clock of the test stands while this process is held up: there is no
-            # stall to excuse.
-            monkeypatch.setattr('stickslip_monitor.ros.node_loop.LATE_NS', 10**18)
         hosted = Hosted(peer, f't{next(_numbers)}', values)
         peer.watched.append(hosted)
         return hosted

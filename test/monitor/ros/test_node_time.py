@@ -212,6 +212,38 @@ def test_stalls_beside_a_clock_that_stands_hide_no_loss() -> None:
     assert periods == 4
 
 
+@pytest.mark.parametrize('rate', [20, 1, 0.1])
+def test_a_stall_is_as_long_as_it_is_on_the_clock_of_a_replay(rate: float) -> None:
+    """Hold the node up for 0.8 s, in which 16 s pass at 20 times the pace, and 0.08 s at a tenth of it."""
+    from stickslip_monitor.ros.inputs import Number
+
+    turns = Turns(stands=True)
+    ship, sent = turns.ship, [60.0, 1000.0]
+    begin_ns, base_ns = ship.steady_ns, ship.now.time_ns
+    read_ns = begin_ns  # when the executor, which takes timers first, took the last /clock
+    clock = lambda: Moment(ship.steady_ns, base_ns + round(rate * (read_ns - begin_ns)))  # noqa: E731
+    turns.running._now = clock
+
+    def take_numbers() -> Iterator[Number]:
+        now_ns = clock().time_ns
+        yield from (Number('aft', place, now_ns, now_ns, value) for place, value in enumerate(sent))
+
+    turns.running.inputs.take_numbers = take_numbers
+    for after in [0.05] * 40 + [0.8] + [0.05] * 40:
+        turns.turn(after=after)
+        read_ns = ship.steady_ns
+    assert ship.events == []
+    sent.clear()
+    silent_ns = ship.steady_ns
+    while not ship.events and ship.steady_ns - silent_ns < 60 * SECOND:
+        turns.turn()
+        read_ns = ship.steady_ns
+    assert [event.after.value for event in ship.events] == ['input_stale']
+    # The time-out of two seconds and half a second for late samples, to a second turn.
+    silent = rate * (ship.steady_ns - silent_ns) / SECOND
+    assert silent == pytest.approx(2.5, abs=2 * 0.1 * rate + 0.1)
+
+
 def test_a_turn_that_comes_after_the_end_does_nothing() -> None:
     """Take a turn whose timer the executor had taken before the node was deactivated."""
     turns = Turns()
