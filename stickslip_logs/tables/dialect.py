@@ -285,8 +285,16 @@ def _table_dialect(
             [[*map(str.removesuffix, row, (*suffixes, *[''] * len(row)))] for row in part]
             for part in (below, tail)
         )
-    losses = list[str]()
-    remark = f'{len(heading)} headings stand above {width} cells: they were matched from the left'
+    losses, remarks = list[str](), list[str]()
+    if len(heading) > width:
+        text = f'{len(heading)} headings stand above {width} cells: they were matched from the left'
+        # A heading of a time that stands above no times was shifted by a word before all.
+        times = [k for k, name in enumerate(heading[:width]) if TIME_WORDS.search(parse_heading(name).name)]
+        numbers = [parse_number(row[k], decimal) or 0.0 for k in times[:1] for row in below if len(row) > k]
+        if numbers in (sorted(numbers), sorted(numbers, reverse=True)):
+            remarks.append(text)
+        else:
+            losses.append(f'{text}, so that no times stand below that of a time: write one for each')
     if written and not heading:
         losses.append(
             f'the {len(written)} headings were not used: below are {width} columns, and nothing tells which'
@@ -310,7 +318,7 @@ def _table_dialect(
         tuple(heading),
         tuple(suffixes),
         decimal if delimiter == ';' and _may_be_thousands(below, decimal) else '',
-        (remark,) if len(heading) > width else (),
+        tuple(remarks),
         tuple(losses),
     )
 
@@ -444,18 +452,13 @@ def _may_be_thousands(rows: Sequence[Cells], decimal: str) -> bool:
 def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | None:
     """Return the place of the first row of numbers of the table, below headings and a preamble.
 
-    None where no row is one of numbers. ``width`` is the usual number of cells.
+    None where no row is one of numbers. Those of a preamble or of a statistic stand behind a word, and have
+    headings below. ``width`` is the usual number of cells.
     """
     is_data = [_is_data(row, decimal, width) for row in rows]
-    return _skip_preamble(rows, is_data, is_data.index(True), width) if any(is_data) else None
-
-
-def _skip_preamble(rows: Sequence[Cells], is_data: Sequence[bool], first: int, width: int) -> int:
-    """Return the place of the first row of numbers below headings that stand below other numbers.
-
-    Numbers of a preamble or of a statistic stand behind a word. Where no headings follow them, ``first``, the
-    place of the first row for which ``is_data`` is True, is returned.
-    """
+    if not any(is_data):
+        return None
+    first = is_data.index(True)
     is_headed = len(_find_headings(rows[:first], width)[0]) >= width
     is_preamble, is_next = True, False
     for k in range(first, len(rows)):

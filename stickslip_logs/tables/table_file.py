@@ -351,7 +351,7 @@ class _TextReading:
         self._places: list[int] | None = [*self._times, *wanted]
         self._suffixes = [(dialect.suffixes or [''] * self._max_cells)[k] for k in self._places]
         self._order: Cells = self._first
-        self.short = self._untimed = self._repeated = self._foreign = 0
+        self.short = self._untimed = self._repeated = self._foreign = self._remarks = 0
         self._shown = self._foreign_heading = ''
 
     def read_batch(self, batch: list[list[str]]) -> Iterator[Rows]:
@@ -440,11 +440,14 @@ class _TextReading:
     def _count_untimed(self, row: Cells) -> None:
         """Count a row without a time as repeated headings, or else as lost; keep the first lost one to show.
 
-        Remarks and copies of a row above the numbers are not counted.
+        Remarks of as many cells as the table has are counted apart; shorter ones, and copies of a row above
+        the numbers, are not counted.
         """
         if [cell.strip() for cell in row] == [*self._order]:
             self._repeated += 1
-        elif tuple(row) not in self._above and not row[0].startswith(_REMARKS):
+        elif row[0].startswith(_REMARKS):
+            self._remarks += len(row) == self._max_cells and tuple(row) not in self._above
+        elif tuple(row) not in self._above:
             self._untimed += 1
             self._shown = self._shown or ' '.join(row[k].strip() for k in self._clocks[0].columns)[:MAX_SHOWN]
 
@@ -488,6 +491,8 @@ class _TextReading:
             lose(unused_lines(self._foreign, f"under other headings ('{self._foreign_heading[:MAX_SHOWN]}')"))
         if self._repeated:
             note(f'the headings come {plural(self._repeated, "time")} more in the middle')
+        if self._remarks:
+            note(unused_lines(self._remarks, 'with all cells behind the mark of a remark'))
 
 
 def unused_lines(count: int, subject: str, more: str = '') -> str:

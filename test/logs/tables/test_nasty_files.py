@@ -263,3 +263,20 @@ def test_one_damaged_cell_does_not_tell_that_points_are_of_thousands(tmp_path: P
     text = '\n'.join(['time;speed;load', *rows, ''])
     assert open_log(tmp_path, text.replace('1.005', '1,5')).table.thousands == '.'
     assert open_log(tmp_path, text).table.thousands == '.'
+
+
+def test_a_word_before_the_headings_is_not_taken_for_the_first(tmp_path: Path) -> None:
+    """Write a table as Hioki's recorders do: times were read as speeds."""
+    rows = ''.join(f'{k}.0, {30 + k % 3}, {900 + k}\n' for k in range(9))
+    recording = open_log(tmp_path, f'"SIGNAL", "TIME", "CH1", "CH2"\n{rows}')
+    assert (
+        '4 headings stand above 3 cells: they were matched from the left, so that no' in recording.losses[0]
+    )
+
+
+def test_lines_behind_the_mark_of_a_remark_are_named(tmp_path: Path) -> None:
+    rows = [f'{"#" * (k in (7, 8))}@{k},{30 + k},900\n' for k in range(9)]
+    recording = open_log(tmp_path, 'time,speed,load\n# of the day\n' + ''.join(rows) + '# the end\n')
+    (series,) = recording.read([Request('speed', 'data')]).values()
+    assert series.value.size == 7
+    assert '2 lines with all cells behind the mark of a remark were not used' in recording.warnings
