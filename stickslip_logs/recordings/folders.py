@@ -235,8 +235,8 @@ def _are_parts(folder: Path, names: Sequence[str]) -> bool:
         return True
 
 
-def scan_part(path: Path, findings: Findings, scratch: Scratch, *, is_packed: bool = False) -> BagFile:
-    """Return the contents of a file of MCAP or SQLite; ``is_packed`` is whether each message is compressed.
+def scan_part(path: Path, findings: Findings, scratch: Scratch) -> BagFile:
+    """Return the contents of a file of MCAP or SQLite.
 
     SQLite is known by name or first bytes. Copies are made in ``scratch``; ``findings`` takes the warnings.
 
@@ -244,7 +244,7 @@ def scan_part(path: Path, findings: Findings, scratch: Scratch, *, is_packed: bo
         BagError: It cannot be read, or is neither.
     """
     if has_sqlite_name(path.name) or read_begin(path).startswith(SQLITE):
-        return SqliteFile(path, findings, scratch, is_packed=is_packed)
+        return SqliteFile(path, findings, scratch)
     return scan_mcap_file(path, findings)
 
 
@@ -283,7 +283,6 @@ class Metadata:
 
     names: tuple[str, ...]
     count: int | None = None
-    packed: str = ''  # 'message' where each message is
     is_listed: bool = False
 
 
@@ -390,8 +389,7 @@ def read_metadata(folder: Path) -> Metadata | str:
                 f' from {storage}: {CONVERT}'
             )
         names = (PurePosixPath(name).name for name in information['relative_file_paths'])
-        packed = mode if mode == 'message' else ''
-        return Metadata(tuple(dict.fromkeys(names)), int(information['message_count']), packed, True)
+        return Metadata(tuple(dict.fromkeys(names)), int(information['message_count']), is_listed=True)
     except FileNotFoundError:
         return f"folder '{folder}' has no {METADATA_NAME}"
     except OSError as error:

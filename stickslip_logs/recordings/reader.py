@@ -58,10 +58,10 @@ def open_bag(path: str | Path) -> Recording:
             return TableRecording(path)
         if (stem := recording_name_of(path.name)) and has_other_parts(path):
             findings.note(f"'{path.name}' is numbered as a part of '{stem}': read as a recording of its own")
-        return _open_files(path, [path], '', findings)
+        return _open_files(path, [path], findings)
     metadata = folder_files(path, findings)
     files = [path / name for name in metadata.names]
-    recording = _open_files(path, files, metadata.packed, findings, metadata.is_listed)
+    recording = _open_files(path, files, findings, metadata.is_listed)
     if metadata.count is not None and metadata.count != recording.message_count:
         findings.lose(
             f"'{path / METADATA_NAME}' counts {metadata.count} messages, the files hold"
@@ -70,21 +70,18 @@ def open_bag(path: str | Path) -> Recording:
     return recording
 
 
-def _open_files(
-    path: Path, files: Sequence[Path], packed: str, findings: Findings, is_one: bool = True
-) -> Recording:
+def _open_files(path: Path, files: Sequence[Path], findings: Findings, is_one: bool = True) -> Recording:
     """Open files of MCAP or SQLite, in order and at least one, as the recording that a path names.
 
-    Files that are packed as a whole are unpacked into a temporary folder, which goes with the recording;
-    ``packed`` is 'message' where each message of a database is. Unless the files are known to be parts of
-    one recording, their times decide.
+    Files that are packed as a whole are unpacked into a temporary folder, which goes with the recording.
+    Unless the files are known to be parts of one recording, their times decide.
 
     Raises:
         BagError: One cannot be read, or they are not parts of one recording.
     """
     scratch = Scratch()
     whole = [_unpack_file(file, scratch, findings) for file in files]
-    contents = [scan_part(file, findings, scratch, is_packed=packed == 'message') for file in whole]
+    contents = [scan_part(file, findings, scratch) for file in whole]
     if not is_one and not are_consecutive(contents):
         raise BagError(
             f"folder '{path}' holds {len(files)} recordings that overlap in time or lie more than"

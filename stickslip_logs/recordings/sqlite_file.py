@@ -30,6 +30,7 @@ from stickslip_logs.recordings.bag_file import BagFile
 from stickslip_logs.recordings.mcap_chunks import MAX_CHUNK, Block, Piece
 from stickslip_logs.recordings.message_types import definition_of
 from stickslip_logs.recordings.recording import Findings, Scratch
+from stickslip_logs.tables.text_file import ZSTD
 from stickslip_logs.time_order import MAX_TIME_NS, select_rows
 from stickslip_logs.units import MIB
 
@@ -57,15 +58,14 @@ class SqliteFile(BagFile):
         path: The file.
         findings: Takes the warnings.
         scratch: Where a copy is made.
-        is_packed: Whether each message is compressed.
 
     Raises:
         BagError: The file cannot be read.
     """
 
-    def __init__(self, path: Path, findings: Findings, scratch: Scratch, *, is_packed: bool = False) -> None:
+    def __init__(self, path: Path, findings: Findings, scratch: Scratch) -> None:
         super().__init__(path, 0, findings)
-        self._scratch, self._is_packed = scratch, is_packed
+        self._scratch = scratch
         self._numbers: dict[int, int] = {}  # the channel of each id of a topic
         self._is_rising = True  # whether row ids do
         self._times = dict[int, Piece]()  # without data, by the first row id of their block
@@ -74,6 +74,7 @@ class SqliteFile(BagFile):
         with self._open_read_only() as database:
             self.size = path.stat().st_size
             self._read_topics(database)
+            self._is_packed = _holds_packed(database)
             self._scan_messages(database)
 
     @contextlib.contextmanager
@@ -313,11 +314,19 @@ class SqliteFile(BagFile):
 
     def _unpack_message(self, data: bytes) -> bytes:
         """Return the unpacked data of a message; empty where they are damaged or too large."""
-        if _unpacked_size(0, data[:18]) > _MAX_UNPACKED:
-            return b''
         with contextlib.suppress(zstandard.ZstdError, MemoryError):
-            return self._decompressor.decompress(data, max_output_size=MAX_CHUNK)
+            if _unpacked_size(0, data[:18]) <= _MAX_UNPACKED:
+                return self._decompressor.decompress(data, max_output_size=MAX_CHUNK)
         return b''
+
+
+def _holds_packed(database: sqlite3.Connection) -> bool:
+    """Return whether the first message, or else the last one, is packed by zstd: CDR begins with a zero."""
+    for order in ('', ' DESC'):
+        query = f"SELECT data FROM messages WHERE typeof(data) = 'blob' ORDER BY rowid{order} LIMIT 1"
+        with contextlib.suppress(*_ERRORS):
+            return any(data.startswith(ZSTD) for (data,) in database.execute(query))
+    return False
 
 
 def _unpacked_size(length: int, head: bytes) -> int:

@@ -111,6 +111,23 @@ def test_a_file_without_its_metadata(tmp_path: Path) -> None:
     assert find_bags([tmp_path]) == [file] or find_bags([tmp_path]) == [tmp_path / 'bag']
 
 
+@pytest.mark.parametrize('text', ['', 'rosbag2_bagfile_information: 3'])
+def test_packed_messages_are_known_without_metadata(text: str, tmp_path: Path) -> None:
+    """Of the first row the page is damaged."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        folder = make_database(tmp_path / 'bag', mode=CompressionMode.MESSAGE)
+    (folder / 'metadata.yaml').write_text(text)
+    assert_read_whole(folder)
+    (file,) = folder.glob('*.db3')
+    data = bytearray(file.read_bytes())
+    leaves = [page for page in range(0, len(data), 4096) if data[page] == 0x0D]
+    page = next(page for page in leaves if b'\x28\xb5\x2f\xfd' in data[page : page + 4096])
+    data[page : page + 4096] = bytes(4096)
+    file.write_bytes(data)
+    assert open_bag(file).read([SPEED])[SPEED].value[-1] == COUNT - 1
+
+
 def test_nothing_is_written_to_the_folder(tmp_path: Path) -> None:
     (file,) = make_database(tmp_path / 'bag').glob('*.db3')
 
