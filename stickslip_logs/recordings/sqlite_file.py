@@ -52,12 +52,8 @@ Rows = list[tuple[Any, ...]]
 class SqliteFile(BagFile):
     """Contents of a file of SQLite, in blocks as those of one of MCAP.
 
-    A block is a range of row ids, from ``offset`` on. Making it reads the times of all messages.
-
-    Args:
-        path: The file.
-        findings: Takes the warnings.
-        scratch: Where a copy is made.
+    A block is a range of row ids, from ``offset`` on. Making it reads the times of all messages; the first
+    one tells whether all are packed by zstd. Warnings go to ``findings``, copies to ``scratch``.
 
     Raises:
         BagError: The file cannot be read.

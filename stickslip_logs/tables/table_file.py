@@ -481,7 +481,7 @@ class _TextReading:
                 del batch[k]
 
     def report_unused(self, lose: TakeSentence, note: TakeSentence) -> None:
-        """Report how many rows were not used, and how often headings were repeated."""
+        """Report how many rows were not used, remarks of all cells too, and how often headings came again."""
         if self._untimed:
             shown = f", the first '{self._shown}'" if self._shown else ''
             lose(unused_lines(self._untimed, 'without a time', shown))
