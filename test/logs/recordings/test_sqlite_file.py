@@ -113,7 +113,7 @@ def test_a_file_without_its_metadata(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('text', ['', 'rosbag2_bagfile_information: 3'])
 def test_packed_messages_are_known_without_metadata(text: str, tmp_path: Path) -> None:
-    """Of the first row the page is damaged."""
+    """Damage the page of the first row, so that the last one tells."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
         folder = make_database(tmp_path / 'bag', mode=CompressionMode.MESSAGE)
