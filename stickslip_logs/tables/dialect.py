@@ -408,18 +408,17 @@ def is_value(cell: str) -> bool:
 def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
     """Return the decimal sign of the cells of rows, '.' or ','; '.' where no number has any.
 
-    A single cell that has a decimal comma for certain may be damaged: it is ignored beside two with points.
+    Of cells that have one of them for certain the more count: the others may be damaged, and are ignored.
 
     Raises:
         BagError: The sign may as well be a separator of thousands.
     """
     cells = [_SPACES.sub('', cell.strip()) for row in rows for cell in row]
     with_points = [cell for cell in cells if '.' in cell and _NUMBER.fullmatch(cell.replace(',', ''))]
-    commas = list(filter(_has_decimal_comma, cells))
-    if len(commas) == 1 < len(with_points):
-        cells.remove(commas[0])  # it may be damaged
-    elif commas:
+    commas, points = (sum(_has_decimal_comma(cell.translate(swap)) for cell in cells) for swap in ({}, _SWAP))
+    if commas > points and not commas == 1 < len(with_points):
         return ','
+    cells = [cell for cell in cells if not _has_decimal_comma(cell)]
     with_commas = [cell for cell in cells if _COMMA.fullmatch(cell)]
     if not with_commas or any(',' in cell for cell in with_points):
         return '.'  # 1,000.5

@@ -231,20 +231,21 @@ def test_lines_with_a_number_in_place_of_a_unit_are_damaged(line: str, tmp_path:
     assert recording.losses == ('10 lines of another table, or with a number for a unit were not used',)
 
 
+@pytest.mark.parametrize('count', [1, 9])
 @pytest.mark.parametrize('delimiter', ['\t', ';'])
 @pytest.mark.parametrize('damaged', ['6,0', '1.234,5'])
-def test_one_damaged_cell_does_not_tell_the_decimal_sign_of_the_others(
-    damaged: str, delimiter: str, tmp_path: Path
+def test_few_damaged_cells_do_not_tell_the_decimal_sign_of_the_others(
+    count: int, damaged: str, delimiter: str, tmp_path: Path
 ) -> None:
     """Write speeds of three decimals, which may be thousands, and loads of one, which may not."""
     rows = [f'2026-05-04T06:00:{k:02}Z,{30 + k / 1e3:.3f},1000.5' for k in range(20)]
     text = '\n'.join(['time,speed,load', *rows, '']).replace(',', delimiter)
-    recording = open_log(tmp_path, text.replace('1000.5', damaged, 1))
+    recording = open_log(tmp_path, text.replace('1000.5', damaged, count))
     series = recording.read([Request('speed', 'data'), Request('load', 'data')])
     assert series[Request('speed', 'data')].value.tolist() == [30 + k / 1e3 for k in range(20)]
     load = series[Request('load', 'data')]
-    assert load.value[1:].tolist() == [1000.5] * 19
-    assert sum(fault.count for fault in load.faults) == 1
+    assert load.value[count:].tolist() == [1000.5] * (20 - count)
+    assert sum(fault.count for fault in load.faults) == count
 
 
 def test_lines_with_numbers_in_place_of_a_name_are_damaged(tmp_path: Path) -> None:
