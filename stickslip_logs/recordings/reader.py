@@ -91,11 +91,10 @@ def _open_files(path: Path, files: Sequence[Path], findings: Findings, is_one: b
 
 
 def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
-    """Return a file, or the unpacked copy of one that is packed by zstd as a whole; report a truncated one.
+    """Return a file, or the unpacked copy of one that zstd packed as a whole; report what is cut off it.
 
     Raises:
-        BagError: It is damaged, nothing of it can be unpacked, it grows to more than its size allows, or the
-            disk does not take the copy.
+        BagError: Nothing of it can be unpacked, it grows to more than its size allows, or the disk is full.
     """
     if not read_begin(path).startswith(ZSTD):
         return path
@@ -110,11 +109,11 @@ def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
                             f"bag file '{path}' grows to more than {max_bytes} bytes, the limit for its size"
                         )
                     file.write(piece)
-            except EOFError:
-                findings.lose(f"file '{path.name}' is truncated: what could be unpacked of it was read")
+            except (EOFError, zstandard.ZstdError):
+                findings.lose(f"file '{path.name}' is cut or damaged: what could be unpacked of it was read")
             if not file.tell():
-                raise BagError(f"bag file '{path}' is truncated: nothing can be unpacked, copy it anew")
-    except (OSError, zstandard.ZstdError) as error:
+                raise BagError(f"bag file '{path}' is cut or damaged: nothing can be unpacked, copy it anew")
+    except OSError as error:
         raise BagError(f"bag file '{path}' cannot be unpacked: {error}") from None
     return target
 

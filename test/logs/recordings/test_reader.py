@@ -410,7 +410,7 @@ CONVERT = "convert it with 'ros2 bag convert' first"
         # A frame of which the first block has not come whole.
         (
             lambda path: path.write_bytes(zstandard.compress(bytes(range(256)) * 9)[:20]),
-            "bag file '{}' is truncated: nothing can be unpacked, copy it anew",
+            "bag file '{}' is cut or damaged: nothing can be unpacked, copy it anew",
         ),
         (folder_of_logs, "bag '{0}' has no .mcap and no .db3 file: name one of its logs, as '{0}/b.csv'"),
         (make_sqlite, "'{}' is a database and no recording of ROS 2"),
@@ -551,4 +551,8 @@ def test_a_truncated_packed_recording_is_read_as_far_as_it_goes(tmp_path: Path) 
     assert not open_bag(path).losses
     path.write_bytes(packed[:-4])  # of the last block
     assert 0 < open_bag(path).message_count < 9000
-    assert 'is truncated: what could be unpacked of it was read' in ' '.join(open_bag(path).losses)
+    assert 'is cut or damaged: what could be unpacked of it was read' in ' '.join(open_bag(path).losses)
+    # What a crash leaves: the file system had given it room.
+    path.write_bytes(packed + bytes(4096))
+    assert open_bag(path).message_count == 9000
+    assert 'is cut or damaged: what could be unpacked of it was read' in ' '.join(open_bag(path).losses)
