@@ -217,13 +217,10 @@ class _Source:
         else:
             self._steps += int(np.count_nonzero(step < -_MIN_STEP_NS))
             begin = np.flatnonzero(self._begins_segment(step, time_ns))
-            smallest_ns, greatest_ns = (
-                np.minimum.reduceat(time_ns, begin),
-                np.maximum.reduceat(time_ns, begin),
-            )
+            ends_ns = (extreme.reduceat(time_ns, begin) for extreme in (np.minimum, np.maximum))
             end = np.append(begin[1:], time_ns.size) - 1
             where = place[begin] + offset, begin + self._count, time_ns[begin], time_ns[end]
-            parts = *where, smallest_ns, greatest_ns, step[begin], place[end] + offset
+            parts = *where, *ends_ns, step[begin], place[end] + offset
             segments = np.stack(parts, axis=1)
         self._last_ns = int(time_ns[-1])
         self._count += time_ns.size
@@ -533,18 +530,24 @@ def _close_excursions(
 ) -> list[_Run]:
     """Join runs around those that were ahead for a while or late; add the shifts and counts to the course.
 
-    The runs are those of a source with the number ``key``, in order. A step back between two of the returned
-    runs is still to be explained. Rows behind one of ``steps``, by which the clock of another source was set,
-    are not late.
+    A first row alone that is ahead of those behind it, as a damaged one is, leads up to them. The runs are
+    those of a source with the number ``key``, in order. A step back between two of the returned runs is still
+    to be explained. Rows behind one of ``steps``, by which the clock of another source was set, are not late.
     """
     result: list[_Run] = []
+    other_steps = [step for step in steps if step.source != key]
+    lone, run = runs[0], runs[min(1, len(runs) - 1)]
+    is_set = any(step.spans(lone.last_place, run.place) for step in other_steps)
+    if run.row == 1 and run.step_ns < 0 and run.first_ns < run.last_ns and not is_set:
+        first_ns = run.first_ns - source.interval_ns
+        course.shifts.append(_Shift(lone.place, run.place, key, first_ns - lone.first_ns))
+        course.ahead_count += 1
+        runs = [run._replace(place=lone.place, first_ns=first_ns, least_ns=first_ns, step_ns=0), *runs[2:]]
     for number, run in enumerate(runs):
         next_run = runs[number + 1] if number + 1 < len(runs) else None
         while len(result) > 1:
             before, excursion = result[-2:]
-            is_set = any(
-                step.source != key and step.spans(before.last_place, excursion.place) for step in steps
-            )
+            is_set = any(step.spans(before.last_place, excursion.place) for step in other_steps)
             is_late = _is_late(before, excursion, run, source) and not is_set
             if is_late or _is_early(before, excursion, run, source):
                 course.late_count += run.row - excursion.row

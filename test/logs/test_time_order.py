@@ -35,11 +35,11 @@ def write_rows_late(begin: int, count: int, by: int) -> Rows:
     return [*rows[:begin], *rows[begin + count : begin + count + by], *delayed, *rows[begin + count + by :]]
 
 
-def a_year_ahead() -> Rows:
-    """Return the voyage with one message a year ahead."""
+def put_ahead(number: int, seconds: float) -> Rows:
+    """Return the voyage with one message ahead."""
     rows = two_sources()
-    time, true, source = rows[400]
-    return [*rows[:400], (time + 365 * 86_400, true, source), *rows[401:]]
+    time, true, source = rows[number]
+    return [*rows[:number], (time + seconds, true, source), *rows[number + 1 :]]
 
 
 def write_disordered(seconds: float) -> Rows:
@@ -94,7 +94,25 @@ FAULTS: dict[str, tuple[Rows, str, float]] = {
     'one message late': (write_rows_late(400, 1, 25), '', 0.0),
     'one moment late': (write_rows_late(400, 2, 24), '', 0.0),
     'ten moments late': (write_rows_late(400, 20, 24), '', 0.0),
-    'one message a year ahead': (a_year_ahead(), 'the clock of it leapt ahead and back: 1 time', 0.25),
+    **{
+        f'message {number} ahead by {days} days': (
+            put_ahead(number, days * 86_400),
+            'the clock of it leapt ahead and back: 1 time taken from those beside',
+            0.25,
+        )
+        for number in (0, 1, 400)
+        for days in (1 / 24, 365)
+    },
+    'set back behind the first messages': (
+        under_clock(lambda t: t - 3600 * (t >= 0.5)),
+        'the clock of it leapt ahead and back: 2 times taken from those beside',
+        3600.0,
+    ),
+    'set back behind the third message': (
+        [(t - 3600 * (k >= 3), true, source) for k, (t, true, source) in enumerate(two_sources())],
+        SET_BACK.format('once', 3600),
+        0.0,
+    ),
     'newest first': (two_sources()[::-1], SORTED, 0.0),
     'source by source': (sorted(two_sources(), key=lambda row: row[2]), SORTED, 0.0),
     'blocks reversed': (
