@@ -105,9 +105,11 @@ def voyage_fault(path: Path, kind: str, config: MonitorConfig, is_quiet: bool) -
     return 'its stick-slip is an all-clear' if is_clear else ''
 
 
-def _refused_count(result: CheckResult) -> int:
-    """Return how many samples a check refuses, as words or implausible."""
+def _refused_count(result: CheckResult) -> float:
+    """Return how many samples a check refuses, as words or implausible; inf if an input is lost."""
     bearings = result.document.get('bearings', {}).values()
+    if any(event['to'] == Condition.INPUT_STALE for item in bearings for event in item['events']):
+        return math.inf
     return sum(int(count) for item in bearings for count in _REFUSED.findall(' '.join(item['data'])))
 
 
