@@ -78,8 +78,8 @@ def read_levels(bearing: str, evidence: Sequence[Evidence]) -> list[Evidence]:
 def prior_covariance(bearing: Bearing, tolerance: Tolerance) -> FloatArray:
     """Return the covariance of ``(ln r, ln q)`` by a configuration, shape (2, 2).
 
-    Tolerances that are 0 are taken as 40 % of the damping, 30 % of the decay and 25 % of
-    ``mu_s - mu_k``.
+    They are the logarithms of the factors by which the boundaries move, in speed and in load. Tolerances
+    that are 0 are taken as 40 % of the damping, 30 % of the decay and 25 % of ``mu_s - mu_k``.
     """
     completed = replace(tolerance, damping=tolerance.damping or 0.40, decay=tolerance.decay or 0.30)
     without_fall = tolerance.of_fall(bearing.friction) == 0.0
@@ -245,8 +245,8 @@ class Calibration:
     def has_changed(self) -> bool:
         """Whether the fold moved: the last three ends differ from those before, or all have a trend.
 
-        Both must exceed three standard deviations, by the scatter of the ends; False with fewer than five
-        ends.
+        Either counts only above three standard deviations, by the scatter of the ends; False with fewer than
+        five ends.
         """
         ends, last = sorted(self.edges.seen, key=lambda end: end.time), 3
         if len(ends) < 5:

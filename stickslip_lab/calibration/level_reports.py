@@ -116,6 +116,7 @@ def level_reports(
 ) -> tuple[list[VibrationReport], list[VibrationReport]]:
     """Return reports of vibration and quiet in order of time, and of knocks: vibrations of less than 10 s.
 
+    Knocks lie within the quiet around them, whose report goes on; a last quiet of up to 3 s is left out.
     Parts of the level without a gap of 5 s are read one by one; those of fewer than three bins are skipped.
     The begin of a vibration is moved back by the median lag with which the level falls. All have a tolerance
     of 1 s and a trust of 0.95.

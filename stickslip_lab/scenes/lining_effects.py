@@ -74,8 +74,8 @@ def friction_drift(settings: Settings, run: SceneRun) -> None:
 def water_temperature(settings: Settings, run: SceneRun) -> None:
     """Let the water at a bearing warm up or cool down [C]: in the lining, and on the topic that measures it.
 
-    It goes into ``run.courses`` and ``run.shaft``. Without such a topic the monitor keeps the temperature
-    that it is configured with.
+    It goes into ``run.courses`` and ``run.shaft``. Bearings are claimed. Without such a topic the monitor
+    keeps the temperature that it is configured with.
 
     Raises:
         SceneError: A setting breaks its rule, a temperature is out of range, friction does not depend on the

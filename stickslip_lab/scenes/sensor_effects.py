@@ -56,8 +56,8 @@ def low_pass(time_constant: float, step: float, value: float) -> Callable[[Float
     The returned function keeps its state from call to call.
 
     Args:
-        time_constant: Its lag [s].
-        step: Time between samples [s].
+        time_constant: Its lag > 0 [s].
+        step: Time between samples > 0 [s].
         value: Value of the input until now: the filter has settled on it.
     """
     from scipy.signal import lfilter

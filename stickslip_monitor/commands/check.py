@@ -444,12 +444,12 @@ _NARROW = 90
 
 
 def to_text(document: Mapping[str, Any], *, coloured: bool = False, width: int | None = None) -> str:
-    """Return the text on one recording that was checked, line by line.
+    """Return the text on one recording that was checked, each line with its end.
 
     Args:
         document: Its record, as ``check --json`` prints it.
         coloured: Whether to add terminal colours.
-        width: Maximum letters on a line; None for no limit.
+        width: Maximum letters on a line, at least 20; None for no limit. A longer word stays whole.
     """
     # Those of events, which are indented, are broken as a table.
     lines = _text_lines(document, width)

@@ -79,12 +79,13 @@ def run(args: argparse.Namespace) -> int:
 def _ask_page(args: argparse.Namespace) -> int:
     """Read the metrics of a page, print whether all works, and return the exit code.
 
-    It is 0 if there are monitors, and each of them and each link to a bus works; else 1.
+    It is 0 if there are monitors, and each of them and each link to a bus works; else 1, as for a page
+    that is no dashboard.
 
     Raises:
         ConfigurationError: The address does not begin with ``http://`` or ``https://``, or the token cannot
             be read.
-        DashboardError: The page gives no metrics.
+        DashboardError: The page cannot be read.
     """
     from urllib.request import Request, urlopen
 

@@ -433,7 +433,8 @@ def draw_track(axes: canvas.Axes, track: Track, rpm: float, width: float = canva
 def _draw_smoothed_track(axes: canvas.Axes, x: FloatArray, y: FloatArray) -> list[Any]:
     """Draw a track [rpm, kN] without noise: means over parts of its time, 1.5 % of the map's diagonal apart.
 
-    It goes from wide and light to narrow and dark, so that ways back can be distinguished.
+    It goes from wide and light to narrow and dark, so that ways back can be distinguished. Distances are
+    those on the picture: the limits of the axes must be final.
 
     Returns:
         One of its lines, labelled for the legend; an empty list if nothing was drawn.

@@ -228,7 +228,7 @@ def _build_nmea(settings: Mapping[str, Any], used: bool) -> NmeaLink | None:
 
     Args:
         settings: Values by parameter, each checked by itself.
-        used: Whether inputs come from it.
+        used: Whether inputs come from it, which need ``nmea.listen``.
 
     Raises:
         ConfigurationError: A value breaks its rule.

@@ -311,7 +311,9 @@ class Notifications:
     def take_alarms(self, record: Mapping[str, Any]) -> list[Update]:
         """Return the updates for the alarms that differ from what was sent, and note them as sent.
 
-        ``record`` is the list of alarms as it is published. Alarms of other bearings are left out.
+        ``record`` is the list of alarms as it is published. Alarms of other bearings are left out; an alarm
+        that the list lacks stays as it was. One raised anew is first sent as normal where the server knows
+        it.
         """
         return [
             update

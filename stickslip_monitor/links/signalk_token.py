@@ -41,6 +41,8 @@ def read_signalk_token(path: str) -> str:
 async def save_requested_token(link: SignalKLink | None, log: Callable[[str], object]) -> None:
     """Ask the server for a token, and write it to ``signalk.token_file``, readable by the owner only.
 
+    It waits without limit until an officer decides in the server's pages.
+
     Args:
         link: The Signal K link, ``None`` where none is configured.
         log: Given the instruction for the officer, and then the place of the token.

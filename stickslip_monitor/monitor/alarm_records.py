@@ -318,7 +318,8 @@ def parse_request(document: object, bearings: Collection[str]) -> ActionRequest:
         bearings: Names of the bearings that there are.
 
     Returns:
-        The request, its name and reason without space around them; a missing reason is ''.
+        The request, its name and reason without space around them; a missing reason is ''. A bearing or alarm
+        that is missing or null is None, which means all. Unknown fields are ignored.
 
     Raises:
         ConfigurationError: It is no valid request; the text names the field, its value and the rule.

@@ -189,7 +189,10 @@ class BearingState:
 
     @property
     def message(self) -> str:
-        """Text for a person: condition, mixed sources and faults of the inputs."""
+        """Text for a person, from the bearing's name on: condition, mixed sources and faults of the inputs.
+
+        A fault that the text names already is not repeated; while not monitoring only that is said.
+        """
         name = self.bearing.config.name
         if not self.monitoring:
             return f'{name}: {NOT_MONITORING}'

@@ -92,8 +92,9 @@ class ClipRecorder:
     def add(self, message: ClipMessage) -> None:
         """Let time pass to that of a message, as :meth:`advance`; store it, also in the clip being taken.
 
-        A clip that is full by it ends; :meth:`pop_clips` returns it. Messages older than a clip reaches back,
-        or beyond half of its size, are dropped.
+        A clip that is full by it ends; :meth:`pop_clips` returns it. Stored messages older than a clip
+        reaches back, or beyond half of its size, are dropped. A message that is older itself, by more than
+        that, is of a clock that was set: it ends the clip, and all before it is dropped.
         """
         self.advance(message.time_ns)
         self._past.append(message)

@@ -155,10 +155,10 @@ def _check_names(values: Mapping[str, Any], names: tuple[str, ...]) -> list[str]
 
 
 def _convert_torsional(name: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return parameters, by full name, with mass, damping and stiffness of a bearing for torsional values.
+    """Return parameters, by full name, with mass, damping and stiffness of a bearing from torsional values.
 
-    Each torsional value is divided by the square of the journal's radius. Without any the parameters
-    come back as they are; with one all three are required.
+    These are added, and the torsional ones stay. Each torsional value is divided by the square of the
+    journal's radius. Without any the parameters come back as they are; with one all three are required.
 
     Raises:
         ConfigurationError: One, or the diameter, is missing or invalid, or mass, damping or stiffness is

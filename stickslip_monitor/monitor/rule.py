@@ -294,7 +294,8 @@ def standing_until(s: State, c: RuleNumbers) -> int:
 def advance(s: State, c: RuleNumbers, now: int) -> None:
     """Set the latest time ``s.now`` [ns]; mark an input as lost, since its value was too old, in ``s.lost``.
 
-    The first call starts the wait for inputs. An earlier ``now`` sets the time back, and marks nothing; a
+    ``s.lost_since`` is then the time until which the value held, of a clock that does not go back. The first
+    call starts the wait for inputs. An earlier ``now`` sets the time back, and marks nothing; a
     loss ends by :func:`take_point` only.
     """
     if s.began == NEVER:
@@ -309,6 +310,8 @@ def advance(s: State, c: RuleNumbers, now: int) -> None:
 
 def store_value(s: State, c: RuleNumbers, place: int, came: int, si: float) -> None:
     """Store a valid speed or load as the latest, and update the means and the pace of its input.
+
+    The two values before move along for the median of three.
 
     Args:
         s: The memory, changed.
@@ -601,14 +604,14 @@ def integrate_growth(s: State, passed: int) -> None:
 def update_stick_slip(s: State, c: RuleNumbers, verdict: int, fresh: bool) -> None:
     """Begin or end stick-slip at this point.
 
-    Changes in the memory whether it stands, its course, the number of onsets, the times towards its end,
-    and what the level has said while it stood.
+    Changes in the memory whether it stands, its course, its growth, the number of onsets, the times towards
+    its end, what the level has said while it stood, and that its course is known.
 
     Args:
         s: The memory, changed.
         c: The numbers of the configuration.
         verdict: State of the level; ``UNKNOWN`` where it does not count at this point.
-        fresh: Whether this is the first point after a gap, which ends it at once.
+        fresh: Whether this is the first point after a gap, which ends it at once unless a cycle exists here.
     """
     if verdict == VIBRATING:
         s.course = WITHIN

@@ -136,8 +136,9 @@ def store_change(
     count: int,
     note: tuple[int, int, int, int, int, int],
 ) -> int:
-    """Store ``note``, an alarm change, and a copy of the memory in row ``count``; return ``count + 1``.
+    """Store ``note``, an alarm change, and the memory in row ``count``; return ``count + 1``.
 
+    The one memory is ``states[0]``. ``memories`` has to copy what is assigned, as an array of records does.
     ``note`` has the six numbers whose places are :data:`SAMPLE` to :data:`POINTS`.
     """
     for column in range(len(note)):
@@ -261,7 +262,7 @@ class BearingScan:
     Args:
         config: The bearing.
         start_ns: Time from which inputs are waited for [ns]; ``None`` for that of the first sample.
-        long: Whether to run compiled; ``None``: where a block is long and numba is there.
+        long: Whether to run compiled, which needs numba; ``None``: where a block is long and numba is there.
     """
 
     def __init__(self, config: BearingConfig, start_ns: int | None, *, long: bool | None = None) -> None:

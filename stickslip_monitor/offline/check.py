@@ -399,7 +399,7 @@ def merge_series(series: Sequence[Series], places: Sequence[int]) -> Stream:
     """Merge the samples of a bearing's inputs into one stream in the order of the recording.
 
     Args:
-        series: The samples of each input.
+        series: The samples of each input, of at least one.
         places: The number of each input (:class:`.Input`), in the same order.
 
     Returns:

@@ -517,9 +517,10 @@ class Plausibility:
         """Count more operating points; compute fold speeds only while none is fast enough to be plausible.
 
         Args:
-            speed: Surface speeds [m/s], shape (n,).
+            speed: Surface speeds of any sign [m/s], shape (n,).
             load: Loads [N], shape (n,).
-            limit: Returns the fold speeds [m/s] of the points at some indices; nan without a fold.
+            limit: Returns the fold speeds [m/s] of the points at some indices; nan without a fold, which
+                counts as fast enough.
         """
         speed = np.abs(speed)
         turns = speed > 0.0

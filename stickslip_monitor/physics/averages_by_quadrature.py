@@ -424,7 +424,8 @@ def boundaries(law: FrictionLaw, q: FloatArray) -> tuple[FloatArray, FloatArray]
 def hopf_speed(law: FrictionLaw, q: FloatArray) -> FloatArray:
     """Return the highest speed at which steady sliding loses its stability [m/s]; ``nan`` without one.
 
-    Of a law whose last stretch falls it is the end of that stretch. ``q`` is ``c/N``, shape (n,) [s/m].
+    Of a law whose last stretch falls it is the end of that stretch. ``q`` is ``c/N`` >= 0, not
+    ``nan``, shape (n,) [s/m].
     """
     if not speed_scales(law):
         return np.full_like(q, np.nan)

@@ -151,6 +151,7 @@ def _stated_estimate(name: str, item: Given) -> Estimate:
 def _derive_values(values: Mapping[str, Estimate], material: str) -> Iterator[Estimate]:
     """Yield estimates that follow from those given: area, shear modulus, density and damping ratio.
 
+    The area is the projected one, diameter times length. What is stated is yielded again, as derived.
     Of a loss factor ``eta``, ``zeta = eta/2`` at resonance: Nashif, Jones and Henderson, Vibration
     Damping, 1985.
 

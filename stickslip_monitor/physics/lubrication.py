@@ -249,7 +249,11 @@ def reference_point(
 
 
 def gives_load(function: _Function) -> _Function:
-    """Decorate ``function(bearing, speed)``, a boundary's load [N], so that it follows the lubrication."""
+    """Decorate ``function(bearing, speed)``, a boundary's load [N], so that it follows the lubrication.
+
+    It has to return the *least* load, and has the sentinels, of :func:`load_over_speed`; without lubrication
+    its result is returned as it is.
+    """
 
     @wraps(function)
     def scaled(bearing: Lubricated, speed: ArrayLike) -> Any:

@@ -243,7 +243,7 @@ class Watcher:
 
 
 class Bridge:
-    """A publisher for each input that comes from a bus.
+    """A publisher for each topic of inputs from a bus; the first bearing on a topic brings its values.
 
     Args:
         monitor: Full name of the monitor's node, to which names of topics are relative.

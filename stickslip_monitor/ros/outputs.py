@@ -124,6 +124,8 @@ class Configured:
     def rebuild(self, config: MonitorConfig) -> None:
         """Replace clips, publishers and session for another configuration; the alarms are taken over.
 
+        Call it while the node is not active: a clip that is still being taken is lost.
+
         Raises:
             Exception: One of :data:`.inputs.ROS_FAULTS`, or a StickslipError; all stays as it was.
         """
