@@ -136,7 +136,7 @@ def _find_named_index(parent: Any, step: ByName) -> int:
 def signalk_source(update: Mapping[str, Any]) -> str:
     """Return the sender of an update of Signal K: ``$source``, or the label that servers make of ``source``.
 
-    '' where it names none.
+    '' where there is neither.
 
     >>> signalk_source({'source': {'label': 'N2K', 'type': 'NMEA2000', 'src': '17', 'pgn': 127488}})
     'N2K.17'

@@ -236,7 +236,8 @@ class _Source:
     def _is_one_segment(self, time_ns: IntArray, step_ns: IntArray) -> bool:
         """Return whether rows make one segment: they neither step back nor jump, nor leave a cell of time.
 
-        There is at least one row. Of rows that come in blocks a segment may have more than one cell.
+        ``step_ns`` is the step into each of the n > 0 rows, the first one too. Of rows that come in blocks a
+        segment may have more than one cell.
         """
         if step_ns.min() < 0 or step_ns.max() > self._jump_ns:
             return False

@@ -95,7 +95,7 @@ class ChunkWriter:
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
         """Append a channel to the unfinished chunk; return its id, new in each call, from 1.
 
-        ``schema`` is an id that :meth:`add_schema` returned.
+        ``schema`` is an id that :meth:`add_schema` returned. A chunk that becomes full is written.
         """
         number = len(self._channels) + 1
         self._channels.append(Channel(number, topic, encoding, dict(metadata), schema))

@@ -325,7 +325,7 @@ class FieldReader:
 
         Returns:
             Values, shape (width, n): a row for each path, NaN for a message without a number; then, where
-            elements are chosen by name, a row for each path with 1 for a message that is not for it. And the
+            elements are chosen by name, a row for each path: 1 for a message not for it, else NaN. And the
             stamps [ns], shape (n,): the log time where a message has none; the array of log times itself
             where the type has none.
         """

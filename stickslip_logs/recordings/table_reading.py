@@ -407,7 +407,7 @@ class TableReading:
         return time_ns, is_there, values
 
     def _admitted_rows(self, topic: str, rows: Rows, chosen: BoolArray) -> BoolArray:
-        """Return which rows have numbers of a topic of the sender that is used at that time, shape (n,).
+        """Return which rows are of the sender of a topic that is used at that time, with or without a number.
 
         The admission of the topic advances with each number, and notes who is left out or used instead. As in
         live operation, a number in a unit of another quantity counts for no sender; nor does one without a

@@ -157,7 +157,7 @@ class BagWriter:
         self.write_columns([(topic, [log_time_ns], [data])])
 
     def write_float64s(self, columns: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> None:
-        """Write ``std_msgs/Float64`` messages of several topics, merged by their log times.
+        """Write ``std_msgs/Float64`` messages of topics, added with this type, merged by their log times.
 
         Args:
             columns: Log times [ns] and values of each topic, two arrays of shape (n,).

@@ -128,7 +128,8 @@ class StampLayout:
     def _choose_order(self, matches: Sequence[re.Match[str]]) -> tuple[str, str, str]:
         """Return the groups of matches, at least one, that are year, month and day.
 
-        The day is first where several orders fit; ``guess`` and ``question`` are set then, but not for dots.
+        Of the orders that fit, the one whose day changes most; where several are left the day is first, and
+        ``guess`` and ``question`` are set, but not for dots. A date of one line does not count beside others.
         """
         dates = Counter(m.group(*'abY') for m in {m.group(): m for m in matches}.values()).most_common()
         if len(dates) > 1 and dates[-1][1] == 1 < dates[-2][1]:

@@ -409,6 +409,7 @@ def _decimal_sign(path: Path, rows: Sequence[Cells], delimiter: str) -> str:
     """Return the decimal sign of the cells of rows, '.' or ','; '.' where no number has any.
 
     Of cells that have one of them for certain the more count: the others may be damaged, and are ignored.
+    What delimits the cells decides on numbers such as ``1,500``.
 
     Raises:
         BagError: The sign may as well be a separator of thousands.

@@ -79,9 +79,10 @@ def _has_steady_times(clock: Clock, rows: Sequence[Cells], direction: int) -> bo
 def share_columns(table: TableColumns, main: Clock, extra_clocks: Sequence[Clock]) -> tuple[Clock, ...]:
     """Assign the columns of values to clocks; return copies of clocks that have some, with ``values`` set.
 
-    A clock that is named after a signal is that of the signal. Else a column has the clock to its left, or to
-    its right where values stand before their times, if the clocks are headed alike or differ by more than a
-    zone, and each has a column. Else the main clock alone is returned unchanged, for all columns.
+    They are in the order of their columns. A clock that is named after a signal is that of the signal. Else a
+    column has the clock to its left, or to its right where values stand before their times, if the clocks are
+    headed alike or differ by more than a zone, and each has a column. Else the main clock alone is returned
+    unchanged, for all columns.
     """
     clocks = sorted([main, *extra_clocks], key=lambda clock: clock.columns)
     taken = {k for clock in clocks for k in clock.columns}

@@ -548,25 +548,22 @@ class ParquetTable(NumberTable):
     def blocks(self, wanted: Sequence[int], lose: TakeSentence, note: TakeSentence) -> Iterator[Rows]:
         """Yield the rows of some columns, each block once for each of their clocks.
 
-        Damage ends the rows without an error; it and, at the end, rows without a time are lost.
+        Damage ends the rows without an error; it and, at the end, rows without a time are lost. A file that
+        is no longer there is an OSError.
         """
         del note
-        untimed = 0
+        file, untimed = _open_parquet(self._path), 0
         clocks = self.clocks_of(wanted)
         places = list(dict.fromkeys([*(k for clock in clocks for k in clock.columns), *wanted]))
         try:
-            for batch in _open_parquet(self._path).iter_batches(
-                BLOCK, columns=[self.names[k] for k in places]
-            ):
+            for batch in file.iter_batches(BLOCK, columns=[self.names[k] for k in places]):
                 columns = dict(zip(places, batch.columns, strict=True))
                 for clock in clocks:
                     times = clock.read([_column_texts(columns[k]) for k in clock.columns])
                     lacking = ~times[1]
                     if len(clocks) > 1:
                         timed = [columns[k].is_valid() for k in wanted if clock.has_column(k)]
-                        lacking &= np.any(
-                            [is_time.to_numpy(zero_copy_only=False) for is_time in timed], axis=0
-                        )
+                        lacking &= np.any([t.to_numpy(zero_copy_only=False) for t in timed], axis=0)
                     untimed += int(lacking.sum())
                     yield Rows(clock, *times, columns)
         except Exception as error:  # pyarrow's errors have no common root
@@ -580,7 +577,9 @@ def _open_parquet(path: Path) -> Any:
 
     Raises:
         BagError: pyarrow is not installed, or cannot read it.
+        OSError: It is not there.
     """
+    path.stat()
     try:
         from pyarrow import parquet  # an extra, which takes time to import
     except ImportError as error:

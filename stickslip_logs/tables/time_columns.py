@@ -333,7 +333,7 @@ def rank_stamps(table: TableColumns, columns: Sequence[int]) -> list[int]:
 def _clock_of_day_times(table: TableColumns, column: int) -> Clock:
     """Return the clock of a column with times of the day, or since a start; a remark says it has no date.
 
-    Times of two parts, which may be hours or minutes, are a question.
+    Times of two parts are read as hours and minutes, which is a question. A cell at least is not empty.
     """
     remark = f"times in '{table.names[column]}' are of the day, without a date"
     cells = [row[column].strip() for row in table.rows if len(row) > column and row[column].strip()]
@@ -695,8 +695,8 @@ def _is_whole(rates: Sequence[float]) -> bool:
 def _unit_of_times(words: str, written: str | None) -> str:
     """Return the unit of time in a heading, in lower case: in brackets, all of it, or its last word; else ''.
 
-    >>> _unit_of_times('elapsed ms', None), _unit_of_times('millis', None), _unit_of_times('time', '[s]')
-    ('ms', 'millis', '')
+    >>> _unit_of_times('elapsed ms', 'rpm'), _unit_of_times('millis', None), _unit_of_times('time', 's')
+    ('ms', 'millis', 's')
     """
     first, _, rest = words.partition(' ')
     last = rest.rpartition(' ')[2]

@@ -46,6 +46,20 @@ def test_a_damaged_page_of_parquet_is_named(tmp_path: Path) -> None:
         open_bag(path)
 
 
+@pytest.mark.parametrize('kind', ['csv', 'parquet'])
+def test_a_table_that_goes_before_it_is_read_is_an_error(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / f'voyage.{kind}'
+    columns = {'time [s]': [0.0, 1.0], 'speed [rpm]': [30.0, 31.0]}
+    if kind == 'csv':
+        path.write_text('time [s],speed [rpm]\n0,30\n1,31\n')
+    else:
+        pq.write_table(pa.table(columns), path)
+    recording = open_bag(path)
+    path.unlink()
+    with pytest.raises(FileNotFoundError):
+        recording.read([Request('speed [rpm]', 'data')])
+
+
 def test_times_that_a_spreadsheet_rounded_away_are_a_loss(tmp_path: Path) -> None:
     """1.77787E+09 in each line: in no time nothing can be predicted, and nothing was judged."""
     rows = '1.77787E+09,20,1\n' * 5000 + '1.77788E+09,20,1\n' * 5000
