@@ -16,7 +16,7 @@ from mcap.opcode import Opcode
 from stickslip_logs.arrays import BoolArray, IntArray
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.bag_file import BagFile
-from stickslip_logs.recordings.mcap_chunks import HEAD, Block, DamagedBlock, Piece
+from stickslip_logs.recordings.mcap_chunks import HEAD, PAYLOAD, Block, DamagedBlock, Piece
 from stickslip_logs.time_order import MAX_TIME_NS, Row, TimeCourse, TimeOrder
 from stickslip_logs.units import KIB, MIB
 
@@ -265,4 +265,4 @@ def _rows_of(file: BagFile, piece: Piece, numbers: Mapping[str, int]) -> _Rows:
     keys, which = np.unique(piece.channel, return_inverse=True)
     topics = [numbers.get(file.channels[k].topic, -1) if k in file.channels else -1 for k in keys.tolist()]
     topic = np.array(topics, np.int64)[which] if topics else _NONE
-    return piece.log_time_ns, topic, piece.place
+    return piece.log_time_ns, topic, piece.offset - PAYLOAD if piece.row is None else piece.row

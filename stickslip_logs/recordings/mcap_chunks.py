@@ -207,7 +207,7 @@ class Piece:
         definitions: Records that define channels and schemas.
         unreadable_count: How many records are whole and cannot be read.
         end: The byte behind its last record.
-        place: Where each message is in the block: the byte of its record, or its row.
+        row: Its row in a block of a database, by which it is found again; None where its byte tells that.
     """
 
     data: bytes
@@ -218,7 +218,7 @@ class Piece:
     definitions: list[bytes]
     unreadable_count: int
     end: int
-    place: IntArray
+    row: IntArray | None = None
 
     def groups(self) -> Iterator[tuple[int, IntArray]]:
         """Yield each channel id that has messages, rising, and the indexes of these, shape (m,)."""
@@ -276,9 +276,9 @@ def walk_records(data: bytes) -> Iterator[Piece]:
         rows = np.concatenate(runs)
         if len(rows) < len(begin):
             begin, length, next_word = begin[rows], length[rows], next_word[rows]
-        offset, size = begin + PAYLOAD, length - PAYLOAD
+        offset = begin + PAYLOAD
         channel = (next_word >> 8).astype(np.uint16)
-        yield Piece(data, channel, words[offset - 16], offset, size, definitions, unreadable, end, begin)
+        yield Piece(data, channel, words[offset - 16], offset, length - PAYLOAD, definitions, unreadable, end)
 
 
 def _find_equal_run(data: bytes, begin: int) -> Piece | None:
@@ -303,11 +303,10 @@ def _find_equal_run(data: bytes, begin: int) -> Piece | None:
     count = count if same.all() else int(same.argmin())
     if count * length < _MIN_RUN:
         return None
-    place = np.arange(count) * length + begin
+    offset = np.arange(count) * length + (begin + PAYLOAD)
     size = np.full(count, length - PAYLOAD)
     channel, log_time_ns = column('<u2', HEAD.size).copy(), column('<i8', PAYLOAD - 16).copy()
-    end = begin + count * length
-    return Piece(data, channel, log_time_ns, place + PAYLOAD, size, [], 0, end, place)
+    return Piece(data, channel, log_time_ns, offset, size, [], 0, begin + count * length)
 
 
 def _skip_record(data: bytes, begin: int, definitions: list[bytes]) -> tuple[int, int]:
