@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 import zstandard
@@ -78,6 +79,21 @@ def read_values(path: Path) -> list[float]:
     request = Request('/x', 'data')
     values: list[float] = open_bag(path).read([request])[request].value.tolist()
     return values
+
+
+@pytest.mark.parametrize('is_dated_first', [False, True])
+def test_a_file_on_a_clock_that_was_not_set_stays_where_it_is(is_dated_first: bool, tmp_path: Path) -> None:
+    """Record 20 s from 0 on, and 20 s of a day in 2026; the first time of the former is that of no clock."""
+    files = [[begin + k * 10**9 for k in range(20)] for begin in (0, 1_776_074_400 * 10**9)]
+    files = files[::-1] if is_dated_first else files
+    write_folder(tmp_path / 'bag', {'a.mcap': files[0], 'b.mcap': files[1]})
+    bag, request = open_bag(tmp_path / 'bag'), Request('/x', 'data')
+    series = bag.read([request])[request]
+    assert series.value.tolist() == [float(time) for times in files for time in times if time]
+    assert np.diff(series.log_time_ns).tolist() == [10**9] * 38
+    assert 'have log time 0 (clock not set?) and were not used' in series.faults[0].text
+    note = 'was set back once' if is_dated_first else 'began at zero and was set to a date'
+    assert note in ' '.join(bag.warnings)
 
 
 def test_files_are_read_in_the_order_of_the_metadata(tmp_path: Path) -> None:
