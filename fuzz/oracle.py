@@ -16,7 +16,7 @@ import numpy as np
 from mcap.records import Channel, Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from fuzz.files import TOPICS
+from fuzz.files import FLOAT64, TOPICS
 from stickslip_logs.recordings.reader import open_bag
 from stickslip_logs.recordings.recording import Recording, Request
 from stickslip_monitor.errors import BagError
@@ -113,7 +113,7 @@ def _has_time(time_ns: int, expected: Counter[Sample]) -> bool:
 
 def _read_numbers(bag: Recording, topic: str) -> dict[str, object] | str | None:
     """Return the numbers of a topic, or None where an error names why there are none."""
-    request = Request(topic, 'data')
+    request = Request(topic, 'data', FLOAT64)
     try:
         series = bag.read([request])[request]
     except BagError:

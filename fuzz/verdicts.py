@@ -91,7 +91,7 @@ def voyage_fault(path: Path, kind: str, config: MonitorConfig, is_quiet: bool) -
     expected, other_count = samples_in(path, kind, speeds)
     missing, foreign = len(expected - samples), len(samples - samples_of(speeds))
     missing = min(missing, len(expected) - count) if is_moved else missing
-    if missing > most_missing and missing > _refused_count(check_one(Task(config), path)):
+    if missing > most_missing and missing > most_missing + _refused_count(check_one(Task(config), path)):
         return f'{missing} of {len(expected)} samples are missing, and at most {most_missing} are told of'
     if foreign > other_count and not (is_told or is_moved or most_missing):
         return f'{foreign} samples are of no line, and {other_count} may be of lines that were changed'
