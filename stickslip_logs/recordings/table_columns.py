@@ -48,6 +48,7 @@ class LogColumn:
         name: The name whose rows count; None where all do.
         unit: As the configuration calls it; None where its heading has none of these.
         is_other: Whether another sender of a bus was the first to send a number of this name.
+        sender: The only sender of a bus that counts; '' for the first, and others while it is silent.
         where: The rows that count, where several things share the column: places, and their texts there.
     """
 
@@ -56,6 +57,7 @@ class LogColumn:
     name: str | None = None
     unit: str | None = None
     is_other: bool = False
+    sender: str = ''
     where: tuple[tuple[int, str], ...] = ()
 
     @property

@@ -116,8 +116,7 @@ class TableReading:
         progress: Progress | None,
     ) -> None:
         self._recording, self._requests, self._columns = recording, requests, columns
-        self._progress = progress
-        self._rows, self._damaged = 0, 0
+        self._progress, self._rows, self._damaged = progress, 0, 0
         self._last_ns, self._distinct = dict.fromkeys(columns, -1), Counter[str]()
         self._keys = {topic: recording.chosen_keys(source.column) for topic, source in columns.items()}
         # One column may be several topics; beyond 62 columns two share a bit.
@@ -135,9 +134,9 @@ class TableReading:
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
         self._names = {source.column.name for source in columns.values()}
         self._admissions = {
-            topic: SourceAdmission(source.column.heading, source.timeout, '', recording.note)
-            for topic, source in columns.items()
-            if recording.is_sent and source.timeout is not None and not source.column.is_other
+            topic: SourceAdmission(item.column.heading, item.timeout, item.column.sender, recording.note)
+            for topic, item in columns.items()
+            if recording.is_sent and item.timeout is not None and not item.column.is_other
         }
         self._wanted += [SOURCE] if self._admissions else []
         self._days = {

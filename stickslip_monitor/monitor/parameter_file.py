@@ -289,7 +289,7 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
 
     A parameter without effect and a calibration that cannot be used are logged as warnings. Paths of
     calibrations are relative to the file. An input with neither topic nor column gets the column of the
-    ship's buses, if the file has one.
+    ship's buses, if the file has one, and any input the sender that is chosen there.
 
     Args:
         path: The file.
@@ -308,9 +308,11 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
     for name, value in parameters.items():
         if name.endswith('.calibration') and isinstance(value, str) and value:
             parameters[name] = str(Path(path).parent / value)
-    for name, column in _columns_of_buses(path, document).items():
+    for name, (column, sender) in _columns_of_buses(path, document).items():
         if not {f'{name}.topic', f'{name}.column'} & parameters.keys():
             parameters[f'{name}.column'] = column
+        if sender:
+            parameters.setdefault(f'{name}.sender', sender)
     try:
         config = build_config(parameters, is_live=is_live)
     except ConfigurationError as error:
@@ -320,11 +322,12 @@ def load_config(path: str | Path, node: str | None = None, *, is_live: bool = Fa
     return config
 
 
-def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
-    """Return the column of each input, as ``aft.speed``, in a log of a ship's buses.
+def _columns_of_buses(path: str | Path, document: object) -> dict[str, tuple[str, str]]:
+    """Return column and sender of each input, as ``aft.speed``, in a log of a ship's buses.
 
     It is empty where the file has no section of buses, or one that gives a parameter twice. A column is the
-    path of Signal K, the name of the transducer, or ``RPM S 1`` with kind and number of the shaft.
+    path of Signal K, the name of the transducer, or ``RPM S 1`` with kind and number of the shaft; the sender
+    the only source or talker to use, '' for the first.
     """
     try:
         links = _read_links(path, document)
@@ -334,7 +337,8 @@ def _columns_of_buses(path: str | Path, document: object) -> dict[str, str]:
     for name in [key.removesuffix('.from') for key in links if key.endswith('.from')]:
         kind, number = links.get(f'{name}.kind', ''), links.get(f'{name}.number', 1)
         given = links.get(f'{name}.path') or links.get(f'{name}.name')
-        columns[name] = str(given or f'RPM {kind} {number}')
+        sender = links.get(f'{name}.source') or links.get(f'{name}.talker')
+        columns[name] = str(given or f'RPM {kind} {number}'), str(sender or '')
     return columns
 
 

@@ -148,6 +148,9 @@ class InputConfig:
         "The lines of a log that count, by text of other columns: {shaft: port}; '*' is any.",
         kind='str[]',
     )
+    sender: str = parameter(
+        '', 'The only sender that counts in a log of a bus; by default that of the link, or else the first.'
+    )
     field: FieldPath = ('data',)
     factor: float = 1.0
     deadband: float = 0.0

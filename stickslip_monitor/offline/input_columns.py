@@ -133,7 +133,7 @@ class ColumnBinding:
             columns = named if len(named) == 1 else columns
         if len(columns) != 1:
             raise BagError(self._no_column_text(bearing.name, quantity, source.column, columns))
-        column = self._log.choose_rows(columns[0], source.where_texts)
+        column = self._log.choose_rows(replace(columns[0], sender=source.sender), source.where_texts)
         if (key := self._log.find_unchosen_key(column)) is None:
             return column
         heading, texts = key

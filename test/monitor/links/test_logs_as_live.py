@@ -135,6 +135,32 @@ def test_a_spare_sender_takes_over(bus: str, make: Callable[[], list[Sample]], t
     assert "source 'ER' is used; 'II' has sent no number for " in live
 
 
+@pytest.mark.parametrize('chosen', ['II', 'ER'])
+@pytest.mark.parametrize('has_columns', [True, False])
+@pytest.mark.parametrize('bus', ['nmea', 'signalk'])
+def test_a_chosen_sender_is_the_only_one(bus: str, has_columns: bool, chosen: str, tmp_path: Path) -> None:
+    """The other sender, which is the first, says that the shaft goes on at 136 rpm, and is not heard."""
+    samples = [
+        sample
+        for t in range(120)
+        for sample in (
+            Sample(t + 0.0, 'GP', SPEED, 136.0 + 0.01 * t),
+            Sample(t + 0.2, chosen, SPEED, (136.0 if t < 60 else 20.0) + 0.01 * t),
+            Sample(t + 0.4, 'GP', LOAD, 1000.0 + t % 7),
+        )
+    ]
+    path = ship_file(tmp_path, bus, has_columns=has_columns)
+    document = json.loads(path.read_text())
+    key = 'talker' if bus == 'nmea' else 'source'
+    document['/stickslip_links']['ros__parameters']['aft.speed'] |= {key: chosen}
+    path.write_text(json.dumps(document))
+    differing, report, live = differences(tmp_path, path, bus, lines_of(bus, samples))
+    assert differing == []
+    assert 'STICK_SLIP' in words_of(report.bearings['aft'].events)
+    for texts in (live, report.bag.warnings):
+        assert any(f"source 'GP' is left out: '{chosen}' is chosen" in text for text in texts)
+
+
 @pytest.mark.parametrize('bus', ['nmea', 'signalk'])
 def test_a_sender_whose_values_stand_is_given_up_later(bus: str, tmp_path: Path) -> None:
     """Half of the hold, where that is longer than the time-out: 30 s behind its last value."""
