@@ -225,6 +225,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     mode = 'live' if args.live else 'voyages' if args.voyages else 'recordings'
     kinds = {'live': ['nmea', 'signalk', 'mcap'], 'voyages': list(VOYAGES), 'recordings': list(SOURCES)}[mode]
+    if args.kind not in (None, *kinds):
+        parser.error(f'--kind {args.kind}: {mode} are of {", ".join(kinds)}; --voyages has every kind')
     kinds = [args.kind] if args.kind else kinds
     sys.stdout.write(f'seed {args.seed}, {args.count} {mode} of {", ".join(kinds)}\n')
     starts = range(0, args.count, _BATCH)
