@@ -139,7 +139,7 @@ def test_a_spare_sender_takes_over(bus: str, make: Callable[[], list[Sample]], t
 @pytest.mark.parametrize('has_columns', [True, False])
 @pytest.mark.parametrize('bus', ['nmea', 'signalk'])
 def test_a_chosen_sender_is_the_only_one(bus: str, has_columns: bool, chosen: str, tmp_path: Path) -> None:
-    """The other sender, which is the first, says that the shaft goes on at 136 rpm, and is not heard."""
+    """Hear nothing of the other sender, which is the first, and goes on at 136 rpm."""
     samples = [
         sample
         for t in range(120)
