@@ -208,19 +208,22 @@ class ChunkWriter:
                 self._index.setdefault(number, []).append(places)
             self._chunk_records += block[begin : ends[after - 1]].data
             row, begin = after, int(ends[after - 1])
-            if len(self._chunk_records) > self._chunk_size:
-                self._write_chunk()
+            self._write_full_chunk()
 
     def _add_definition(self, record: McapRecord) -> None:
         """Append a schema or channel to the unfinished chunk; write the chunk if it becomes full."""
         self._chunk_records += _encode_records(record)
-        if len(self._chunk_records) > self._chunk_size:
-            self._write_chunk()
+        self._write_full_chunk()
 
     def _begin_chunk(self) -> None:
         """Begin an empty chunk; drop what the unfinished one holds."""
         self._chunk_records = bytearray()
         self._index: dict[int, list[NDArray[np.void]]] = {}
+
+    def _write_full_chunk(self) -> None:
+        """Write the unfinished chunk if it is full."""
+        if len(self._chunk_records) > self._chunk_size:
+            self._write_chunk()
 
     def _write_chunk(self) -> None:
         """Write the unfinished chunk and its indexes, and begin the next; do nothing without a message."""
