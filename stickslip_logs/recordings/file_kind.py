@@ -7,16 +7,15 @@ import errno
 import re
 import unicodedata
 from pathlib import Path
-from typing import NamedTuple
 
 from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.mcap_chunks import MAGIC
 from stickslip_logs.recordings.sqlite_file import MAGIC as SQLITE_MAGIC
-from stickslip_logs.tables.text_file import BEGIN_BYTES, PACKED, ZSTD, unpacked_begin
+from stickslip_logs.tables.text_file import BEGIN_BYTES, PACKED, unpacked_begin
 
-MCAP, SQLITE, TABLE, UNKNOWN = 'mcap', 'sqlite', 'table', 'unknown'
-"""Kinds of content; a table is text with cells or Parquet."""
+RECORDINGS = MAGIC, SQLITE_MAGIC
+"""First bytes of recordings."""
 # Formats that are not read, by their first bytes, with the remedy.
 _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
     (b'PK\x03\x04', 'a spreadsheet or ZIP archive: save the sheet as CSV, or unpack it'),
@@ -31,26 +30,19 @@ _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
     ((b'MATLAB 5.0', b'MATLAB 7.3'), 'a MATLAB file: write it as CSV with writetable or writematrix'),
     (b'version https://git-lfs', "a pointer of Git LFS: bring the file itself with 'git lfs pull'"),
     (b'\xd0\xcf\x11\xe0', 'an old spreadsheet (.xls): save the sheet as CSV'),
-)
-# What begins and is in the first bytes of the logs of a gateway, with the remedy.
-_FRAMED: tuple[tuple[bytes, bytes, str], ...] = (
+    # The first message of a gateway: received, sent, or its own.
     (
-        b'\x10\x02',
-        b'\x10\x03',
-        'convert it with canboat: actisense-serial -r {0} | analyzer -json > NEW.json',
+        (b'\x10\x02\x93', b'\x10\x02\x94', b'\x10\x02\xa0'),
+        'a log of NMEA 2000 frames of an Actisense gateway: convert it with canboat:'
+        ' actisense-serial -r {0} | analyzer -json > NEW.json',
     ),
-    (b'\x1b\x01', b'\x1b\n', "write it as text with Actisense's EBL Reader"),
+    (b'\x1b\x01', "a log of NMEA 2000 frames: write it as text with Actisense's EBL Reader"),
+    (
+        (b'--\n-- PostgreSQL', b'-- MySQL', b'-- MariaDB', b'/*M!999999', b'PRAGMA foreign_keys=OFF;'),
+        'a dump of a database: load it into one, and write its table as CSV'
+        ' (psql --csv, mysql --batch, sqlite3 -header -csv)',
+    ),
 )
-_SQL_DUMP = re.compile(
-    rb'^(?:-- (PostgreSQL|MySQL|MariaDB) (?:database )?dump|PRAGMA foreign_keys=OFF;)', re.M
-)
-_LOADERS = {
-    b'PostgreSQL': ('psql NEW -f {0}', "psql NEW --csv -c 'SELECT * FROM TABLE' > NEW.csv"),
-    b'': ('sqlite3 NEW.db < {0}', "sqlite3 -header -csv NEW.db 'SELECT * FROM TABLE' > NEW.csv"),
-}
-_OTHER_LOADER = 'mysql NEW < {0}', "mysql --batch NEW -e 'SELECT * FROM TABLE' > NEW.tsv"
-# Measurement and tags, fields, and a time of 10 digits [s] to 19 [ns].
-_INFLUX_LINE = re.compile(rb'([^\s,=#]+)(?:,[^\s,=]+=[^\s,]+)* [^\s,=]+=(?:"[^"]*"|[^\s,"]+)\S* \d{10,19}\s*')
 # STX and ETX frame the lines of some instruments, and SUB ends texts of DOS.
 _CONTROLS = re.compile(rb'[\x01\x04-\x08\x0e-\x19\x1b-\x1f\x7f]')
 _CELL_MARKS = b',', b';', b'\t', b'|', b' '
@@ -61,38 +53,6 @@ _TABLE = re.compile(r'.*\.(?:csv|tsv|parquet)(?:\.gz)?', re.IGNORECASE | re.DOTA
 NUMBERED_PART = re.compile(
     r'(?P<stem>.+)_(?P<number>\d+)\.(?:mcap|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL
 )
-
-
-class Content(NamedTuple):
-    """Kind of a file, and its first bytes, unpacked where it is packed."""
-
-    kind: str
-    begin: bytes
-
-
-def read_content(path: Path) -> Content:
-    """Return the kind of a file by its first bytes, and these, unpacked where it is packed.
-
-    The kind is :data:`UNKNOWN` for content that is neither a recording nor text with cells, and for an empty
-    file. A packed file of which nothing can be unpacked is a :data:`TABLE`, whose reader reports the damage;
-    one of zstd is :data:`UNKNOWN`.
-
-    Raises:
-        BagError: It cannot be read, or its kind or packing is not supported; the text has the remedy.
-    """
-    begin = read_begin(path)
-    is_packed = begin.startswith(PACKED)
-    inner = unpacked_begin(path) if is_packed else begin
-    if inner.startswith((MAGIC, SQLITE_MAGIC)):
-        if is_packed and not begin.startswith(ZSTD):
-            raise BagError(f"'{path}' is a packed recording: unpack it first")
-        return Content(MCAP if inner.startswith(MAGIC) else SQLITE, inner)
-    if remedy := _remedy_for_text(inner):
-        raise BagError(f"'{path}' is {remedy.format(path)}")
-    is_damaged = is_packed and not inner and not begin.startswith(ZSTD)
-    # The reader of a damaged table reports what is wrong with its packing.
-    is_table = is_damaged or inner.startswith((b'PAR1', b'\xff\xfe', b'\xfe\xff')) or _is_text(inner)
-    return Content(TABLE if is_table else UNKNOWN, inner)
 
 
 def read_begin(path: Path) -> bytes:
@@ -108,39 +68,37 @@ def read_begin(path: Path) -> bytes:
             raise OSError(errno.EAGAIN, 'it has nothing to read yet')
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be read: {cause(error)}") from None
+    _refuse_foreign(path, begin)
+    return begin
+
+
+def read_content(path: Path) -> bytes:
+    """Return up to 4096 first bytes of a file, unpacked; none where nothing can be unpacked.
+
+    Raises:
+        BagError: As for :func:`read_begin`, also by what is packed.
+    """
+    begin = read_begin(path)
+    if begin.startswith(PACKED):
+        begin = unpacked_begin(path)
+        _refuse_foreign(path, begin)
+    return begin
+
+
+def _refuse_foreign(path: Path, begin: bytes) -> None:
+    """Raise a BagError if the first bytes of a file are those of a kind that is not supported."""
     if begin[257:262] == b'ustar':
         raise BagError(f"'{path}' is a tar archive: unpack it")
     for magic, kind in _FOREIGN:
         if begin.startswith(magic):
             raise BagError(f"'{path}' is {kind.format(path)}")
-    for first, within, remedy in _FRAMED:
-        if begin.startswith(first) and within in begin:
-            raise BagError(f"'{path}' has frames of NMEA 2000 of an Actisense gateway: {remedy.format(path)}")
-    return begin
 
 
-def _remedy_for_text(begin: bytes) -> str:
-    """Return the format of an SQL dump or lines of InfluxDB, with its remedy; empty for any other text.
-
-    The result is the end of a sentence, with ``{0}`` or ``{}`` in place of the path.
-    """
-    # A dump names its program behind a comment or two.
-    if dump := _SQL_DUMP.search(begin[:300]):
-        program = dump[1] or b''
-        load, write = _LOADERS.get(program, _OTHER_LOADER)
-        return (
-            f'a dump of {program.decode() or "SQLite"}: load it ({load}), and write a table of it ({write})'
-        )
-    lines = [line for line in begin.splitlines()[:-1] if line.strip() and not line.startswith(b'#')]
-    matches = [_INFLUX_LINE.fullmatch(line) for line in lines]
-    if matches and (first := matches[0]) and all(matches):
-        name = first[1].decode(errors='replace').replace('{', '{{').replace('}', '}}')
-        query = f'SELECT * FROM "{name}"'
-        return (
-            f"lines of InfluxDB: write them as CSV: influx -database NAME -execute '{query}' -precision"
-            ' rfc3339 -format csv > NEW.csv'
-        )
-    return ''
+def is_table(begin: bytes) -> bool:
+    """Return whether first bytes, unpacked, are those of a text with cells or of Parquet."""
+    if begin.startswith(RECORDINGS):
+        return False
+    return begin.startswith((b'PAR1', b'\xff\xfe', b'\xfe\xff')) or _is_text(begin)
 
 
 def _is_text(begin: bytes) -> bool:

@@ -6,7 +6,6 @@ A file is what its content says; only the name of an MCAP, SQLite, CSV or Parque
 
 from __future__ import annotations
 
-import functools
 import itertools
 import os
 import re
@@ -19,20 +18,22 @@ import yaml
 
 from stickslip_logs.errors import MAX_NAMED, BagError, cause, listed, plural
 from stickslip_logs.files import path_hint, read_file
-from stickslip_logs.recordings import file_kind
 from stickslip_logs.recordings.bag_file import BagFile, scan_mcap_file
 from stickslip_logs.recordings.file_kind import (
     NUMBERED_PART,
+    RECORDINGS,
     compose_letters,
     find_stored_path,
     has_recording_name,
     has_sqlite_name,
     has_table_name,
+    is_table,
     natural_sort_key,
     read_begin,
     read_content,
     recording_name_of,
 )
+from stickslip_logs.recordings.mcap_chunks import MAGIC
 from stickslip_logs.recordings.recording import METADATA_NAME, METADATA_ROOT, Findings, Scratch
 from stickslip_logs.recordings.sqlite_file import MAGIC as SQLITE
 from stickslip_logs.recordings.sqlite_file import SqliteFile
@@ -99,17 +100,17 @@ def describe_unchecked(paths: Iterable[str | Path], checked: Iterable[str | Path
     """
     read = {os.path.realpath(path) for path in checked}
     unread = {
-        folder / name
+        str(file)
         for path in map(Path, paths)
         for folder, names in _walk_folders(path, [])
-        for name in names
-        if _kind_of(folder / name) in (_LOG, _OTHER)
+        for file in map(folder.joinpath, names)
+        if os.path.realpath(file) not in read and _kind_of(file) in (_LOG, _OTHER)
     }
-    files = sorted(str(file) for file in unread if os.path.realpath(file) not in read)
-    if not files:
+    if not unread:
         return ''
     return (
-        f'{plural(len(files), "file")} not checked (name one to check it, or to see why not): {listed(files)}'
+        f'{plural(len(unread), "file")} not checked (name one to check it, or to see why not):'
+        f' {listed(sorted(unread))}'
     )
 
 
@@ -167,31 +168,16 @@ def _kind_of(path: Path) -> str:
     if path.name == METADATA_NAME:
         return _EXCLUDED
     try:
-        status = path.stat()
-    except OSError:
+        if not path.stat().st_size:
+            return _EXCLUDED
+        begin = read_content(path)
+    except (OSError, BagError):
         return _OTHER
-    return _kind_by_content(path, status.st_size, status.st_mtime_ns) if status.st_size else _EXCLUDED
-
-
-# What is checked and what is left out are asked for one after the other.
-@functools.lru_cache(maxsize=1 << 16)
-def _kind_by_content(path: Path, size: int, changed_ns: int) -> str:
-    """Return the kind of a file as :func:`_kind_of` does, by reading it; cache it, 'other' for an error too.
-
-    Size and last change are a part of the key of the cache.
-    """
-    del size, changed_ns  # they tell a file from one that had its name before
-    try:
-        kind, begin = read_content(path)
-    except BagError:
-        return _OTHER
-    if kind == file_kind.MCAP:
-        return _RECORDING
-    if kind == file_kind.SQLITE:
-        return _RECORDING if _BAG_SCHEMA in begin else _OTHER
+    if begin.startswith(RECORDINGS):
+        return _RECORDING if begin.startswith(MAGIC) or _BAG_SCHEMA in begin else _OTHER
     if begin.lstrip().startswith(_DOCUMENTS):
         return _EXCLUDED
-    if kind == file_kind.UNKNOWN or not begin:
+    if not is_table(begin):
         return _OTHER
     if begin.startswith(b'PAR1') or is_number_table(path):
         return _LOG

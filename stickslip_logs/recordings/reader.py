@@ -7,27 +7,25 @@ import contextlib
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import IO
-
-import zstandard
+from typing import IO, Any
 
 from stickslip_logs.errors import BagError, cause
 from stickslip_logs.files import path_hint
 from stickslip_logs.recordings.bag_recording import BagRecording
 from stickslip_logs.recordings.file_kind import (
-    TABLE,
+    RECORDINGS,
     find_stored_path,
     has_recording_name,
+    is_table,
     read_begin,
     read_content,
     recording_name_of,
 )
 from stickslip_logs.recordings.folders import are_consecutive, folder_files, has_other_parts, scan_part
-from stickslip_logs.recordings.mcap_chunks import MAGIC, limit_bytes
+from stickslip_logs.recordings.mcap_chunks import limit_bytes
 from stickslip_logs.recordings.recording import METADATA_NAME, Findings, Recording, Scratch
-from stickslip_logs.recordings.sqlite_file import MAGIC as SQLITE
 from stickslip_logs.recordings.table_recording import TableRecording
-from stickslip_logs.tables.text_file import ZSTD, open_unpacked
+from stickslip_logs.tables.text_file import BROKEN, PACKED, open_unpacked
 from stickslip_logs.units import MIB
 
 _PIECE = MIB
@@ -54,7 +52,7 @@ def open_bag(path: str | Path) -> Recording:
     except OSError as error:
         raise BagError(f"bag '{path}' cannot be read: {cause(error)}") from None
     if not path.is_dir():
-        if not has_recording_name(path.name) and read_content(path).kind == TABLE:
+        if not has_recording_name(path.name) and is_table(read_content(path)):
             return TableRecording(path)
         if (stem := recording_name_of(path.name)) and has_other_parts(path):
             findings.note(f"'{path.name}' is numbered as a part of '{stem}': read as a recording of its own")
@@ -91,31 +89,37 @@ def _open_files(path: Path, files: Sequence[Path], findings: Findings, is_one: b
 
 
 def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
-    """Return a file, or the unpacked copy of one that zstd packed as a whole; report what is cut off it.
+    """Return a file, or the unpacked copy of one that is packed as a whole; report what is cut off it.
 
     Raises:
         BagError: Nothing of it can be unpacked, it grows to more than its size allows, or the disk is full.
     """
-    if not read_begin(path).startswith(ZSTD):
+    if not read_begin(path).startswith(PACKED):
         return path
     try:
         target, max_bytes = scratch.folder / path.stem, limit_bytes(path.stat().st_size)
         with open_unpacked(path) as packed, target.open('wb') as file:
-            try:
-                # One read of the file below at a time: what comes before its end is kept.
-                while piece := packed.read1(_PIECE):
-                    if file.tell() + len(piece) > max_bytes:
-                        raise BagError(
-                            f"bag file '{path}' grows to more than {max_bytes} bytes, the limit for its size"
-                        )
-                    file.write(piece)
-            except (EOFError, zstandard.ZstdError):
-                findings.lose(f"file '{path.name}' is cut or damaged: what could be unpacked of it was read")
+            for piece in _read_pieces(packed, path, findings):
+                if file.tell() + len(piece) > max_bytes:
+                    raise BagError(
+                        f"bag file '{path}' grows to more than {max_bytes} bytes, the limit for its size"
+                    )
+                file.write(piece)
             if not file.tell():
                 raise BagError(f"bag file '{path}' is cut or damaged: nothing can be unpacked, copy it anew")
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be unpacked: {error}") from None
     return target
+
+
+def _read_pieces(packed: Any, path: Path, findings: Findings) -> Iterator[bytes]:
+    """Yield the unpacked data of a file up to its end or its first damage, which is reported as a loss."""
+    try:
+        # One read of the file below at a time: what comes before damage is kept.
+        while piece := packed.read1(_PIECE):
+            yield piece
+    except BROKEN:
+        findings.lose(f"file '{path.name}' is cut or damaged: what could be unpacked of it was read")
 
 
 @contextlib.contextmanager
@@ -137,9 +141,7 @@ def spool_stream(stream: IO[bytes], show: Callable[[str, int, int | None], None]
         raise BagError("bag '-' is the terminal: pipe a recording into standard input")
     with tempfile.TemporaryDirectory(prefix='stickslip-') as folder:
         piece = stream.read(_PIECE)
-        ending = '.mcap' if MAGIC.startswith(piece[: len(MAGIC)]) else ''
-        is_known = bool(ending) or piece.startswith((SQLITE, ZSTD))
-        path = Path(folder) / f'standard_input{ending}'
+        path, is_known = Path(folder) / 'standard_input', False
         try:
             with path.open('wb') as file:
                 while piece:
@@ -148,7 +150,8 @@ def spool_stream(stream: IO[bytes], show: Callable[[str, int, int | None], None]
                     file.flush()
                     # What is no recording may have no end; its reader says what it is.
                     with contextlib.suppress(BagError):
-                        is_known = is_known or read_content(path).kind == TABLE
+                        begin = b'' if is_known else read_content(path)
+                        is_known = is_known or begin.startswith(RECORDINGS) or is_table(begin)
                     piece = stream.read(_PIECE) if is_known else b''
         except OSError as error:
             raise BagError(f"bag '-' cannot be read: {cause(error)}") from None

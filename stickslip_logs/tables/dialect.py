@@ -248,6 +248,10 @@ def remedy_for_format(path: Path, lines: Sequence[str]) -> str:
         'has sentences of NMEA 0183 without checksums: record them with these, without which a damaged one is'
         ' not known'
     )
+    forms[r'^[^\s,=]+(,\S+)? [^\s,=]+=\S+ \d{10,19}$'] = (
+        "has lines of InfluxDB: write them as CSV: influx -database NAME -execute 'SELECT * FROM MEASUREMENT'"
+        ' -precision rfc3339 -format csv > {1}.csv'
+    )
     first = lines[:200]
     counts = {form: sum(bool(re.search(form, line)) for line in first) for form in forms}
     form = max(counts, key=counts.__getitem__)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import bz2
 import gc
 import gzip
 import io
@@ -398,31 +399,22 @@ CONVERT = "convert it with 'ros2 bag convert' first"
         *(
             (lambda path, data=data: path.write_bytes(data), text)
             for data, text in (
-                (
-                    b'--\n-- PostgreSQL database dump\n--\n',
-                    "'{0}' is a dump of PostgreSQL: load it (psql NEW -f {0})",
-                ),
-                (
-                    b'-- MySQL dump 10.13\n-- Host: db\n',
-                    "'{0}' is a dump of MySQL: load it (mysql NEW < {0})",
-                ),
+                (b'--\n-- PostgreSQL database dump\n--\n', "'{0}' is a dump of a database: load it into one"),
                 (
                     gzip.compress(b'PRAGMA foreign_keys=OFF;\nBEGIN;\n'),
-                    "'{0}' is a dump of SQLite: load it (sqlite3",
+                    "'{0}' is a dump of a database: load it into one",
                 ),
                 (
                     b'shaft,side=port rpm=30.1,load=900i 1780000000000000000\n' * 3,
-                    "'{0}' is lines of InfluxDB: write them as CSV: influx -database NAME -execute"
-                    ' \'SELECT * FROM "shaft"\'',
+                    "log '{0}' has lines of InfluxDB: write them as CSV: influx -database NAME -execute",
                 ),
                 (
                     b'\x10\x02\x93\x13\x02\x01\xf8\x09\xff\x10\x03\x10\x02',
-                    "'{0}' has frames of NMEA 2000 of an Actisense gateway: convert it with canboat:"
+                    "'{0}' is a log of NMEA 2000 frames of an Actisense gateway: convert it with canboat:"
                     ' actisense-serial -r {0}',
                 ),
             )
         ),
-        (lambda path: path.write_bytes(gzip.compress(MAGIC)), "'{}' is a packed recording: unpack it first"),
         # A frame of which the first block has not come whole.
         (
             lambda path: path.write_bytes(zstandard.compress(bytes(range(256)) * 9)[:20]),
@@ -455,7 +447,7 @@ def test_files_that_are_no_recording_are_named(
     assert '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize('begin', [b'SQLite format 3\0', b'\x28\xb5\x2f\xfd', MAGIC])
+@pytest.mark.parametrize('begin', [b'SQLite format 3\0', zstandard.compress(MAGIC), MAGIC])
 def test_all_of_a_recording_is_read_from_a_pipe(begin: bytes) -> None:
     data = begin + bytes(3 << 20)
     with spool_stream(io.BytesIO(data), lambda *_: None) as path:
@@ -559,15 +551,24 @@ def test_a_truncated_packed_log_is_read_as_far_as_it_goes(
         assert any('the file is cut or damaged' in text for text in recording.losses) != is_whole
 
 
-def test_a_truncated_packed_recording_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
-    path = tmp_path / 'a.mcap.zstd'
-    packed = zstandard.compress(file([Piece([*DEFINITIONS, *messages(0, 9000)], is_bare=True)]))
+@pytest.mark.parametrize('pack', [gzip.compress, zstandard.compress, bz2.compress, lzma.compress])
+def test_a_truncated_packed_recording_is_read_as_far_as_it_goes(
+    pack: Callable[[bytes], bytes], tmp_path: Path
+) -> None:
+    path = tmp_path / 'a.mcap.packed'
+    packed = pack(file([Piece([*DEFINITIONS, *messages(0, 9000)], is_bare=True)]))
     path.write_bytes(packed)
+    assert find_bags([tmp_path]) == [path]
     assert open_bag(path).message_count == 9000
     assert not open_bag(path).losses
-    path.write_bytes(packed[:-4])  # of the last block
-    assert 0 < open_bag(path).message_count < 9000
+    path.write_bytes(packed[:-4])  # of the last block, or the checksum
+    assert 0 < open_bag(path).message_count <= 9000
     assert 'is cut or damaged: what could be unpacked of it was read' in ' '.join(open_bag(path).losses)
+
+
+def test_zeros_behind_a_packed_recording_are_a_loss(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap.zstd'
+    packed = zstandard.compress(file([Piece([*DEFINITIONS, *messages(0, 9000)], is_bare=True)]))
     # What a crash leaves: the file system had given it room.
     path.write_bytes(packed + bytes(4096))
     assert open_bag(path).message_count == 9000
