@@ -50,9 +50,7 @@ _RECORDING = re.compile(r'.*\.(?:mcap|mcap\.active|db3)(?:\.zstd?)?', re.IGNOREC
 _SQLITE = re.compile(r'.*\.db3(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 _TABLE = re.compile(r'.*\.(?:csv|tsv|parquet)(?:\.gz)?', re.IGNORECASE | re.DOTALL)
 # As rosbag2 numbers the files of a recording.
-NUMBERED_PART = re.compile(
-    r'(?P<stem>.+)_(?P<number>\d+)\.(?:mcap|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL
-)
+_NUMBERED_PART = re.compile(r'(?P<stem>.+)_\d+\.(?:mcap|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 
 
 def read_begin(path: Path) -> bytes:
@@ -130,7 +128,7 @@ def has_table_name(name: str) -> bool:
 
 def recording_name_of(name: str) -> str:
     """Return the recording, in NFC, of which a file is a part, 'a' for 'a_3.mcap'; empty for another name."""
-    part = NUMBERED_PART.fullmatch(name)
+    part = _NUMBERED_PART.fullmatch(name)
     return compose_letters(part['stem']) if part else ''
 
 

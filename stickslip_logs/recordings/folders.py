@@ -20,7 +20,6 @@ from stickslip_logs.errors import MAX_NAMED, BagError, cause, listed, plural
 from stickslip_logs.files import path_hint, read_file
 from stickslip_logs.recordings.bag_file import BagFile, scan_mcap_file
 from stickslip_logs.recordings.file_kind import (
-    NUMBERED_PART,
     RECORDINGS,
     compose_letters,
     find_stored_path,
@@ -54,7 +53,6 @@ _NOT_METADATA = (
     OverflowError,
     RecursionError,
 )
-_DATE = re.compile(r'\d{4}[-_]?\d\d[-_]?\d\d$')
 _RECORDING, _LOG, _OTHER, _EXCLUDED = 'recording', 'log', 'other', 'excluded'
 # Documents and pictures, by their first bytes: no data for a check.
 _DOCUMENTS = (
@@ -299,24 +297,8 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
             raise BagError(f"folder '{folder}' holds {len(present)} recordings: name one of them")
         kind = '.db3' if has_sqlite_name(present[0]) else '.mcap'
         findings.note(f'{metadata}: its {kind} files were read in the order of their names')
-        _report_missing_numbers(present, findings)
         return Metadata(tuple(present))
     return _complete_metadata(folder, metadata, present, findings)
-
-
-def _report_missing_numbers(names: Sequence[str], findings: Findings) -> None:
-    """Report up to ten numbers that are missing between those of files as lost.
-
-    Nothing is reported where more than half of the numbers are missing. Numbers of dates may have gaps, and
-    files before the first may be gone: some recorders keep the newest.
-    """
-    parts = [part for name in names if (part := NUMBERED_PART.fullmatch(name))]
-    numbers = {int(part['number']) for part in parts if not _DATE.search(part[0][: part.end('number')])}
-    first, last = min(numbers, default=0), max(numbers, default=0)
-    if last - first < 2 * len(numbers):
-        lacking = sorted({*range(first, last)} - numbers)
-        for number in lacking[:MAX_NAMED]:
-            findings.lose(f'file {number} is missing between those of the lower and the higher numbers')
 
 
 def _complete_metadata(folder: Path, metadata: Metadata, present: list[str], findings: Findings) -> Metadata:

@@ -137,20 +137,6 @@ def test_without_metadata_the_names_are_counted(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize('name', ['bag_20260413.mcap', 'bag_2026_04_13.mcap'])
-def test_days_without_a_file_are_no_loss(name: str, tmp_path: Path) -> None:
-    for day in ('13', '15'):
-        write_recording(tmp_path / 'bag' / name.replace('13', day), {'/x': ([int(day)], [0])})
-    assert open_bag(tmp_path / 'bag').losses == ()
-
-
-def test_a_file_that_is_lacking_between_others_is_a_loss(tmp_path: Path) -> None:
-    for number in (3, 5, 6):  # a recorder may have taken away the first ones
-        write_recording(tmp_path / 'bag' / f'bag_{number}.mcap', {'/x': ([number], [number])})
-    missing = 'file 4 is missing between those of the lower and the higher numbers'
-    assert open_bag(tmp_path / 'bag').losses == (missing,)
-
-
 INFORMATION = 'rosbag2_bagfile_information: '
 UNUSABLE = (
     '',
