@@ -411,11 +411,11 @@ CONVERT = "convert it with 'ros2 bag convert' first"
         (make_sqlite_folder, "'{}/bag_0.db3' is a database and no recording of ROS 2"),
         (
             folder_with({'a.mcap': [1]}, storage_identifier='other'),
-            f"bag '{{}}' is stored as 'other': {CONVERT}",
+            f"bag '{{}}' is stored as 'other' with compression_mode 'none', which is not read: {CONVERT}",
         ),
         (
             folder_with({'a.mcap': [1]}, compression_mode='MESSAGE', compression_format='zstd'),
-            f"bag '{{}}' has compression_mode 'message' of 'zstd', which is not read from mcap: {CONVERT}",
+            f"bag '{{}}' is stored as 'mcap' with compression_mode 'message', which is not read: {CONVERT}",
         ),
         (
             folder_with({'a.mcap': [1]}, relative_file_paths=['b.mcap']),
