@@ -73,7 +73,7 @@ def test_a_file_that_is_listed_often_is_read_once(tmp_path: Path) -> None:
     )
     bag = open_bag(tmp_path)
     assert bag.message_count == open_bag(BAG).message_count
-    assert '19990 more files that it lists are missing' in bag.warnings
+    assert any(text.endswith(' and 19990 more') for text in bag.warnings)
     assert len(bag.warnings) < 20
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from stickslip_logs.errors import MAX_NAMED, BagError, cause, listed, plural
+from stickslip_logs.errors import BagError, cause, listed, plural
 from stickslip_logs.files import path_hint, read_file
 from stickslip_logs.recordings.bag_file import BagFile, scan_mcap_file
 from stickslip_logs.recordings.file_kind import (
@@ -312,25 +312,19 @@ def _complete_metadata(folder: Path, metadata: Metadata, present: list[str], fin
     """
     by_name = {compose_letters(name): name for name in present}
     names = [by_name[name] for name in map(compose_letters, metadata.names) if name in by_name]
-    missing = [name for name in metadata.names if compose_letters(name) not in by_name]
-    for name in missing[:MAX_NAMED]:
-        findings.lose(f"file '{name}' is listed in {METADATA_NAME} but missing")
-    if len(missing) > MAX_NAMED:
-        findings.lose(f'{len(missing) - MAX_NAMED} more files that it lists are missing')
+    if missing := [name for name in metadata.names if compose_letters(name) not in by_name]:
+        findings.lose(f'files that {METADATA_NAME} lists are missing: {listed(missing)}')
     if not names:
         raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
-    count = metadata.count
     stems = {recording_name_of(name) for name in names} - {''}
-    for name in present:
-        if name in names:
-            continue
-        if recording_name_of(name) in stems:
-            findings.note(f"file '{name}' is not listed in {METADATA_NAME}: read by its name")
-            names, count = [*names, name], None
-        else:
-            findings.lose(f"file '{name}' is not listed in {METADATA_NAME} and was not read")
-    names = names if count is not None else sorted(names, key=natural_sort_key)
-    return replace(metadata, names=tuple(names), count=count)
+    others = [name for name in present if name not in names]
+    added = [name for name in others if recording_name_of(name) in stems]
+    if unread := [name for name in others if name not in added]:
+        findings.lose(f'files that {METADATA_NAME} does not list were not read: {listed(unread)}')
+    if not added:
+        return replace(metadata, names=tuple(names))
+    findings.note(f'files that {METADATA_NAME} does not list were read by their names: {listed(added)}')
+    return replace(metadata, names=tuple(sorted([*names, *added], key=natural_sort_key)), count=None)
 
 
 def read_metadata(folder: Path) -> Metadata | str:

@@ -173,8 +173,8 @@ def test_metadata_that_disagrees_is_a_warning(tmp_path: Path) -> None:
     )
     bag = open_bag(tmp_path / 'bag')
     assert bag.warnings == (
-        "file 'gone.mcap' is listed in metadata.yaml but missing",
-        "file 'extra.mcap' is not listed in metadata.yaml and was not read",
+        "files that metadata.yaml lists are missing: 'gone.mcap'",
+        "files that metadata.yaml does not list were not read: 'extra.mcap'",
         f"'{tmp_path / 'bag/metadata.yaml'}' counts 50 messages, the files hold 2",
     )
 
