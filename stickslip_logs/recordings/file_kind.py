@@ -47,7 +47,6 @@ _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
 _CONTROLS = re.compile(rb'[\x01\x04-\x08\x0e-\x19\x1b-\x1f\x7f]')
 _CELL_MARKS = b',', b';', b'\t', b'|', b' '
 _RECORDING = re.compile(r'.*\.(?:mcap|mcap\.active|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
-_SQLITE = re.compile(r'.*\.db3(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
 _TABLE = re.compile(r'.*\.(?:csv|tsv|parquet)(?:\.gz)?', re.IGNORECASE | re.DOTALL)
 # As rosbag2 numbers the files of a recording.
 _NUMBERED_PART = re.compile(r'(?P<stem>.+)_\d+\.(?:mcap|db3)(?:\.zstd?)?', re.IGNORECASE | re.DOTALL)
@@ -114,11 +113,6 @@ def _is_text(begin: bytes) -> bool:
 def has_recording_name(name: str) -> bool:
     """Return whether a name is that of a recording, as 'a.mcap' or 'a.db3.zstd'; False for a hidden one."""
     return not name.startswith('.') and bool(_RECORDING.fullmatch(name))
-
-
-def has_sqlite_name(name: str) -> bool:
-    """Return whether a name is that of a recording in SQLite, as 'a.db3' or 'a.db3.zstd', hidden or not."""
-    return bool(_SQLITE.fullmatch(name))
 
 
 def has_table_name(name: str) -> bool:

@@ -24,7 +24,6 @@ from stickslip_logs.recordings.file_kind import (
     compose_letters,
     find_stored_path,
     has_recording_name,
-    has_sqlite_name,
     has_table_name,
     is_table,
     natural_sort_key,
@@ -222,12 +221,12 @@ def _are_parts(folder: Path, names: Sequence[str]) -> bool:
 def scan_part(path: Path, findings: Findings, scratch: Scratch) -> BagFile:
     """Return the contents of a file of MCAP or SQLite.
 
-    SQLite is known by name or first bytes. Copies are made in ``scratch``; ``findings`` takes the warnings.
+    Copies are made in ``scratch``; ``findings`` takes the warnings.
 
     Raises:
         BagError: It cannot be read, or is neither.
     """
-    if has_sqlite_name(path.name) or read_begin(path).startswith(SQLITE):
+    if read_begin(path).startswith(SQLITE):
         return SqliteFile(path, findings, scratch)
     return scan_mcap_file(path, findings)
 
@@ -295,8 +294,7 @@ def folder_files(folder: Path, findings: Findings) -> Metadata:
     if isinstance(metadata, str):
         if len(present) > 1 and len({recording_name_of(name) or name for name in present}) > 1:
             raise BagError(f"folder '{folder}' holds {len(present)} recordings: name one of them")
-        kind = '.db3' if has_sqlite_name(present[0]) else '.mcap'
-        findings.note(f'{metadata}: its {kind} files were read in the order of their names')
+        findings.note(f'{metadata}: its files were read in the order of their names')
         return Metadata(tuple(present))
     return _complete_metadata(folder, metadata, present, findings)
 

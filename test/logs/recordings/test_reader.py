@@ -132,8 +132,7 @@ def test_without_metadata_the_names_are_counted(tmp_path: Path) -> None:
     bag = open_bag(str(tmp_path / 'bag'))
     assert [file.name for file in bag.files] == ['bag_1.mcap', 'bag_9.mcap', 'bag_10.mcap']
     assert bag.warnings == (
-        f"folder '{tmp_path / 'bag'}' has no metadata.yaml: its .mcap files were read in the order"
-        ' of their names',
+        f"folder '{tmp_path / 'bag'}' has no metadata.yaml: its files were read in the order of their names",
     )
 
 
@@ -159,7 +158,7 @@ def test_unusable_metadata_is_a_warning(tmp_path: Path, text: str) -> None:
     bag = open_bag(tmp_path / 'bag')
     assert bag.message_count == 2
     assert bag.warnings == (
-        f"'{tmp_path / 'bag/metadata.yaml'}' is not rosbag2 metadata: its .mcap files were read in"
+        f"'{tmp_path / 'bag/metadata.yaml'}' is not rosbag2 metadata: its files were read in"
         ' the order of their names',
     )
 
@@ -365,7 +364,7 @@ CONVERT = "convert it with 'ros2 bag convert' first"
         (lambda path: path.write_text('time,speed'), "log '{}' has no line with a time and a number"),
         (
             lambda path: path.write_bytes(b'\1\2\3\4'),
-            "bag file '{}' is not an MCAP recording: it begins with bytes 01 02 03 04",
+            "bag file '{}' is not a recording of MCAP or SQLite: it begins with bytes 01 02 03 04",
         ),
         # Of v7.3 the head is 128 bytes of the 512 before the HDF5 file: MAT-File Format, MathWorks.
         (

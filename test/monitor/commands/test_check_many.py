@@ -49,7 +49,7 @@ def test_a_bag_that_fails_is_named_and_the_others_are_reported(tmp_path: Path, s
     assert result.code == 2
     assert result.out.index(str(bags[0])) < result.out.index(str(bags[3]))
     (torn, missing) = result.err.splitlines()
-    assert torn.startswith(f"ERROR: {bags[1]}: bag file '{bags[1]}' is not an MCAP recording")
+    assert torn.startswith(f"ERROR: {bags[1]}: bag file '{bags[1]}' is not a recording of MCAP or SQLite")
     assert missing == f"ERROR: {bags[2]}: bag '{bags[2]}' does not exist"
     code, documents = check_as_json(stickslip, *bags, '--jobs', 2)
     assert code == 2
@@ -170,4 +170,4 @@ def test_a_stream_without_end_that_is_no_recording_is_refused_at_once() -> None:
             check=False,
         )
     assert done.returncode == 2
-    assert "'-' is not an MCAP recording" in done.stderr
+    assert "'-' is not a recording of MCAP or SQLite" in done.stderr
