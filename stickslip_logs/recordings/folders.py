@@ -243,19 +243,6 @@ def are_consecutive(files: Sequence[BagFile]) -> bool:
     )
 
 
-def has_other_parts(path: Path) -> bool:
-    """Return whether a numbered file has parts of the same recording beside it, and no metadata.
-
-    False where the folder cannot be read. The file is named as a part, such as ``voyage_0.mcap``.
-    """
-    try:
-        names = [part.name for part in path.parent.iterdir()]
-    except OSError:
-        return False
-    stem = recording_name_of(path.name)
-    return METADATA_NAME not in names and sum(recording_name_of(name) == stem for name in names) > 1
-
-
 @dataclass(frozen=True, slots=True)
 class Metadata:
     """Names of the files of one recording in a folder, in order.

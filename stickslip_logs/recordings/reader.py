@@ -19,9 +19,8 @@ from stickslip_logs.recordings.file_kind import (
     is_table,
     read_begin,
     read_content,
-    recording_name_of,
 )
-from stickslip_logs.recordings.folders import are_consecutive, folder_files, has_other_parts, scan_part
+from stickslip_logs.recordings.folders import are_consecutive, folder_files, scan_part
 from stickslip_logs.recordings.mcap_chunks import limit_bytes
 from stickslip_logs.recordings.recording import METADATA_NAME, Findings, Recording, Scratch
 from stickslip_logs.recordings.table_recording import TableRecording
@@ -54,8 +53,6 @@ def open_bag(path: str | Path) -> Recording:
     if not path.is_dir():
         if not has_recording_name(path.name) and is_table(read_content(path)):
             return TableRecording(path)
-        if (stem := recording_name_of(path.name)) and has_other_parts(path):
-            findings.note(f"'{path.name}' is numbered as a part of '{stem}': read as a recording of its own")
         return _open_files(path, [path], findings)
     metadata = folder_files(path, findings)
     files = [path / name for name in metadata.names]

@@ -49,18 +49,6 @@ string unit
 """
 
 
-@pytest.mark.parametrize(
-    ('neighbours', 'is_told'), [([], False), (['voyage_1.mcap'], True), (['trial_1.mcap'], False)]
-)
-def test_of_a_numbered_file_its_other_parts_are_reported(
-    neighbours: list[str], is_told: bool, tmp_path: Path
-) -> None:
-    for name in ('voyage_0.mcap', *neighbours):
-        write_recording(tmp_path / name, {'/x': ([1, 2], [1, 2])})
-    warnings = ' '.join(open_bag(tmp_path / 'voyage_0.mcap').warnings)
-    assert ("'voyage_0.mcap' is numbered as a part of 'voyage'" in warnings) == is_told
-
-
 def write_folder(folder: Path, files: dict[str, list[int]], **metadata: object) -> None:
     folder.mkdir()
     for name, times in files.items():
