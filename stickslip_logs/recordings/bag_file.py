@@ -405,7 +405,8 @@ def scan_mcap_file(path: Path, findings: Findings) -> BagFile:
             begin = os.pread(number, len(MAGIC), 0)
             if not MAGIC.startswith(begin):
                 raise BagError(
-                    f"bag file '{path}' is not a recording of MCAP or SQLite: it begins with bytes {begin.hex(' ')}"
+                    f"bag file '{path}' is not a recording of MCAP or SQLite: it begins with bytes"
+                    f' {begin.hex(" ")}'
                 )
             size = os.fstat(number).st_size
             heads = RecordHeads(number, path, size)

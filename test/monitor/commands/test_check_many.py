@@ -101,7 +101,7 @@ def test_a_recording_on_standard_input_is_checked_as_the_file_is(
 ) -> None:
     """Check a recording whole, and one that ends in the middle of a chunk."""
     data = next((BAGS / 'coast_down').glob('*.mcap')).read_bytes()
-    path = tmp_path / 'standard_input.mcap'
+    path = tmp_path / 'standard_input'
     path.write_bytes(data[: len(data) - cut])
     code, expected = check_as_json(stickslip, path)
     monkeypatch.setattr(sys, 'stdin', io.TextIOWrapper(io.BytesIO(path.read_bytes())))
