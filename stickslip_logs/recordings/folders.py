@@ -302,9 +302,9 @@ def _complete_metadata(folder: Path, metadata: Metadata, present: list[str], fin
     if not names:
         raise BagError(f"bag '{folder}' has none of the files its {METADATA_NAME} lists")
     stems = {recording_name_of(name) for name in names} - {''}
-    others = [name for name in present if name not in names]
-    added = [name for name in others if recording_name_of(name) in stems]
-    if unread := [name for name in others if name not in added]:
+    further_names = [name for name in present if name not in names]
+    added = [name for name in further_names if recording_name_of(name) in stems]
+    if unread := [name for name in further_names if name not in added]:
         findings.lose(f'files that {METADATA_NAME} does not list were not read: {listed(unread)}')
     if not added:
         return replace(metadata, names=tuple(names))
