@@ -6,6 +6,7 @@ Nothing is asked for: the head and the tail of the file show it.
 
 from __future__ import annotations
 
+import codecs
 import csv
 import re
 import shlex
@@ -28,7 +29,7 @@ _DELIMITERS = '\t;|, '
 COMMENTS = '#', '%', '//', '*'
 """What a line begins with that is a comment."""
 _MARKS_OF_COMMENTS = ''.join(COMMENTS) + ' '
-_MARKS = ((b'\xff\xfe', 'utf-16'), (b'\xfe\xff', 'utf-16'), (b'\xef\xbb\xbf', 'utf-8-sig'))
+_MARKS = ((b'\xff\xfe', 'utf-16-le'), (b'\xfe\xff', 'utf-16-be'), (b'\xef\xbb\xbf', 'utf-8-sig'))
 # Programs of jq that write CSV: of a package of ISO 19848, and of objects with the members of the first one.
 _JQ_OF_PACKAGE = (
     '.Package.TimeSeriesData[].TabularData[] | (["TimeStamp"] + .DataChannelID),'
@@ -207,14 +208,13 @@ def detect_dialect(path: Path, extent: Extent) -> Dialect:
         BagError: It is no table, of another format, or may be read in two ways.
     """
     encoding = encoding_of(extent.head)
-    text = extent.head.decode(encoding, 'replace').replace('\0', '')
+    text = extent.head.decode(encoding, 'replace')
     if extent.size > len(extent.head):
         text = text[: text.rfind('\n') + 1]
     lines = lines_of(text)
     first, rest = lines[:_MAX_LINES], lines[_MAX_LINES:]
-    # The tail begins within a line, and within a character of two bytes.
-    tail = extent.tail.decode(encoding if encoding != 'utf-16' else 'utf-16-le', 'replace')
-    last = lines_of(tail.replace('\0', ''))[1:] or rest[-_MAX_LINES:]
+    # The tail begins within a line.
+    last = lines_of(extent.tail.decode(encoding, 'replace'))[1:] or rest[-_MAX_LINES:]
     if kind := bus_log_of(first):
         return _bus_dialect(path, encoding, kind, first, last)
     if remedy := remedy_for_format(path, first):
@@ -335,14 +335,10 @@ def encoding_of(head: bytes) -> str:
     for mark, encoding in _MARKS:
         if head.startswith(mark):
             return encoding
-    # UTF-16 without its mark: every other byte of plain text is zero.
-    for begin, encoding in ((1, 'utf-16-le'), (0, 'utf-16-be')):
-        if len(head) > 3 and head[begin:400:2].count(0) > 0.8 * len(head[begin:400:2]):
-            return encoding
     try:
-        head[:-4].decode()
-    except UnicodeDecodeError as error:
-        return 'utf-8' if error.start > len(head) - 8 else 'cp1252'
+        codecs.getincrementaldecoder('utf-8')().decode(head)
+    except UnicodeDecodeError:
+        return 'cp1252'
     return 'utf-8'
 
 

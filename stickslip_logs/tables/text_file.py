@@ -188,7 +188,7 @@ def lines_of(text: str) -> list[str]:
 
     Unlike with ``splitlines``, a form feed ends no line.
     """
-    return list(map(_without_marks, io.StringIO(text, newline='').readlines()))
+    return list(map(_without_marks, io.StringIO(text.replace('\0', ''), newline='').readlines()))
 
 
 def _without_marks(line: str) -> str:

@@ -419,7 +419,12 @@ LOGS = {
     ),
     'UTF-16 with its mark': Log('time\tspeed\tload\r\n@0\t30\t900\r\n@1\t31\t901\r\n', encoding='utf-16'),
     'UTF-16 without its mark': Log(
-        'time\tspeed\tload\r\n@0\t30\t900\r\n@1\t31\t901\r\n', encoding='utf-16-le'
+        'time\tspeed\tload\r\n@0\t30\t900\r\n@1\t31\t901\r\n',
+        lost='the file has 75 zero bytes, which are no text',
+        encoding='utf-16-le',
+    ),
+    'UTF-16 of the other order': Log(
+        '\ufefftime\tspeed\tload\n@0\t30\t900\n@1\t31\t901\n', encoding='utf-16-be'
     ),
     'Windows-1252': Log(
         'Zeit;Wellendrehzahl, rückwärts [rpm];Last [N]\n~0;30;900\n~1;31;901\n',
