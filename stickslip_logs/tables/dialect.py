@@ -460,24 +460,25 @@ def _find_first_row(rows: Sequence[Cells], decimal: str, width: int) -> int | No
         return None
     first = is_data.index(True)
     is_headed = len(_find_headings(rows[:first], width)[0]) >= width
-    is_preamble, is_next = True, False
-    for k in range(first, len(rows)):
-        row = rows[k]
-        if is_next and is_data[k]:
-            return k
-        if is_data[k]:
-            # The time of an export stands alone behind its word.
-            is_timed = any(is_stamp(cell) or is_time(cell) for cell in row) and sum(map(is_value, row)) > 1
-            is_preamble &= not is_value(row[0]) and not (is_headed and is_timed)
-        if is_headed and not is_preamble:
-            break
+    numbers = (k for k in range(first, len(rows)) if is_data[k])
+    begin = next((k for k in numbers if not _may_be_preamble(rows[k], is_headed=is_headed)), len(rows))
+    for k in range(first + 1, begin if is_headed else len(rows)):
         # A heading may stand above remarks that most lines leave out.
-        is_words = len(row) in (width, width + 1) and not any(
-            not cell.strip() or is_value(cell) for cell in row
-        )
-        has_time = is_words and any(TIME_WORDS.search(parse_heading(cell).name) for cell in row)
-        is_next |= has_time or (is_words and is_preamble and not is_headed)
+        is_wide = len(rows[k]) in (width, width + 1) and any(is_data[k:])
+        is_words = is_wide and not any(not cell.strip() or is_value(cell) for cell in rows[k])
+        if is_words and (k < begin or any(TIME_WORDS.search(parse_heading(cell).name) for cell in rows[k])):
+            return is_data.index(True, k)
     return first
+
+
+def _may_be_preamble(row: Cells, *, is_headed: bool) -> bool:
+    """Return whether a row of numbers has a word before all and, below headings, no time beside a number."""
+    return not is_value(row[0]) and not (is_headed and _has_time(row) and sum(map(is_value, row)) > 1)
+
+
+def _has_time(row: Cells) -> bool:
+    """Return whether a cell is a date with a time, or a time of the day."""
+    return any(is_stamp(cell) or is_time(cell) for cell in row)
 
 
 def _is_data(row: Cells, decimal: str, width: int) -> bool:
@@ -488,8 +489,7 @@ def _is_data(row: Cells, decimal: str, width: int) -> bool:
     if len(row) < min(width, 2) or len(row) < width - 1 or row[0].startswith(COMMENTS):
         return False
     numbers = [parse_number(cell, decimal) is not None for cell in row]
-    has_time = any(is_stamp(cell) or is_time(cell) for cell in row)
-    return has_time or numbers[0] or sum(numbers) > 1
+    return _has_time(row) or numbers[0] or sum(numbers) > 1
 
 
 def _lines_of_other_table(above: Sequence[Cells], delimiter: str) -> list[str]:
