@@ -513,10 +513,9 @@ def _fit_headings(
     """Return headings and units, filled up to the number of columns of the rows below them.
 
     A missing heading is an empty text at the end, and behind a date that of its time. Where the last column
-    has numbers and no heading, none are returned, as which number has which is not known; but if words stand
-    below that of the time, the first column is the one without. Surplus headings that are units are joined to
-    the ones before if the number is right then, and all units are empty; else they stay. No headings stay an
-    empty list. The list of units may be longer than the columns.
+    has numbers and no heading, none are returned, as which number has which is not known. Surplus headings
+    that are units are joined to the ones before if the number is right then, and all units are empty; else
+    they stay. No headings stay an empty list. The list of units may be longer than the columns.
     """
     if len(heading) > width:
         # A cell that is a unit belongs to the one before, as in 'Speed, rpm'.
@@ -530,19 +529,12 @@ def _fit_headings(
             return joined, [''] * width
     if len(heading) == width - 1 > 0:
         whole_rows = [row for row in rows if len(row) == width]
-        dates = [
-            k for k in range(width - 1) if all(is_day(row[k]) and is_time(row[k + 1]) for row in whole_rows)
-        ]
-        if dates:
-            # One heading stands above a date and its time.
-            heading, units = (
-                [*cells[: dates[0] + 1], '', *cells[dates[0] + 1 :]] for cells in (heading, units)
-            )
-        elif 2 * sum(is_value(row[-1]) for row in whole_rows) > len(whole_rows):
-            times = [k for k, name in enumerate(heading) if TIME_WORDS.search(parse_heading(name).name)]
-            if not times or any(is_value(row[times[0]]) for row in whole_rows):
-                return [], units
-            heading, units = ['', *heading], ['', *units]  # R writes names of rows so
+        for k in range(1, width):
+            if all(is_day(row[k - 1]) and is_time(row[k]) for row in whole_rows):
+                # One heading stands above a date and its time.
+                return [*heading[:k], '', *heading[k:]], [*units[:k], '', *units[k:]]
+        if 2 * sum(is_value(row[-1]) for row in whole_rows) > len(whole_rows):
+            return [], units
     return heading and [*heading, *[''] * (width - len(heading))], units
 
 
