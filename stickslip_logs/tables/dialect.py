@@ -542,8 +542,8 @@ def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[
     """Find the row of headings above the numbers, and a row of units below or above it.
 
     Returns:
-        The headings, an empty list without any ('sep=' is none); and a unit for each column, an empty text
-        where there is none: at least ``width`` of them, and more where there is a row of units.
+        The headings, an empty list without any; and a unit for each column, an empty text where there is
+        none: at least ``width`` of them, and more where there is a row of units.
     """
     named = [
         row
@@ -551,7 +551,7 @@ def _find_headings(above: Sequence[Cells], width: int) -> tuple[list[str], list[
         # A line below headings has no letters.
         if any(map(str.isalpha, ''.join(row))) and not any(is_value(cell) for cell in row if cell.strip())
     ]
-    if not named or named[-1][0].strip().lower().startswith('sep='):
+    if not named:
         return [], [''] * width
     units, names = _row_of_units(named)
     return _with_names_above(names, above), [*units, *[''] * width]
