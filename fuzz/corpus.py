@@ -371,10 +371,10 @@ ODD: dict[str, Odd] = {
         for kind, name in ((3, 'PL_CDR_LE'), (7, 'CDR2_LE'), (0x1234, 'of no known name'))
     },
     'bound without a number': Odd(
-        lambda: _with_definition(b'float64 data\nfloat64[<=] y\n'), 'a bound without a number'
+        lambda: _with_definition(b'float64 data\nfloat64[<=] y\n'), 'which is not a field'
     ),
     'array of 5,000 digits': Odd(
-        lambda: _with_definition(b'float64 data\nfloat64[' + b'9' * 5000 + b'] y\n'), 'is too long'
+        lambda: _with_definition(b'float64 data\nfloat64[' + b'9' * 5000 + b'] y\n'), 'which is not a field'
     ),
     'array of 2^32 - 1': Odd(
         lambda: _with_definition(b'float64 data\nfloat64[4294967295] y\n'),

@@ -34,10 +34,9 @@ TEXTS = ('string', 'wstring')
 
 MAX_DEFINITION_BYTES = 256 * KIB
 """Longer definitions are none of telemetry; the longest of ROS 2 have some 60 kB [bytes]."""
-# CDR counts items with 32 bits.
-_MAX_LENGTH = (1 << 32) - 1
 
-_TYPE = re.compile(r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?P<bound><=)?(?P<number>\d*)\])?')
+# CDR counts items with 32 bits, and Python refuses to read thousands of digits.
+_TYPE = re.compile(r'(?P<base>[\w/]+)(?:<=\d+)?(?P<array>\[(?:(?:<=)?(?P<length>\d{1,10}))?\])?')
 _SEPARATOR = re.compile(r'^={3,}$', re.MULTILINE)
 _CONSTANT = re.compile(r'\S+\s+\w+\s*=')
 
@@ -53,14 +52,18 @@ class Field:
     """A field of a type.
 
     ``base`` is a primitive or a type's name. ``array`` is how the definition writes that it is an
-    array, empty for none; ``size`` the length of a fixed one, ``max_length`` the largest of any.
+    array, empty for none; ``length`` is the number in its brackets, None for none.
     """
 
     name: str
     base: str
     array: str = ''
-    size: int | None = None
-    max_length: int = _MAX_LENGTH
+    length: int | None = None
+
+    @property
+    def size(self) -> int | None:
+        """The length of an array that always has this one."""
+        return None if '<=' in self.array else self.length
 
     @property
     def text(self) -> str:
@@ -123,7 +126,7 @@ def _parse_fields(lines: Iterable[str], name: str) -> tuple[Field, ...]:
     The package of the type ``name`` is that of types without one.
 
     Raises:
-        SchemaError: A line is not a field, or its array is too long or has a bound without a number.
+        SchemaError: A line is not a field, or the length of its array is not a number.
     """
     package = name.split('/')[0]
     return tuple(_parse_field(line, package) for line in lines if not _CONSTANT.match(line))
@@ -133,22 +136,16 @@ def _parse_field(line: str, package: str) -> Field:
     """Parse the line of a field, which is not blank; ``package`` is that of a type without one.
 
     Raises:
-        SchemaError: It is not a field, or its array is too long or has a bound without a number.
+        SchemaError: It is not a field, or the length of its array is not a number of up to ten digits.
     """
     type_text, *rest = line.split()
     match = _TYPE.fullmatch(type_text)
     if match is None or not rest:
         raise SchemaError(f"its definition has the line '{line}', which is not a field")
-    base, array, number = match['base'], match['array'] or '', match['number'] or ''
+    base, length = match['base'], match['length']
     if base not in NUMBERS and base not in TEXTS and '/' not in base:
         base = f'{package}/{base}'
-    # Python refuses to read thousands of digits.
-    if len(number) > 10 or int(number or 0) > _MAX_LENGTH:
-        raise SchemaError(f"its definition has the line '{line}', an array that is too long")
-    if match['bound'] and not number:
-        raise SchemaError(f"its definition has the line '{line}', a bound without a number")
-    max_length = int(number) if number else _MAX_LENGTH
-    return Field(rest[0], base, array, max_length if number and not match['bound'] else None, max_length)
+    return Field(rest[0], base, match['array'] or '', int(length) if length else None)
 
 
 def find_primitive(definitions: Definitions, root: str, path: FieldPath) -> str:
@@ -204,38 +201,29 @@ def _take_element(member: Field, steps: list[str | int | ByName], members: Mappi
         return
     if not isinstance(index, int):
         raise SchemaError(f"'{name}' is a {text}: name an element, e.g. {name}[0]")
-    if index >= member.max_length:
+    if member.length is not None and index >= member.length:
         raise SchemaError(f"'{name}' is a {text}, which has no element {index}")
 
 
 def definition_of(kind: str) -> str | None:
     """Return the ``ros2msg`` text of a type, by its full or short name, with the types that it uses.
 
-    None where one of them is not built in.
+    None where it is not built in; all that a built-in type uses is.
     """
-    parts: dict[str, str] = {}
-    if not _collect_texts(short_type(kind), parts):
+    texts, names = _load_built_in(), list[str]()
+    if short_type(kind) not in texts:
         return None
-    first, *referred = parts.items()
-    return first[1] + ''.join(f'{"=" * 80}\nMSG: {name}\n{text}' for name, text in referred)
+    _collect_names(short_type(kind), names)
+    referred = (f'{"=" * 80}\nMSG: {name}\n{texts[name]}' for name in names[1:])
+    return texts[names[0]] + ''.join(referred)
 
 
-def _collect_texts(name: str, parts: dict[str, str]) -> bool:
-    """Add the texts of a type and of the types that it uses; return False where one is not known.
-
-    Args:
-        name: The short name of the type.
-        parts: Takes the texts by short name; incomplete where False is returned.
-    """
-    text = _load_built_in().get(name)
-    if text is None:
-        return False
-    parts[name] = text
-    try:
-        bases = [member.base for member in _parse_fields(_strip_comments(text), name)]
-    except SchemaError:
-        return False
-    return all('/' not in base or base in parts or _collect_texts(short_type(base), parts) for base in bases)
+def _collect_names(name: str, names: list[str]) -> None:
+    """Append a built-in type to ``names``, and behind it those it uses that are not there, by short names."""
+    names.append(name)
+    for member in _parse_fields(_strip_comments(_load_built_in()[name]), name):
+        if '/' in member.base and member.base not in names:
+            _collect_names(member.base, names)
 
 
 @cache
