@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -156,53 +156,45 @@ def find_primitive(definitions: Definitions, root: str, path: FieldPath) -> str:
     Raises:
         SchemaError: The path does not lead to a number.
     """
-    steps = list(path)
-    current = short_type(root)
-    while steps:
-        step = steps.pop(0)
-        members = {member.name: member for member in definitions[current]}
-        if not isinstance(step, str) or step not in members:
-            names = ', '.join(members) or 'none'
-            raise SchemaError(f"{current} has no field '{step}': its fields are {names}")
-        member = members[step]
-        if member.array:
-            _take_element(member, steps, members)
-        elif steps and not isinstance(steps[0], str):
-            raise SchemaError(f"'{step}' is a {member.base}, which has no element {steps[0]}")
-        current = member.base
-        if current in TEXTS or (current in NUMBERS and steps):
-            rest = '' if current in TEXTS else f", which has no field '{steps[0]}'"
-            raise SchemaError(f"'{step}' is a {current}{rest or ', not a number'}")
-    if current not in NUMBERS:
-        names = ', '.join(member.name for member in definitions[current])
-        raise SchemaError(f'it ends at a {current}, not at a number: its fields are {names}')
-    return current
+    field, members = Field('', short_type(root)), dict[str, Field]()
+    for step in path:
+        if field.array:
+            if isinstance(step, str):
+                break
+            _check_element(field, step, members)
+            field = replace(field, array='')
+        elif isinstance(step, str) and field.base in definitions:
+            members = {member.name: member for member in definitions[field.base]}
+            if step not in members:
+                names = ', '.join(members) or 'none'
+                raise SchemaError(f"{field.base} has no field '{step}': its fields are {names}")
+            field = members[step]
+        else:
+            part = f"field '{step}'" if isinstance(step, str) else f'element {step}'
+            raise SchemaError(f"'{field.name}' is a {field.text}, which has no {part}")
+    if field.array:
+        raise SchemaError(f"'{field.name}' is a {field.text}: name an element, e.g. {field.name}[0]")
+    if field.base not in NUMBERS:
+        names = ', '.join(member.name for member in definitions.get(field.base, ()))
+        its_fields = f': its fields are {names}' if names else ''
+        raise SchemaError(f"'{field.name}' is a {field.text}, not a number{its_fields}")
+    return field.base
 
 
-def _take_element(member: Field, steps: list[str | int | ByName], members: Mapping[str, Field]) -> None:
-    """Remove the next step of a path, which has to choose an element of an array field.
-
-    Args:
-        member: The array field.
-        steps: The rest of the path; changed.
-        members: The fields beside it, by name.
+def _check_element(array: Field, element: int | ByName, members: Mapping[str, Field]) -> None:
+    """Check that an array field can have an element; ``members`` are the fields beside it, by name.
 
     Raises:
-        SchemaError: There is no such step, or no such element.
+        SchemaError: It is too short, or has no list of names beside it by which an element could be chosen.
     """
-    index = steps.pop(0) if steps else None
-    name, text = member.name, member.text
-    if isinstance(index, ByName):
+    if isinstance(element, ByName):
         names = members.get(NAMES)
         if names is None or names.base != 'string' or not names.array:
             raise SchemaError(
-                f"'{name}' has no list '{NAMES}' beside it to choose [{index}] by: give a number"
+                f"'{array.name}' has no list '{NAMES}' beside it to choose [{element}] by: give a number"
             )
-        return
-    if not isinstance(index, int):
-        raise SchemaError(f"'{name}' is a {text}: name an element, e.g. {name}[0]")
-    if member.length is not None and index >= member.length:
-        raise SchemaError(f"'{name}' is a {text}, which has no element {index}")
+    elif array.length is not None and element >= array.length:
+        raise SchemaError(f"'{array.name}' is a {array.text}, which has no element {element}")
 
 
 def definition_of(kind: str) -> str | None:

@@ -276,7 +276,7 @@ NO_NUMBERS = (
         '/nested',
         'ship_msgs/msg/N',
         'header',
-        'it ends at a std_msgs/Header, not at a number: its fields are stamp, frame_id',
+        "'header' is a std_msgs/Header, not a number: its fields are stamp, frame_id",
     ),
     (
         '/nested',
