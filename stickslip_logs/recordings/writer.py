@@ -21,7 +21,7 @@ from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from numpy.typing import ArrayLike, NDArray
 
 from stickslip_logs.errors import BagError, cause
-from stickslip_logs.files import lock_draft, open_file, remove_drafts
+from stickslip_logs.files import DRAFT, lock_draft, open_file, remove_drafts
 from stickslip_logs.recordings.chunk_writer import COMPRESSORS, ChunkWriter, Messages
 from stickslip_logs.recordings.mcap_chunks import HEAD
 from stickslip_logs.recordings.message_types import definition_of
@@ -237,16 +237,13 @@ class BagWriter:
             OSError: It cannot be created.
         """
         remove_drafts(self.path.parent, f'.{self.path.name}')
-        for number in itertools.count():
-            draft = self.path.with_name(f'.{self.path.name}.{number}.draft')
-            with contextlib.suppress(FileExistsError):
-                if not self._is_file:
-                    draft.mkdir()
-                file = (draft if self._is_file else draft / self._file_name).open('x+b')
-                self._held = os.open(draft, os.O_RDONLY)
-                lock_draft(self._held)
-                return draft, file
-        raise AssertionError('unreachable: the numbers do not end')
+        draft = self.path.with_name(f'.{self.path.name}.{os.urandom(8).hex()}{DRAFT}')
+        if not self._is_file:
+            draft.mkdir()
+        file = (draft if self._is_file else draft / self._file_name).open('x+b')
+        self._held = os.open(draft, os.O_RDONLY)
+        lock_draft(self._held)
+        return draft, file
 
     @property
     def message_counts(self) -> dict[str, int]:

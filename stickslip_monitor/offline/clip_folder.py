@@ -35,7 +35,7 @@ from stickslip_monitor.offline.verdict_messages import (
 # Written in the file: a recording of somebody else is not taken for a clip by its name.
 _LABEL = 'stickslip_monitor/clip'
 _NAME = r'\d{8}T\d{6}Z_[a-z0-9_]+(-\d+)?\.mcap'
-_OURS, _DRAFT = re.compile(_NAME), re.compile(rf'\.{_NAME}\.\d+\.draft')
+_OURS, _DRAFT = re.compile(_NAME), re.compile(rf'\.{_NAME}\.[0-9a-f]+\.draft')
 
 
 class ClipFolder:

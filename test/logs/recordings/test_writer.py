@@ -70,11 +70,12 @@ def test_the_draft_of_a_killed_process_is_swept_and_that_of_a_living_one_kept(
     dead = tmp_path / f'.{name}.7.draft'
     dead.mkdir() if name == 'bag' else dead.touch()
     with BagWriter(tmp_path / name):
-        for draft in tmp_path.iterdir():
+        (living,) = {*tmp_path.iterdir()} - {dead}
+        for draft in (dead, living):
             os.utime(draft, (time.time() - 60.0,) * 2)
         with contextlib.suppress(BagError), BagWriter(tmp_path / name):
             assert not dead.exists()
-            assert (tmp_path / f'.{name}.0.draft').exists()
+            assert living.exists()
             raise BagError('no room')
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
