@@ -163,14 +163,8 @@ class BagWriter:
             columns: Log times [ns] and values of each topic, two arrays of shape (n,).
 
         Raises:
-            BagError: As for :meth:`write`, or the two arrays differ in length or are not of one dimension.
+            BagError: As for :meth:`write`, or the two arrays differ in length.
         """
-        for name, (time, value) in columns.items():
-            if np.ndim(time) != 1 or np.shape(time) != np.shape(value):
-                raise BagError(
-                    f"topic '{name}' has {np.size(time)} log times for {np.size(value)} values:"
-                    ' write one value for each time'
-                )
         self.write_columns((n, time, float64_rows(value)) for n, (time, value) in columns.items())
 
     def write_columns(self, columns: Iterable[tuple[str, ArrayLike, Messages]]) -> None:
