@@ -152,7 +152,7 @@ class LevelComparison:
         rivals, merged = np.empty(order.size), np.empty(order.size)
         loop: Any = compare_levels
         if self._long:
-            loop = jit.compiled('compare_levels', import_module(__name__), rule, vibration_rule, inline=False)
+            loop = jit.compiled('compare_levels', import_module(__name__), rule, vibration_rule)
         else:
             ordered = [column.tolist() for column in ordered]
         loop(self._levels, self._values, self._numbers, tuple(ordered), merged)

@@ -393,7 +393,7 @@ class BearingScan:
         if long:
             physics = boundary_table, lubrication, probability, scalar_law
             modules = (import_module(__name__), rule, vibration_rule, *physics)
-            loop: Any = jit.compiled('run', *modules, law=settings.law.module, inline=False)
+            loop: Any = jit.compiled('run', *modules, law=settings.law.module)
             states = self.state.row()
             given = settings.row, (settings.law.compiled, settings.boundaries.pieces, settings.chances)
         else:

@@ -302,7 +302,7 @@ def integrate(
     loop: Any = integrator_loops.march
     if use:
         modules = scalars, series, slip_series, integrator_loops
-        loop = jit.compiled('march', *modules, law=law.module, inline=False)
+        loop = jit.compiled('march', *modules, law=law.module)
     law_numbers = law.compiled if use else law.plain
     instants: list[FloatArray] = []
     afters: list[Phases] = [np.array([phase], dtype=np.int8)]

@@ -189,7 +189,7 @@ def follow(field: SlipField, e: FloatArray, z: FloatArray, route: Route) -> Orbi
         begun += 1
     if begun < n:
         modules = import_module(__name__), slip_series, series, scalar_laws
-        loop = jit.compiled('follow_each', *modules, law=law.module, inline=False)
+        loop = jit.compiled('follow_each', *modules, law=law.module)
         loop(law.compiled, *shared, rows[begun:], plain, np.array(work), out[begun:])
     results[~rests] = out
     end, time, place, first, second, gain, _ = results.T
