@@ -9,8 +9,7 @@ together, and what steps back too often, are sorted as a whole.
 from __future__ import annotations
 
 import itertools
-from bisect import bisect_left
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from typing import Any, NamedTuple
@@ -353,43 +352,32 @@ class TimeOrder:
             self._sources[source] = _Source(is_in_blocks=self._is_in_blocks)
         return self._sources[source].add(time_ns, place, offset)
 
-    def judge(
-        self,
-        wanted: Collection[int] | None = None,
-        read_rows: ReadRows | None = None,
-        files: Sequence[int] = (),
-    ) -> TimeCourse:
-        """Judge the order of some sources, by their numbers, or of all; return the course.
-
-        Without rows it is an empty course.
+    def judge(self, read_rows: ReadRows | None = None) -> TimeCourse:
+        """Judge the order of all sources; return the course, an empty one without rows.
 
         Args:
-            wanted: The numbers of the sources; None for all.
             read_rows: Reads rows again, as written; its errors go through. With it rows behind a step that
                 are a copy of earlier ones make no clock that was set: all are to be sorted by the times as
                 written. None to look for no copies.
-            files: The places at which further files of the recording begin, rising.
         """
-        sources = {k: segments for k, segments in self._sources.items() if wanted is None or k in wanted}
+        sources, course = self._sources, TimeCourse()
         if not sources:
-            return TimeCourse()
-        course = TimeCourse()
+            return course
         if any(s.has_many_steps for s in sources.values()) or not _explain_steps(course, sources):
             course = TimeCourse(wait_ns=None, is_unordered=True)
             course.start_ns = min(segments.least_ns for segments in sources.values())
             course.end_ns = max(segments.most_ns for segments in sources.values())
             return course
         steps = [shift.begin for shift in course.shifts if shift.end == _END]
-        near_ns = min(source.interval_ns for source in sources.values()) // 4
-        are_copies = read_rows is not None and all(
-            _begins_copy(read_rows, place, _span_before(place, sources.values()), near_ns, files)
-            for place in steps
+        are_copies = (
+            bool(steps)
+            and read_rows is not None
+            and all(_begins_copy(read_rows, place, _span_before(place, sources.values())) for place in steps)
         )
-        are_copies = are_copies and not _are_loops(read_rows, steps, near_ns, files)
-        if steps and are_copies:
+        if are_copies:
             course = TimeCourse()
         _measure_wait(course, sources)
-        course.is_unordered |= bool(steps) and are_copies
+        course.is_unordered |= are_copies
         return course
 
 
@@ -400,47 +388,20 @@ def _span_before(place: int, sources: Iterable[_Source]) -> tuple[int, int]:
     return int(segments[:, 4].min()), int(segments[:, 5].max())
 
 
-def _begins_file(read_rows: ReadRows, begin: int, files: Sequence[int]) -> bool:
-    """Return whether the row at a place is the first one of a further file."""
-    file = max((place for place in files if place <= begin), default=0)
-    return file > 0 and next(read_rows(file, begin, (0, _END)), None) is None
-
-
-def _are_loops(read_rows: ReadRows | None, steps: Sequence[int], near_ns: int, files: Sequence[int]) -> bool:
-    """Return whether two steps back or more, at some places, lead to one time: a player that starts again.
-
-    Exports that overlap begin at different times, and files that do are no loop. False without ``read_rows``;
-    there is a row at each of the places.
-    """
-    if read_rows is None or len(steps) < 2 or any(_begins_file(read_rows, place, files) for place in steps):
-        return False
-    first_ns = [next(read_rows(place, _END, (0, _END)))[1] for place in steps]
-    return max(first_ns) - min(first_ns) <= near_ns
-
-
-def _begins_copy(
-    read_rows: ReadRows, begin: int, span_ns: tuple[int, int], near_ns: int, files: Sequence[int]
-) -> bool:
+def _begins_copy(read_rows: ReadRows, begin: int, span_ns: tuple[int, int]) -> bool:
     """Return whether rows from a place on are a copy of earlier ones, as of files that overlap.
 
     Of the first 100 rows with times in ``span_ns``, that of the earlier rows, each that meets earlier ones of
-    its source and time (within ``near_ns``) must equal one, and three different ones must: a clock that was
-    set back does not see the same again. A copy from the first row on is a loop, which goes on behind, unless
-    it begins a file.
+    its source and time must equal one, and three different ones must: a clock that was set back does not see
+    the same again.
     """
-    copies = list(itertools.islice(read_rows(begin, _END, span_ns), 100))
-    times_ns = [time_ns for _, time_ns, _ in copies]
-    copied_ns = min(times_ns, default=0) - near_ns, max(times_ns, default=0) + near_ns
-    earlier, contents = sorted(read_rows(0, begin, copied_ns)), set[bytes]()
-    for source, time_ns, content in copies:
-        first = bisect_left(earlier, (source, time_ns - near_ns))
-        same_time = earlier[first : bisect_left(earlier, (source, time_ns + near_ns + 1))]
-        if same_time and all(row[2] != content for row in same_time):
-            return False
-        contents |= {content} if same_time else set()
-    first_rows = [next(read_rows(place, _END, (0, _END)), None) for place in (0, begin)]
+    rows = list(itertools.islice(read_rows(begin, _END, span_ns), 100))
+    times_ns = [time_ns for _, time_ns, _ in rows]
+    earlier = set(read_rows(0, begin, (min(times_ns, default=0), max(times_ns, default=0))))
+    earlier_times = {row[:2] for row in earlier}
+    repeated = {row for row in rows if row[:2] in earlier_times}
     # A shaft at rest repeats its numbers.
-    return len(contents) >= 3 and (_begins_file(read_rows, begin, files) or first_rows[0] != first_rows[1])
+    return repeated <= earlier and len({content for *_, content in repeated}) >= 3
 
 
 def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
@@ -460,10 +421,8 @@ def _explain_steps(course: TimeCourse, sources: dict[int, _Source]) -> bool:
     open_runs = {k: _close_excursions(course, k, sources[k], runs[k], alone) for k in runs}
     steps = _steps_back(sources, open_runs)
     fits = all(_fit_together(source_runs, max_jump_ns) for source_runs in open_runs.values())
-    for key, source in sources.items():
-        if _are_disorder([-run.step_ns for run in open_runs[key] if run.step_ns < 0], source):
-            return False
-    if steps and fits:
+    back_ns = [[-run.step_ns for run in source_runs if run.step_ns < 0] for source_runs in open_runs.values()]
+    if (steps and fits) or any(map(_are_disorder, back_ns)):
         return False
     _shift_behind_steps(course, sources, runs, steps)
     latest_ns = max(source.most_ns for source in sources.values())
@@ -507,16 +466,9 @@ def _shift_undated_runs(course: TimeCourse, key: int, source: _Source) -> list[_
     return runs
 
 
-def _are_disorder(back_ns: Sequence[int], source: _Source) -> bool:
-    """Return whether steps back of a source are too many and too small for a clock that was set.
-
-    They are positive numbers [ns]. Loops have long and equal steps: more than four of a few intervals, or
-    unequal ones below 10 s, are disorder.
-    """
-    if len(back_ns) <= 4 or max(back_ns) >= _MAX_WAIT_NS:
-        return False
-    is_unequal = max(back_ns) - min(back_ns) > source.interval_ns
-    return is_unequal or max(back_ns) <= 2 * source.jump_ns
+def _are_disorder(back_ns: Sequence[int]) -> bool:
+    """Return whether steps back [ns] are more than four below 10 s each: no clock that was set."""
+    return len(back_ns) > 4 and max(back_ns) < _MAX_WAIT_NS
 
 
 def _fit_together(runs: Sequence[_Run], jump_ns: int) -> bool:

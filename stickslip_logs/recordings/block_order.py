@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import itertools
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -91,12 +90,7 @@ class BlockTimes:
                 order.add_to(topic, time_ns, byte, number << _BYTE_BITS)
                 for topic, time_ns, byte in rows_of_topics
             )
-        begins = itertools.accumulate(len(file.blocks) for file in self._files)
-        course = order.judge(
-            None,
-            functools.partial(self._read_rows, numbers, spans),
-            [number << _BYTE_BITS for number in begins],
-        )
+        course = order.judge(read_rows=functools.partial(self._read_rows, numbers, spans))
         blocks = [block for file in self._files for block in file.blocks]
         is_corrected = bool(course.shifts) or any(
             start < blocks[number].start_ns or end > blocks[number].end_ns

@@ -213,14 +213,6 @@ def test_a_slow_source_that_cannot_show_the_step_is_shifted_too() -> None:
     assert course.steps_ns == [30 * SECOND]
 
 
-def test_only_the_sources_that_are_asked_for_are_judged() -> None:
-    order, time_ns = TimeOrder(), START + np.arange(600) * SECOND
-    order.add(time_ns, np.zeros(600, np.int64), np.arange(600))
-    order.add(np.random.default_rng(1).permutation(time_ns), np.ones(600, np.int64), np.arange(600) + 600)
-    assert list(order.judge([0]).notes('they are', 'of it')) == []
-    assert order.judge().is_unordered
-
-
 def test_long_recordings_take_no_memory_for_their_rows() -> None:
     """Join the segments of a week at 1 Hz with a step in its middle, which is still exact."""
     order, count = TimeOrder(), 7 * 86_400
