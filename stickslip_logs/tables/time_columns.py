@@ -567,38 +567,30 @@ def _first_clock_of_numbers(
 
 
 def _clock_since_midnight(table: TableColumns, clock: Clock, day: int) -> Clock:
-    """Return the clock of dates and numbers that count from midnight; the clock itself if they do not.
+    """Return the clock of dates and numbers that count from midnight, as a heading with 'day' says.
 
-    They do if they stay behind the dates by a day where these change, or the heading speaks of a day. They do
-    not if they rise with the dates, or begin at zero. Else they are taken to, and that is a question.
+    Else return the clock of the numbers alone: with a question, if they do not begin at zero and are below a
+    day, unless the heading has 'elapsed'.
     """
     columns = day, *clock.columns
-    rows = table.rows_with(columns)
-    layout = StampLayout([f'{row[day].strip()} 00:00:00' for row in rows])
+    name, words = table.names[columns[1]], table.headings[columns[1]][0].split()
+    if 'day' not in words:
+        time_ns, is_timed = clock.read_rows(table.rows_with(columns))
+        may_be_of_day = ((time_ns >= SECOND_NS) & (time_ns <= DAY))[is_timed].all() and 'elapsed' not in words
+        question = (
+            f"has dates beside '{name}', which may count from midnight or from a start:"
+            " head it 'time of day [s]' or 'elapsed [s]'"
+        )
+        return replace(clock, question=clock.question or question) if may_be_of_day else clock
+    layout = StampLayout([f'{row[day].strip()} 00:00:00' for row in table.rows_with(columns)])
 
     def read_days(cells: Sequence[Cells]) -> Times:
         return layout.read([[f'{cell.strip()} 00:00:00' for cell in cells[0]]])
 
-    (day_ns, is_dated), (time_ns, is_timed) = read_days([[row[day] for row in rows]]), clock.read_rows(rows)
-    day_ns, time_ns = day_ns[is_dated & is_timed], time_ns[is_dated & is_timed]
-    is_next = np.diff(day_ns) > 0
-    name, whole_remarks = table.names[columns[1]], _clock_of_layout(columns, layout).remarks
-    is_behind = np.diff(time_ns) <= np.diff(day_ns) - DAY
-    is_of_day = (is_next & is_behind).any() or 'day' in table.headings[columns[1]][0].split()
-    may_be_of_day = time_ns.size and (is_of_day or (not is_next.any() and time_ns.min() >= SECOND_NS))
-    if not may_be_of_day or time_ns.max() > DAY or time_ns.min() < 0:
-        return clock
-    question = (
-        f"has dates beside '{name}', which may count from midnight or from a start: head it 'time of day [s]'"
-    )
-    return replace(
-        clock,
-        columns=columns,
-        read=partial(_read_sum, [read_days, clock.read]),
-        remarks=(f"times are '{table.names[day]}' and, from midnight on, '{name}'", *whole_remarks),
-        is_count=False,
-        question=layout.question or ('' if is_of_day else question),
-    )
+    dated = _clock_of_layout(columns, layout)
+    remark = f"times are '{table.names[day]}' and, from midnight on, '{name}'"
+    read = partial(_read_sum, [read_days, clock.read])
+    return replace(dated, read=read, remarks=(remark, *dated.remarks))
 
 
 def clock_of_numbers(
@@ -645,51 +637,33 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
             return factor, begin, name, ''
     elapsed, steps = f'{unit or "s"} since the start', np.abs(np.diff(values))
     step = float(np.median(steps[steps > 0])) if steps.any() else 0.0
-    if unit == '' or unit_ns == DAY:
-        is_stated = unit != '' or bool(re.search(r'date|datum', words))
-        if meaning := _meaning_as_days(values, step, elapsed, is_stated=is_stated):
-            return meaning
     question = f"has times without a unit, {step:.3g} apart: head them 'time [s]', 'time [min]' or 'time [d]'"
-    return unit_ns, 0, elapsed, question if unit == '' and step > 0.0 else ''
-
-
-def _meaning_as_days(
-    values: FloatArray, step: float, elapsed: str, *, is_stated: bool
-) -> tuple[int, float, str, str] | None:
-    """Return the meaning of numbers that may be days; None if they are none.
-
-    They are days if the heading says so (``is_stated``), or if as seconds they would have more lines a second
-    than a log has; they are seconds with a whole number of lines a second that is no multiple of three. Else
-    it is a question. The step is the median of those from one value to the next that differ, 0 without any;
-    ``elapsed`` is the meaning if they count from a start.
-
-    Returns:
-        As :func:`_meaning_of_numbers`.
-    """
-    for minimum, maximum, zero, name in _DAYS_SINCE:
-        if values.min() <= minimum or np.abs(values).max() >= maximum:
-            continue
-        # A question names first what the numbers are taken for.
-        if not is_stated and (step == 0.0 or step >= _SECONDS_FROM):
+    question *= unit == '' and step > 0.0
+    for minimum, maximum, zero, name in _DAYS_SINCE if unit == '' or unit_ns == DAY else ():
+        if minimum < values.min() and largest < maximum:
+            days = f'{name}, without a zone: taken as UTC'
+            if unit != '' or re.search(r'date|datum', words):
+                return DAY, zero, days, ''
+            # A question names first what the numbers are taken for.
+            if _are_days_apart(step):
+                question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
+                return DAY, zero, days, question * (step * _MAX_RATE >= 1.0)
             question = f"has times that may be {elapsed} or {name}: head them 'time [s]' or 'date'"
-            return SECOND_NS, 0, f"{elapsed}, or are they {name}? Head them 'time [s]' or 'date'", question
-        is_beyond = step * _MAX_RATE < 1.0
-        if not is_stated:
-            # Beyond the rate of any log days are certain, unless each step is a round part of a second. Of
-            # few decimals the rate of all values tells it, not the median one.
-            rates = [1.0 / step, (np.unique(values).size - 1) / float(np.ptp(values))][
-                : 1 if is_beyond else 2
-            ]
-            if _is_whole(rates) and not _is_whole([rate / 3.0 for rate in rates]):
-                return None
-        question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
-        return DAY, zero, f'{name}, without a zone: taken as UTC', '' if is_stated or is_beyond else question
-    return None
+    return unit_ns, 0, elapsed, question
 
 
-def _is_whole(rates: Sequence[float]) -> bool:
-    """Return whether any rate is a whole number from 1 on, as far as decimals show it."""
-    return any(round(rate) > 0 and abs(rate - round(rate)) < 0.02 for rate in rates)
+def _are_days_apart(step: float) -> bool:
+    """Return whether the usual step between numbers without a unit is one of days rather than of seconds.
+
+    It is below three hours, and in seconds no whole number of lines a second, but for multiples of three.
+    """
+    rate = 1.0 / step if step > 0.0 else 0.0
+    return rate > 1.0 / _SECONDS_FROM and (not _is_whole(rate) or _is_whole(rate / 3.0))
+
+
+def _is_whole(rate: float) -> bool:
+    """Return whether a rate is a whole number from 1 on, as far as decimals show it."""
+    return round(rate) > 0 and abs(rate - round(rate)) < 0.02
 
 
 def _unit_of_times(words: str, written: str | None) -> str:

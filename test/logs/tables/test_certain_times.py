@@ -318,12 +318,11 @@ def test_a_zone_in_a_column_of_its_own_counts(
 @pytest.mark.parametrize(
     ('first', 'heading', 'step', 'is_of_day', 'is_asked'),
     [
-        (86_370, 'seconds', 1, True, False),  # they fall at midnight
-        (86_370_000, 'elapsed_ms', 1000, True, False),
-        (21_600, 'seconds', 1, True, True),
+        (21_600, 'seconds', 1, False, True),
+        (21_600_000, 'elapsed_ms', 1000, False, False),
         (21_600, 'time of day [s]', 1, True, False),
         (0, 'seconds', 1, False, False),  # of a start
-        (86_395.5, 'time of day [s]', 1, True, False),
+        (86_395.5, 'time of day [s]', 1, True, False),  # they fall at midnight
     ],
 )
 def test_dates_belong_to_seconds_of_the_day(
@@ -336,13 +335,6 @@ def test_dates_belong_to_seconds_of_the_day(
     zero = epoch_ns(midnight) if is_of_day else 0
     assert times == [zero + round(n / step * 10**9) for n in numbers]
     assert ('from midnight or from a start' in question) == is_asked == bool(question)
-
-
-def test_seconds_since_a_start_pass_midnight_beside_dates(tmp_path: Path) -> None:
-    start = T0.replace(hour=23, minute=59)
-    rows = [f'{start + k * EVERY:%d.%m.%Y},{40 + k},{30 + k % 3}\n' for k in range(90)]
-    times, question = times_of(tmp_path, f'date,seconds,rpm\n{"".join(rows)}')
-    assert (times, question) == ([(40 + k) * 10**9 for k in range(90)], '')
 
 
 def test_twelve_digits_are_no_milliseconds_of_1978(tmp_path: Path) -> None:
