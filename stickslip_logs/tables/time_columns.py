@@ -249,9 +249,8 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
     """Return a clock that adds a column of milliseconds, or of seconds, to times that are whole without it.
 
     Such a column is headed by a unit of time, is below the second or minute to which all times are written,
-    rises in nearly all rows of equal times, and falls to the next second or minute. Head and tail
-    decide. A remark of the new clock names it. Without one the clock itself is returned, with a question
-    where a column without a unit behaves as fractions of seconds do.
+    and in nearly all rows rises within one and falls to the next. Head and tail decide. A remark of
+    the new clock names it. Without one the clock itself is returned.
     """
     rows = table.rows_with(range(len(table.names)))
     time_ns, is_timed = clock.read_rows(rows)
@@ -259,27 +258,18 @@ def _add_fractions(table: TableColumns, clock: Clock) -> Clock:
     whole_steps = np.diff(time_ns)
     whole_ns = next((unit for unit in (60 * SECOND_NS, SECOND_NS) if not (time_ns % unit).any()), 0)
     for k in range(len(table.names)) if 0 in whole_steps else ():
-        name, (words, written) = table.names[k], table.headings[k]
-        unit = _unit_of_times(words, written)
-        is_asked = unit == '' and written is None and whole_ns == SECOND_NS
-        unit_ns = SECOND_NS if is_asked else TIME_UNITS.get(unit, DAY)
-        if k in clock.columns or unit_ns > whole_ns:
+        unit = _unit_of_times(*table.headings[k])
+        if k in clock.columns or TIME_UNITS.get(unit, DAY) > whole_ns:
             continue
-        read_fraction = number_reader(unit_ns, 0, table.decimal)
+        read_fraction = number_reader(TIME_UNITS[unit], 0, table.decimal)
         fraction_ns, is_there = read_fraction([[row[k] for row in rows]])
         steps = np.diff(time_ns + fraction_ns)
         is_part = is_there.all() and fraction_ns.min() >= 0 and fraction_ns.max() < whole_ns
         # From one second to the next it falls, else it is a counter of something else.
-        within = [steps[whole_steps == step_ns] for step_ns in (0, whole_ns) if step_ns in whole_steps]
-        is_rising = all(((part >= 0) & (part < whole_ns)).mean() > _NEARLY_ALL for part in within)
-        if is_part and is_rising and within[0].any():
-            if is_asked:
-                question = (
-                    f"has times to the second, and '{name}' may be their fractions: head it '{name} [s]'"
-                )
-                return replace(clock, question=clock.question or question)
+        is_next = (steps >= 0) & ((whole_steps == 0) | (steps < whole_steps))
+        if is_part and is_next.mean() > _NEARLY_ALL and steps[whole_steps == 0].any():
             read = partial(_read_sum, [clock.read, read_fraction])
-            remark = f"'{name}' has the {unit} of the times"
+            remark = f"'{table.names[k]}' has the {unit} of the times"
             return replace(clock, columns=(*clock.columns, k), read=read, remarks=(*clock.remarks, remark))
     return clock
 
@@ -411,23 +401,17 @@ def _clock_of_parts(table: TableColumns) -> Clock | None:
 
 
 def _clock_of_unit_columns(table: TableColumns) -> Clock | None:
-    """Return the clock of adjacent columns that are headed by units of time, as hour, min, sec; None without.
+    """Return the clock of adjacent columns headed as hours, minutes and seconds, the sum of all three.
 
-    The units have to be from large to small, and the sum of nearly all rows must be a time, in order.
+    None without them.
     """
-    rows, width = table.rows_with(range(len(table.names))), len(table.names)
     units = [TIME_UNITS.get(words, 0) for words, _ in table.headings]
-    for first in range(width if rows else 0):
-        smaller = itertools.takewhile(lambda k: units[k - 1] > units[k] > 0, range(first + 1, width))
-        columns = first, *smaller
-        read = partial(_read_sum, [number_reader(units[k], 0, table.decimal) for k in columns])
-        listed = ', '.join(f"'{table.names[k]}'" for k in columns)
-        remark = f'times are the sum of {listed}, without a date'
-        clock = Clock(columns, read, (remark,), is_of_day=units[first] < DAY)
-        time_ns, is_timed = clock.read_rows(rows)
-        is_sum = len(columns) > 1 and is_timed.mean() > _NEARLY_ALL
-        if is_sum and _are_in_order(np.diff(time_ns[is_timed])):
-            return clock
+    for first in range(len(units) - 2):
+        columns = first, first + 1, first + 2
+        if [units[k] for k in columns] == [3600 * SECOND_NS, 60 * SECOND_NS, SECOND_NS]:
+            read = partial(_read_sum, [number_reader(units[k], 0, table.decimal) for k in columns])
+            remark = f"times are the sum of '{table.names[first]}' and the next two columns, without a date"
+            return Clock(columns, read, (remark,), is_of_day=True)
     return None
 
 

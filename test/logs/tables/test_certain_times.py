@@ -7,7 +7,6 @@ Each file is of lines one second apart from 2026-05-14T06:00:00Z on, or from a s
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -207,15 +206,6 @@ def test_a_column_of_milliseconds_belongs_to_times_to_the_second(
     every = EVERY / rate
     text = log_of(head, lambda t: form.format(t, t.microsecond // 1000, int(t.timestamp())), every)
     assert times_of(tmp_path, text) == ([epoch_ns(T0 + k * every) for k in range(90)], '')
-
-
-def test_fractions_without_a_unit_raise_a_question(tmp_path: Path) -> None:
-    text = log_of('time,frac', '{0:%Y-%m-%d %H:%M:%S},0.{0:%f}'.format, EVERY / 4)
-    assert "'frac' may be their fractions: head it 'frac [s]'" in times_of(tmp_path, text)[1]
-    # A load in [0, 1) that rises and falls at will is none.
-    rng = random.Random(1)
-    loads = log_of('time,part', lambda t: f'{t:%Y-%m-%d %H:%M:%S},{rng.random():.3f}', EVERY / 4)
-    assert times_of(tmp_path, loads)[1] == ''
 
 
 @pytest.mark.parametrize('ms', ['7', '{0}', '{1}', '-{2}'])
