@@ -84,10 +84,11 @@ MAX_ROWS = 500
 # Of the cells of a column of times more are times; of the rows of parts of a date nearly all.
 _MOSTLY, _NEARLY_ALL = 0.5, 0.9
 _ZERO_DECIMALS = re.compile(r'[.,]0+$')
-_DIGITS_OF_DAY = re.compile(r'(\d{1,6})(?:[.,]\d+)?')
 # The number of the day of a first row without a date, and how late rows come over midnight [ns].
 _FIRST_DAY, _LATE_NS = 10_000, 60 * SECOND_NS
 _EMPTY = '', 'nan', 'null', 'none', '-'
+# Digits alone may be hours, minutes and seconds.
+_WRITE = 'write 060000 as 06:00:00'
 WITHOUT_ZONE = 'times have no zone: taken as UTC'
 """Remark on a clock whose distance from UTC is not said."""
 
@@ -234,8 +235,11 @@ def _find_whole_times(path: Path, table: TableColumns) -> Clock:
         return clock
     if of_day:
         return _clock_of_day_times(table, of_day[0])
-    if clock := _clock_of_digits(table, named):
-        return clock
+    for k in named:
+        # Digits alone, as 20260514 and 060000.
+        joined = [f'{row[k - 1].strip()} {row[k].strip()}' for row in table.rows_with([k])]
+        if k - 1 in named and sum(map(is_stamp, joined)) > _MOSTLY * len(joined):
+            return _clock_of_stamps(table, (k - 1, k))
     if clock := _first_clock_of_numbers(path, table, rows, named):
         return _clock_since_midnight(table, clock, days[0]) if days else clock
     if stamps:
@@ -304,15 +308,14 @@ def rank_stamps(table: TableColumns, columns: Sequence[int]) -> list[int]:
     """Return columns of dates with times, the one that is most likely the time of the rows first.
 
     A column of less than half as many different dates as another, as of an arrival or in the name of a file,
-    comes last. Before others come '_time' of InfluxDB, which also writes the limits of the query, then a
-    column headed as UTC, which ships write beside their zone time, then one headed as a time, then by place.
+    comes last. Before others come one headed as UTC,
+    which ships write beside their zone time, then one headed as a time, then by place.
     """
     counts = {k: len({row[k] for row in table.rows[:MAX_ROWS] if k < len(row)}) for k in columns}
     return sorted(
         columns,
         key=lambda k: (
             2 * counts[k] < max(counts.values()),
-            table.names[k] != '_time',
             not _IN_UTC.search(table.names[k]),
             not TIME_WORDS.search(table.headings[k][0]),
             k,
@@ -462,72 +465,6 @@ def _join_parts(columns: Sequence[Cells], day_count: int) -> list[str]:
     return texts
 
 
-def _clock_of_digits(table: TableColumns, named: Sequence[int]) -> Clock | None:
-    """Return the clock of a column of times of the day as digits, 060000, perhaps behind one of dates.
-
-    None where no column in ``named`` holds such digits. Of up to four digits there is a question: 0600 may
-    be the hour 6.
-    """
-    for k in named:
-        rows = table.rows_with([k])
-        cells = [row[k].strip() for row in rows]
-        dates = [row[k - 1].strip() if k else '' for row in rows]
-        stamps = [f'{day} {cell}' for day, cell in zip(dates, cells, strict=True)]
-        if k - 1 in named and sum(map(is_stamp, stamps)) > _MOSTLY * len(cells):
-            return _clock_of_stamps(table, (k - 1, k))
-        if _are_digits_of_day(cells):
-            stamps = [f'{day} {_with_colons(cell)}' for day, cell in zip(dates, cells, strict=True)]
-            clock = _clock_of_day_times(table, k)
-            if sum(map(is_stamp, stamps)) > _MOSTLY * len(cells):
-                clock = _clock_of_layout((k - 1, k), StampLayout(stamps))
-            clock = replace(clock, read=partial(_read_digits, clock.read))
-            longest = max(cells, key=len)
-            if len(longest) > 4:
-                return clock
-            question = (
-                f"has times such as '{longest}', which may be hours and minutes: write them as 06:00:00"
-            )
-            return replace(clock, is_count=True, question=question)
-    return None
-
-
-def _read_digits(read: ReadTimes, columns: Sequence[Cells]) -> Times:
-    """Return the times of one column or two, the last of which has times of the day as digits, as 060000."""
-    return read([*columns[:-1], [*map(_with_colons, columns[-1])]])
-
-
-def _are_digits_of_day(cells: Cells) -> bool:
-    """Return whether cells are digits of hours, minutes and seconds, as 060059 before 060100.
-
-    There have to be at least three cells, all of up to six digits, perhaps with decimals, that are a time of
-    the day; and steps that scatter less as times than as numbers. Numbers below 1000 that fall may be
-    milliseconds.
-    """
-    matches = [*map(_DIGITS_OF_DAY.fullmatch, cells)]
-    number = np.array([int(match[1]) for match in matches if match])
-    hours, minutes, seconds = number // 10_000, number // 100 % 100, number % 100
-    if (
-        len(cells) < 3
-        or number.size < len(cells)
-        or max(minutes.max(), seconds.max()) > 59
-        or hours.max() > 24
-    ):
-        return False
-    steps = np.diff((hours * 60 + minutes) * 60 + seconds)
-    is_apart = number.max() >= 1000 or bool((steps >= 0).all())
-    return is_apart and bool(np.std(steps) < np.std(np.diff(number)))
-
-
-def _with_colons(cell: str) -> str:
-    """Return up to six digits, perhaps with decimals, as a time of the day, '60059.5' as '06:00:59.5'.
-
-    Other cells become a text that is no time.
-    """
-    text = cell.strip()
-    digits = text.zfill(6 + len(text.lstrip('0123456789')))
-    return f'{digits[:2]}:{digits[2:4]}:{digits[4:]}'
-
-
 def _first_clock_of_numbers(
     path: Path, table: TableColumns, rows: Sequence[Cells], named: Sequence[int]
 ) -> Clock | None:
@@ -563,7 +500,7 @@ def _clock_since_midnight(table: TableColumns, clock: Clock, day: int) -> Clock:
         may_be_of_day = ((time_ns >= SECOND_NS) & (time_ns <= DAY))[is_timed].all() and 'elapsed' not in words
         question = (
             f"has dates beside '{name}', which may count from midnight or from a start:"
-            " head it 'time of day [s]' or 'elapsed [s]'"
+            f" head it 'time of day [s]' or 'elapsed [s]', or {_WRITE}"
         )
         return replace(clock, question=clock.question or question) if may_be_of_day else clock
     layout = StampLayout([f'{row[day].strip()} 00:00:00' for row in table.rows_with(columns)])
@@ -621,7 +558,10 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
             return factor, begin, name, ''
     elapsed, steps = f'{unit or "s"} since the start', np.abs(np.diff(values))
     step = float(np.median(steps[steps > 0])) if steps.any() else 0.0
-    question = f"has times without a unit, {step:.3g} apart: head them 'time [s]', 'time [min]' or 'time [d]'"
+    question = (
+        f"has times without a unit, {step:.3g} apart: head them 'time [s]', 'time [min]' or 'time [d]', or"
+        f' {_WRITE}'
+    )
     question *= unit == '' and step > 0.0
     for minimum, maximum, zero, name in _DAYS_SINCE if unit == '' or unit_ns == DAY else ():
         if minimum < values.min() and largest < maximum:
@@ -630,9 +570,13 @@ def _meaning_of_numbers(words: str, written: str | None, values: FloatArray) -> 
                 return DAY, zero, days, ''
             # A question names first what the numbers are taken for.
             if _are_days_apart(step):
-                question = f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]'"
+                question = (
+                    f"has times that may be {name} or {elapsed}: head them 'date' or 'time [s]', or {_WRITE}"
+                )
                 return DAY, zero, days, question * (step * _MAX_RATE >= 1.0)
-            question = f"has times that may be {elapsed} or {name}: head them 'time [s]' or 'date'"
+            question = (
+                f"has times that may be {elapsed} or {name}: head them 'time [s]' or 'date', or {_WRITE}"
+            )
     return unit_ns, 0, elapsed, question
 
 

@@ -158,24 +158,15 @@ def test_milliseconds_or_seconds_raise_a_question(
     assert ("head them 'time [s]', 'time [min]'" in times[1]) == is_asked
 
 
-@pytest.mark.parametrize('form', ['{:%H%M%S}', '{0.hour}{0:%M%S}'])
-@pytest.mark.parametrize('every', [EVERY, timedelta(seconds=20)])
-def test_digits_of_a_time_of_the_day_are_no_seconds(form: str, every: timedelta, tmp_path: Path) -> None:
-    """060059 is one second before 060100, not 41."""
-    since = [k * every // timedelta(microseconds=1) * 1000 for k in range(90)]
-    times, question = times_of(tmp_path, log_of('time', form.format, every))
-    assert ([time - times[0] for time in times], question) == (since, '')
-    dated = log_of('date,time', lambda t: f'{t:%d.%m.%Y},{form.format(t)}', every)
-    assert times_of(tmp_path, dated) == ([epoch_ns(T0) + time for time in since], '')
-
-
-def test_digits_of_the_first_minutes_of_a_day_are_one_time(tmp_path: Path) -> None:
-    """0, 30, 100, ... are half minutes from midnight on; behind 235930 comes the next day."""
-    start = T0.replace(hour=23, minute=50)
-    text = log_of(
-        'date,time', lambda t: f'{start + (t - T0):%Y%m%d},{int(f"{start + (t - T0):%H%M%S}")}', 30 * EVERY
-    )
-    assert times_of(tmp_path, text) == ([epoch_ns(start + 30 * k * EVERY) for k in range(90)], '')
+@pytest.mark.parametrize('form', ['{:%H%M%S}', '{0.hour}{0:%M%S}', '{:%H%M}', '{0.hour}{0:%M}'])
+@pytest.mark.parametrize('every', [EVERY, timedelta(seconds=20), timedelta(minutes=1)])
+@pytest.mark.parametrize('day', ['', '{:%d.%m.%Y},', '{:%Y-%m-%d},'])
+def test_digits_of_a_time_of_the_day_raise_a_question(
+    form: str, every: timedelta, day: str, tmp_path: Path
+) -> None:
+    """060059 is one second before 060100, or 41 s in seconds."""
+    text = log_of('date,time' if day else 'time', lambda t: day.format(t) + form.format(t), every)
+    assert 'or write 060000 as 06:00:00' in times_of(tmp_path, text)[1]
 
 
 def test_speeds_beside_digits_of_a_time_are_no_times(tmp_path: Path) -> None:
@@ -407,8 +398,7 @@ DAY = 86_400
 
 
 @pytest.mark.parametrize(
-    ('head', 'form'),
-    [('time', '{:%H:%M:%S}'), ('time', '{:%H%M%S}'), ('hour,min,sec', '{0.hour},{0.minute},{0.second}')],
+    ('head', 'form'), [('time', '{:%H:%M:%S}'), ('hour,min,sec', '{0.hour},{0.minute},{0.second}')]
 )
 @pytest.mark.parametrize('is_newest_first', [False, True])
 @pytest.mark.parametrize('pause', [0, 8 * 3600])
@@ -452,16 +442,6 @@ def test_an_hour_that_comes_again_without_a_date_is_a_clock_set_back(tmp_path: P
     text = log_of('time', lambda t: f'{t - timedelta(hours=t.second >= 30):%H:%M:%S}', count=60)
     times, _ = times_of(tmp_path, text)
     assert times[-1] - times[0] == 59 * 10**9
-
-
-@pytest.mark.parametrize('head', ['time', 'date,time'])
-@pytest.mark.parametrize('form', ['{:%H%M}', '{0.hour}{0:%M}'])
-def test_digits_of_hours_and_minutes_raise_a_question(form: str, head: str, tmp_path: Path) -> None:
-    def row(time: datetime) -> str:
-        return form.format(time) if head == 'time' else f'{time:%Y-%m-%d},{form.format(time)}'
-
-    question = times_of(tmp_path, log_of(head, row, timedelta(minutes=1)))[1]
-    assert 'which may be hours and minutes: write them as 06:00:00' in question
 
 
 @pytest.mark.parametrize('damaged', ['04/15/2026', '04/06/2026', '00/05/2026'])
