@@ -58,7 +58,8 @@ _DOCUMENTS = (
     *(b'%PDF', b'%!PS', b'{\\rtf', b'<!', b'<?xml', b'<html', b'<svg', b'#!', b'\x7fELF'),
     *(b'\x89PNG', b'\xff\xd8\xff', b'GIF8', b'II*\0', b'MM\0*', b'RIFF'),
 )
-_TIMES = re.compile(rb'\d+(?:[-/.:]\d+){2,}\S*')
+_TIMES = re.compile(rb'\d+(?:[-/.:]\d+){2,}(?:,\d{3}(?!\d))?[^\s,;|]*')
+_PROSE = re.compile(rb'[^\W\d_]+\s+[^\W\d_]+')
 _NUMBERS = re.compile(rb'(?<![\w.])[-+]?\d+(?:[.,]\d+)?(?!\w)')
 # The schema of a bag stands in the first page of its database.
 _BAG_SCHEMA = b'topic_id'
@@ -183,10 +184,14 @@ def _kind_of(path: Path) -> str:
 
 
 def _holds_numbers(begin: bytes) -> bool:
-    """Return whether more than half of the lines that are not blank have two numbers beside their times."""
+    """Return whether more than half of the lines that are not blank have two numbers beside their times.
+
+    One is enough beside a time, if there are no two words in a row.
+    """
     lines = [line.strip() for line in begin.replace(b'\0', b'').split(b'\n')]
-    lines = [_TIMES.sub(b'', line) for line in lines if line]
-    return 2 * sum(len(_NUMBERS.findall(line)) > 1 for line in lines) > len(lines)
+    pairs = [(line, _TIMES.sub(b'', line)) for line in lines if line]
+    counts = [len(_NUMBERS.findall(rest)) + (rest != line and not _PROSE.search(rest)) for line, rest in pairs]
+    return 2 * sum(count > 1 for count in counts) > len(pairs)
 
 
 def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> list[Path]:

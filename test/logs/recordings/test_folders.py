@@ -66,6 +66,8 @@ DATA = {
     'historian.db': b'SQLite format 3\0' + bytes(4000),
     'own.jsonl': ''.join(json.dumps({'ts': time, 'rpm': 30.5}) + '\n' for time in TIMES).encode(),
     'can.log': ''.join(f'({k}.000000) can0 09F20011#00A005FFFF7FFFFF\n' for k in range(40)).encode(),
+    'dots.txt': ''.join(f'4.5.2026 06.00.{k:02};136,0\n' for k in range(40)).encode(),
+    'own.log': ''.join(f'time={time},rpm=136.0\n' for time in TIMES).encode(),
     'no_times.nmea': (f'{nmea_sentence("IIRPM,S,1,136.0,30.0,A")}\r\n' * 40).encode(),
 }
 
@@ -123,6 +125,7 @@ def test_a_recording_is_known_by_its_content(tmp_path: Path) -> None:
 
 def test_a_tar_archive_is_no_table(tmp_path: Path) -> None:
     (tmp_path / 'a.csv').write_text(CSV)
-    with tarfile.open(tmp_path / 'a.tar', 'w') as tar:
-        tar.add(tmp_path / 'a.csv')
-    assert "a.tar'" in describe_unchecked([tmp_path], find_bags([tmp_path]))
+    for name, mode in (('a.tar', 'w'), ('a.tar.gz', 'w:gz')):
+        with tarfile.open(tmp_path / name, mode) as tar:  # type: ignore[call-overload]
+            tar.add(tmp_path / 'a.csv')
+        assert f"{name}'" in describe_unchecked([tmp_path], find_bags([tmp_path]))
