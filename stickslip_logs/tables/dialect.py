@@ -102,7 +102,7 @@ def parse_heading(text: str) -> Heading:
     name, bracketed = match.groups() if match else (text, None)
     words = re.sub(r'[_\W]+', ' ', name).split()
     unit = bracketed
-    if unit is None or unit_of(unit) is None:
+    if not (text.rstrip().endswith(']') or '%' in (unit or '')) and unit_of(unit or '') is None:
         unit = _bare_unit(name, words) or (
             text.strip() if unit_of(text) and len(text.strip()) > 1 else bracketed
         )

@@ -363,12 +363,13 @@ class _ColumnUse:
         """
         source, column, name = self.source, self.column, self.bearing.name
         parameter = f'{name}.{self.quantity}'
-        if self.unit is None and column.has_unit:
+        if self.unit is None and column.has_unit and not (self._has_scale or source.column[:1] == '#'):
             stated = column.unit or parse_heading(column.heading).unit
             if stated is None or stated.strip('\u00b0 ').upper() != source.unit.upper():
+                place = '' if column.name else f"{parameter}.column: '#{column.place + 1}' if so, else "
                 yield (
-                    f"is column '{column.heading}' in {source.unit}, and its heading says '{stated}': is that"
-                    ' right?'
+                    f"is column '{column.heading}' in {source.unit}, and its heading says '{stated}': write"
+                    f' {place}{parameter}.scale'
                 )
         if self.is_scaled and self._has_scale:
             yield (
@@ -376,11 +377,13 @@ class _ColumnUse:
                 f' and offset {source.offset:g} are not applied: write'
                 f' {parameter}.column: "{column.heading}" if they are to be'
             )
-        elif self.quantity in QUANTITIES and not (self._has_scale or self._gear or source.column):
-            is_own = _is_named_after(column, self.bearing.name, source.topic)
-            if not (is_own or _is_plain(column, self.quantity, _own_words(name, source.topic) | {'s'})):
+        elif self.quantity in QUANTITIES and not (self._has_scale or source.column):
+            # A gear is of an engine, whose speed only its owner or the topic tells from the shaft's.
+            is_own = _is_named_after(column, '' if self._gear else name, source.topic)
+            is_plain = _is_plain(column, self.quantity, _own_words(name, source.topic) | {'s'})
+            if not (is_own or (is_plain and not self._gear)):
                 gear = ', and gear where one is between' if self.quantity == 'speed' else ''
-                owner = 'shaft' if self.quantity == 'speed' else 'bearing'
+                owner = 'engine' if self._gear else 'shaft' if self.quantity == 'speed' else 'bearing'
                 yield f"is column '{column.heading}': is it the {owner}'s own? Write {parameter}.column{gear}"
 
 

@@ -83,6 +83,8 @@ def test_damaged_tables_are_read_or_refused_in_a_sentence(tmp_path: Path) -> Non
         ('time,Shaft RPM,Load kN/10\n0,30,60\n1,31,60\n', 'load'),
         ('@0 $IIRPM,S,1,30,,A*43\n@0 $IIXDR,P,12.3,B,LOAD*44\n', 'load'),
         ('time,Shaft RPM,load %\n0,30,60\n1,31,60\n', 'load'),
+        ('time,Shaft RPM,Load kN [%]\n0,30,60\n1,31,60\n', 'load'),
+        ('time,Shaft RPM,Load kN [mV]\n0,30,60\n1,31,60\n', 'load'),
         ('time,Shaft RPM,Load limit [N]\n0,30,60\n1,31,60\n', 'load'),
         *(
             (f'time,{heading},load [N]\n0,30,900\n1,31,901\n', 'speed')
@@ -169,14 +171,49 @@ def test_the_load_of_another_bearing_raises_a_question(name: str, is_asked: bool
     assert ("is it the bearing's own? Write aft_stern.load.column" in question) == is_asked == bool(question)
 
 
-def test_a_column_that_says_another_unit_raises_a_question(tmp_path: Path) -> None:
-    config_text = CONFIG.read_text().replace('load, unit: N,', "load, unit: N, column: 'Load [klbf]',")
-    (tmp_path / 'own.yaml').write_text(config_text)
-    recording = open_log(tmp_path, 'time [s],rpm,Load [klbf]\n0,30,1.2\n1,31,1.2\n')
+@pytest.mark.parametrize(
+    ('heading', 'column', 'stated'),
+    [
+        ('Load [klbf]', 'Load [klbf]', 'klbf'),
+        ('Load N [mV]', 'Load N [mV]', 'mV'),
+        ('Load N [%]', 'Load N', '%'),
+        ('Load [klbf]', '#3', ''),
+        ('Load [klbf]', 'Load, scale: 4448.2', ''),
+    ],
+)
+def test_a_column_that_says_another_unit_raises_a_question(
+    heading: str, column: str, stated: str, tmp_path: Path
+) -> None:
+    """Take the place of the column, or a scale, for an answer."""
+    name, _, scale = column.partition(',')
+    settings = f"load, unit: N, column: '{name}',{scale}{',' * bool(scale)}"
+    (tmp_path / 'own.yaml').write_text(CONFIG.read_text().replace('load, unit: N,', settings))
+    recording = open_log(tmp_path, f'time [s],rpm,{heading}\n0,30,1.2\n1,31,1.2\n')
     questions = bind(recording, load_config(tmp_path / 'own.yaml')).questions
-    assert questions == {
-        ('aft_stern', 'load'): "is column 'Load [klbf]' in N, and its heading says 'klbf': is that right?"
-    }
+    text = (
+        f"is column '{heading}' in N, and its heading says '{stated}': write"
+        " aft_stern.load.column: '#3' if so, else aft_stern.load.scale"
+    )
+    assert questions == ({('aft_stern', 'load'): text} if stated else {})
+
+
+@pytest.mark.parametrize(
+    ('heading', 'settings', 'is_asked'),
+    [
+        ('Shaft speed [rpm]', '', True),
+        ('rpm', '', True),
+        ('rpm', 'column: rpm, ', False),
+        ('/shaft/speed', '', False),
+    ],
+)
+def test_a_gear_beside_a_guessed_column_raises_a_question(
+    heading: str, settings: str, is_asked: bool, tmp_path: Path
+) -> None:
+    config = tmp_path / 'ship.yaml'
+    config.write_text(CONFIG.read_text().replace('unit: rpm', f'{settings}gear: 4.2, unit: rpm', 1))
+    recording = open_log(tmp_path, f'time [s],Engine speed [rpm],{heading},load [N]\n0,126,30,9\n1,126,30,9\n')
+    question = bind(recording, load_config(config)).questions.get(('aft_stern', 'speed'), '')
+    assert ("is it the engine's own? Write aft_stern.speed.column" in question) == is_asked == bool(question)
 
 
 @pytest.mark.parametrize(
