@@ -28,8 +28,8 @@ _GOOD_DA = 0xC0
 _IS_BAD: dict[str, Callable[[int], bool]] = {
     'OPC UA': lambda code: code >> 30 != 0,
     'OPC DA': lambda code: code & _GOOD_DA != _GOOD_DA,
-    'flag': lambda code: code in (3, 4, 9),
-    'validity': lambda code: code == 0,
+    'flag': lambda code: code in (3, 4) or code > 8,
+    'validity': lambda code: code != 1,
 }
 
 
@@ -79,14 +79,14 @@ def find_bad_mark_test(heading: str, marks: Iterable[str]) -> Callable[[str], bo
     is_hex = bool(seen) and all(map(_HEX.fullmatch, seen))
     codes = [code for mark in seen if (code := _code_of(mark, is_hex=is_hex)) is not None]
     words = {*parse_heading(heading).name.split()}
-    # A code of OPC DA has 16 bits.
-    if max(codes, default=0) > 0xFFFF or words & {'statuscode'} or words >= {'status', 'code'}:
-        kind = 'OPC UA'
-    elif any(code & 0xFF >= _GOOD_DA for code in codes):
+    # No code of OPC UA has these bits; a good one of OPC DA has, and one of a historian more than 16 bits.
+    if any(code & 0xFF >= _GOOD_DA for code in codes):
         kind = 'OPC DA'
-    elif words & {'qc', 'qf'}:
+    elif max(codes, default=0) > 0xFFFF or words & {'statuscode'} or words >= {'status', 'code'}:
+        kind = 'OPC UA'
+    elif words & {'qc', 'qf'} and max(codes, default=0) < 10:
         kind = 'flag'
-    elif words & {'valid', 'validity', 'good'}:
+    elif words & {'valid', 'validity', 'good'} and max(codes, default=0) < 2:
         kind = 'validity'
     elif len(codes) < len(seen) or not any(codes):
         # Of zeros alone only a later code of OPC UA tells: in OPC DA all of them were bad.

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,8 @@ from stickslip_logs.tables.quality_columns import find_bad_mark_test
         ('quality', '192', '24'),
         ('rpm_quality', '216', '68'),
         ('Quality', '192.0', '0'),
+        # Wonderware's detail of 65536, no data stored, is beyond the 16 bits of OPC DA.
+        ('QualityDetail', '192', '65536'),
         ('rpm valid', '1', '0'),
         ('rpm_valid', 'TRUE', 'FALSE'),
         # No code of either, and one beyond 32 bits.
@@ -79,8 +82,9 @@ def test_a_heading_says_that_small_codes_are_of_opc_ua(heading: str, is_known: b
     assert not is_bad or [is_bad(mark) for mark in ('1024', '2147483648')] == [False, True]
 
 
-def test_a_mode_is_no_quality() -> None:
-    assert find_bad_mark_test('status', ['1', '2', '3']) is None
+@pytest.mark.parametrize(('heading', 'marks'), [('status', '123'), ('rpm_qc', ['128', '28']), ('valid', '12')])
+def test_codes_of_no_known_kind_are_no_quality(heading: str, marks: Sequence[str]) -> None:
+    assert find_bad_mark_test(heading, marks) is None
 
 
 def test_a_bad_code_after_the_head_of_a_file_of_zeros_counts() -> None:
