@@ -237,16 +237,18 @@ def _is_of_own_vessel(delta: Any) -> bool:
 
 
 def _decode_object(line: str) -> Any:
-    """Return the JSON object of a line, behind any text that a logger wrote before it; None for a blank line.
+    """Return the JSON object of a line, behind any text that a logger wrote before it; None without any.
+
+    The brackets and commas of an array of one object a line are passed over.
 
     Raises:
         ValueError: There is no object, or something else behind it.
     """
     begin = line.find('{')
-    if begin < 0 and not line.strip():
+    if begin < 0 and not line.strip(_OF_ARRAY):
         return None
     value, end = _decode_json(line, begin)
-    if line[end:].strip():
+    if line[end:].strip(_OF_ARRAY):
         raise ValueError('more than an object')
     return value
 
@@ -315,7 +317,9 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
             if not isinstance(stamp, str):
                 raise TypeError('a time is a text')
             place += ['engine'] if place[0] in _OF_ENGINES else []
-            instance = fields.pop('Instance', fields.pop('Engine Instance', None))
+            # 'Engine Instance', or 'engineInstance' by the option -camel.
+            of = [name for name in fields if name.lower().replace(' ', '') in ('instance', 'engineinstance')]
+            instance = fields.pop(of[0]) if of else None
             place += [] if instance is None else [str(_ENGINES.get(instance, instance))]
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
@@ -325,7 +329,7 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
             path = '.'.join((*place, name))
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             if is_number or path in first:
-                unit = 'rpm' if (place[0], name) == ('127488', 'Speed') else ''
+                unit = 'rpm' if (place[0], name.title()) == ('127488', 'Speed') else ''
                 text = repr(value) if is_number else 'null' if value is None else f"'{value}'"
                 latest = when
                 yield when, _name_of(path, source, first), text, unit, source
@@ -358,6 +362,7 @@ _BY_AIS = 'navigation.', 'design.', 'communication.', 'registrations', 'sensors.
 # Calls without what json.loads adds to each; a truth value is of neither type.
 _decode_json = json.JSONDecoder().raw_decode
 _NUMBERS = int, float
+_OF_ARRAY = ' \t\r\n[],'
 # What Signal K gives the values of some paths in.
 _UNITS = {'revolutions': 'Hz', 'load': 'N', 'force': 'N'}
 # PGNs of engines, and what canboat calls the first two of these.

@@ -45,6 +45,8 @@ _FRAMES = {
     r'^\d\d:\d\d:\d\d\.\d+ [RT] [0-9A-Fa-f]{8}( [0-9A-Fa-f]{2})+\s*$': 'analyzer -json < {0}',
     r'^[-\dTZ:.]+,\d,\d{5,6},\d+,\d+,\d+(,[0-9A-Fa-f]{2})+\s*$': 'analyzer -json < {0}',
     r'^A\d{6}\.\d+ [0-9A-F]{5} [0-9A-F]{5} [0-9A-F]+\s*$': 'analyzer -json < {0}',
+    # What it writes without -json.
+    r'^[-\dTZ:.]+ +\d +\d+ +\d+ +\d{5,6} .*: ': 'analyzer -json < RAW',
 }
 # Other frames of CAN: an identifier before '#', or '[8]' as candump shows it, or beside 'Rx'.
 _CAN_FRAME = r'\b(?:0x)?[0-9A-Fa-f]{3,8}(?:##?\w|>?\s+\[\d+\]\s|x?\s+[RT]x\s)|\s[RT]x\s+[0-9A-Fa-f]{3,8}\s'
@@ -635,7 +637,8 @@ def _bus_dialect(path: Path, encoding: str, kind: str, first: Sequence[str], las
     rows, tail = (tuple(row for row in BUS_LOGS[kind](iter(lines)) if row) for lines in (first, last))
     if not rows:
         raise BagError(
-            f"log '{path}': no line has a time and a number: record it with a time before each line"
+            f"log '{path}': no line has a time and a number: record it with a time such as 2026-05-04T06:00:00Z"
+            ' before each line'
         )
     return Dialect(
         NAMES, tuple(map(parse_heading, NAMES)), (None,) * len(NAMES), '.', rows, tail, encoding, kind

@@ -212,7 +212,7 @@ def test_other_numbers_beside_a_time_are_no_fractions_of_it(ms: str, tmp_path: P
     assert times_of(tmp_path, log_of('time,ms', row, every))[0] == seconds
 
 
-@pytest.mark.parametrize('time', ['0 days 06:00:00', '14. Mai 2026 06:00:00', '4 of 90', '1e300'])
+@pytest.mark.parametrize('time', ['0 days 06:00:00', '14th May 2026 06:00:00', '4 of 90', '1e300'])
 def test_a_number_before_other_digits_is_no_time(time: str, tmp_path: Path) -> None:
     with pytest.raises(BagError, match=f"write times such as 2026-05-04T06:00:00Z, not as '{time}'"):
         times_of(tmp_path, log_of('time', lambda _: time))

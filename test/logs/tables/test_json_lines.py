@@ -84,6 +84,19 @@ def test_other_fields_by_path_and_other_senders_by_name(tmp_path: Path) -> None:
     assert recording.losses == ('1 line damaged, or without a time was not used',)
 
 
+def test_names_as_the_option_camel_writes_them(tmp_path: Path) -> None:
+    lines = [canboat_line(TIMES[k].isoformat(), 127488, {'instance': k % 2, 'speed': 30}) for k in range(20)]
+    recording = open_log(tmp_path, ''.join(lines))
+    types = {topic: info.type for topic, info in recording.topics.items()}
+    assert types == {f'127488.engine.{k}.speed': 'column in rpm' for k in (0, 1)}
+
+
+def test_an_array_of_one_object_a_line_is_read(tmp_path: Path) -> None:
+    recording = open_log(tmp_path, '[\n' + ',\n'.join(engine_line(k).strip() for k in range(20)) + '\n]\n')
+    (series,) = recording.read([Request('127488.engine.0.Speed', 'data')]).values()
+    assert (series.value.size, recording.losses) == (20, ())
+
+
 def test_lines_of_json_are_refused_with_a_command(tmp_path: Path) -> None:
     # The command was run by jq 1.6 on such lines, and its output read: ts, shaft.rpm, load-N, ok, odd.
     path = tmp_path / 'a b.jsonl'

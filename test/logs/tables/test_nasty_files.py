@@ -187,6 +187,10 @@ def test_units_as_they_are_written(written: str, unit: str | None) -> None:
         ('(1716800000.123456) can0 09F20023#00FF20FFFFFFFFFF', r'candump2analyzer < .*log \| analyzer -json'),
         ('17:33:21.107 R 09F20023 00 FF 20 FF FF FF FF FF', 'frames of NMEA 2000: .* analyzer -json < '),
         ('2016-04-09T16:41:39.628Z,2,127488,16,255,8,00,ff,20,ff,7f,ff,ff,ff', 'analyzer -json < '),
+        (
+            '2016-04-09-16:41:39.628 2  16 255 127488 Engine Parameters, Rapid Update:  Speed = 136.0 rpm',
+            'analyzer -json < RAW',
+        ),
         # As candump shows them, with times of -t a, A, d and none; CAN FD; and as ASC and TRC files.
         (' (1436509052.249713)  can0  09F20023   [8]  00 FF 20 FF FF FF FF FF', 'with candump -L,'),
         (' (2016-04-09 16:41:39.628123)  can0  09F20023   [8]  00 FF 20 FF FF FF FF FF', 'with candump -L,'),

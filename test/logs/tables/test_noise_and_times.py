@@ -188,6 +188,7 @@ def test_a_year_of_two_digits_in_front_raises_a_question(
         '[{:%Y-%m-%d %H:%M:%S.%f}] ',
         '{:%m/%d/%Y,%H:%M:%S.%f},',
         '{:%d-%b-%Y %H:%M:%S.%f}\t',
+        '{:%d. %b %Y %H:%M:%S.%f} ',
         '{:%Y%m%dT%H%M%S.%f}Z ',
         '{:%Y:%j:%H:%M:%S.%f} ',
         'shaft {:%Y:%j:%H:%M:%S.%f} ',
