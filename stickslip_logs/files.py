@@ -64,9 +64,7 @@ def read_file(path: str | Path, max_bytes: int) -> bytes:
         OSError: It cannot be read, is no regular file, or is larger.
     """
     with open_file(path) as file:
-        data = file.read(max_bytes + 1)
-    if data is None:
-        raise OSError(errno.EAGAIN, 'it has nothing to read yet', str(path))
+        data = file.read(max_bytes + 1) or b''  # None where there is nothing to read yet
     if len(data) > max_bytes:
         raise OSError(errno.EFBIG, f'it is larger than {max_bytes} bytes, the limit', str(path))
     return data

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import errno
 import re
 import unicodedata
 from pathlib import Path
@@ -60,9 +59,7 @@ def read_begin(path: Path) -> bytes:
     """
     try:
         with open_file(path) as file:
-            begin: bytes | None = file.read(BEGIN_BYTES)
-        if begin is None:
-            raise OSError(errno.EAGAIN, 'it has nothing to read yet')
+            begin = file.read(BEGIN_BYTES) or b''  # None where there is nothing to read yet
     except OSError as error:
         raise BagError(f"bag file '{path}' cannot be read: {cause(error)}") from None
     _refuse_foreign(path, begin)
