@@ -133,24 +133,13 @@ def _find_in_folder(path: Path) -> list[Path]:
 def _walk_folders(folder: Path, closed: list[Path]) -> Iterator[tuple[Path, list[str]]]:
     """Yield a folder and each below it, with the names of its files, in the order of the system.
 
-    Hidden folders and files are left out. Nothing is yielded for a file. Folders that cannot be read are
-    appended to ``closed``.
+    Hidden folders and files are left out. Nothing is yielded for a path that is no folder. Folders that
+    cannot be read are appended to ``closed``.
     """
     for where, folders, files in os.walk(folder, onerror=lambda error: closed.append(Path(error.filename))):
         # Drafts of recordings that are being written begin with a dot.
         folders[:] = [name for name in folders if not name.startswith('.')]
-        subfolder = Path(where)
-        # A link that leads nowhere stays: its reader reports it.
-        names = [
-            name
-            for name in files
-            if not name.startswith('.')
-            and (
-                os.path.isfile(path := subfolder / name)  # noqa: PTH113 - Path.is_file raises, as is_dir does
-                or os.path.islink(path)  # noqa: PTH114 - likewise
-            )
-        ]
-        yield subfolder, names
+        yield Path(where), [name for name in files if not name.startswith('.')]
 
 
 def _kind_of(path: Path) -> str:
