@@ -255,8 +255,7 @@ class Recording(ABC):
     def read(self, requests: Iterable[Request], progress: Progress | None = None) -> dict[Request, Series]:
         """Read a whole recording at once; return a series for each request, with its faults.
 
-        What cannot be read is missing, and ``losses`` names it. Without stamps ``stamp_ns`` is the same array
-        as ``log_time_ns``. The arguments are those of :meth:`reading`.
+        What cannot be read is missing, and ``losses`` names it. The arguments are those of :meth:`reading`.
 
         Raises:
             BagError: As for :meth:`reading`; also FieldError and OSError.
@@ -265,17 +264,15 @@ class Recording(ABC):
         parts = list(reading)
         faults = reading.faults()
 
-        def whole(request: Request, name: str) -> Any:
+        def join(request: Request, name: str) -> Any:
+            """Return an array of all series of a request, joined."""
             return np.concatenate([getattr(part[request], name) for part in parts])
 
-        result = {}
-        for request in parts[0]:
-            log_time_ns = whole(request, 'log_time_ns')
-            is_unstamped = all(part[request].stamp_ns is part[request].log_time_ns for part in parts)
-            stamp_ns = log_time_ns if is_unstamped else whole(request, 'stamp_ns')
-            numbers = whole(request, 'sequence'), whole(request, 'value')
-            result[request] = Series(log_time_ns, stamp_ns, *numbers, faults[request])
-        return result
+        names = 'log_time_ns', 'stamp_ns', 'sequence', 'value'
+        return {
+            request: Series(**{name: join(request, name) for name in names}, faults=faults[request])
+            for request in parts[0]
+        }
 
     @abstractmethod
     def messages(
