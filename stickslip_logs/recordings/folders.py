@@ -37,7 +37,6 @@ from stickslip_logs.recordings.sqlite_file import MAGIC as SQLITE
 from stickslip_logs.recordings.sqlite_file import SqliteFile
 from stickslip_logs.tables.dialect import remedy_for_format
 from stickslip_logs.tables.table_file import is_number_table
-from stickslip_logs.tables.text_file import ZSTD
 from stickslip_logs.units import MIB
 
 # Room for ten thousand topics or files [bytes].
@@ -205,8 +204,6 @@ def _are_parts(folder: Path, names: Sequence[str]) -> bool:
     """
     try:
         files = [folder / name for name in sorted(names, key=natural_sort_key)]
-        if any(read_begin(file).startswith(ZSTD) for file in files):
-            return True
         return are_consecutive([scan_part(file, Findings(), Scratch()) for file in files])
     except BagError:
         return True
