@@ -221,7 +221,7 @@ def detect_dialect(path: Path, extent: Extent) -> Dialect:
         return _bus_dialect(path, encoding, kind, first, last)
     if remedy := remedy_for_format(path, first):
         raise BagError(f"log '{path}' {remedy}")
-    delimiter, rows = _best_delimiter(first)
+    delimiter, rows = find_delimiter(first)
     if not rows:
         raise BagError(f"log '{path}' is not a table: no line has a comma, semicolon or tab between cells")
     return _table_dialect(path, encoding, delimiter, rows, _split_lines(last, delimiter))
@@ -352,7 +352,7 @@ def _split_lines(lines: Sequence[str], delimiter: str) -> list[list[str]]:
         return []
 
 
-def _best_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
+def find_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
     """Return the delimiter that splits most lines into equally many cells with values; and their rows.
 
     A comma and an empty list where no delimiter makes two cells of any line.
@@ -381,11 +381,6 @@ def usual_width(rows: Sequence[Cells]) -> int:
     """
     counts = Counter(len(row) for row in rows if len(row) > 1 and not row[0].startswith(COMMENTS))
     return counts.most_common(1)[0][0] if counts else 0
-
-
-def find_delimiter(lines: Sequence[str]) -> str:
-    """Return the delimiter of the cells of lines; a comma where no line has two cells."""
-    return _best_delimiter(lines)[0]
 
 
 def headings_above(rows: Sequence[Cells], width: int) -> list[str]:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from stickslip_logs.errors import StickslipError, cause
 from stickslip_logs.tables.dialect import (
     COMMENTS,
+    csv_reader,
     encoding_of,
     find_delimiter,
     headings_above,
@@ -50,16 +51,18 @@ def read_table(
         The rows, the headings first, and the delimiter. Without headings all rows that are no comments.
 
     Raises:
-        StickslipError: Of the type ``error``: the file cannot be read, is larger, or a row is damaged.
+        StickslipError: Of the type ``error``: it cannot be read or is larger, or a cell is above 128 KiB.
     """
     lines = _read_lines(path, max_bytes, error)
-    delimiter = find_delimiter(lines)
-    rows, damaged = _split_rows(lines, delimiter)
+    delimiter, _ = find_delimiter(lines)
+    try:
+        split = [next(csv_reader(iter([line]), delimiter)) for line in lines]
+    except csv.Error as damage:
+        raise error(f'{path}: {damage}') from None
+    rows = [TableRow(k, [cell.strip() for cell in cells]) for k, cells in enumerate(split, start=1)]
+    rows = [row for row in rows if any(row.cells)]
     at = _find_headings(rows, is_heading)
     below = [row for row in rows[at + 1 :] if not row.cells[0].startswith(COMMENTS)]
-    for row in below:
-        if row.line in damaged:
-            raise error(f'{path}, line {row.line}: {damaged[row.line]}')
     if at < 0 or at >= len(rows):
         return below, delimiter
     names = _without_mark(rows[at].cells)
@@ -83,22 +86,6 @@ def _read_lines(path: str | Path, max_bytes: int, error: type[StickslipError]) -
     except BROKEN as damage:
         raise error(f'{path}: {cause(damage)}') from None
     return lines_of(data.decode(encoding_of(data), 'replace'))
-
-
-def _split_rows(lines: Sequence[str], delimiter: str) -> tuple[list[TableRow], dict[int, Exception]]:
-    """Return the rows that are not blank, and by line, from 1, the error of each that csv refuses.
-
-    Cells are stripped. A row that csv refuses, perhaps a remark above, has its line as the only cell.
-    """
-    rows, damaged = list[TableRow](), dict[int, Exception]()
-    for number, line in enumerate(lines, start=1):
-        try:
-            strict = csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=delimiter == ' ')
-            (cells,) = strict if line.strip() else ([],)
-        except (csv.Error, ValueError) as damage:
-            cells, damaged[number] = [line], damage
-        rows.append(TableRow(number, [cell.strip() for cell in cells]))
-    return [row for row in rows if any(row.cells)], damaged
 
 
 def _find_headings(rows: Sequence[TableRow], is_heading: Callable[[list[str]], bool]) -> int:

@@ -477,7 +477,7 @@ def test_a_coefficient_with_a_unit_is_refused(write: Write) -> None:
         ('speed,mu\n0\n', ", line 2, column 'mu': the line has 1 cell and the headings 2"),
         ('speed,mu\n0,nan\n', ", line 2, column 'mu' = 'nan' must be a finite number"),
         ('speed,mu\n0,-1e40\n', ", line 2, column 'mu' = '-1e40' must be a finite number betw"),
-        ('speed,mu\n"1,2\n', ', line 2: unexpected end of data'),
+        ('speed,mu\n"1,2\n', ", line 2, column 'mu': the line has 1 cell and the headings 2"),
         ('speed,mu\n-0.1,0.2\n', ", line 2, column 'speed' = '-0.1' must be a finite number betw"),
         ('speed,mu,std\n0.1,0.2,0\n', ", line 2, column 'std' = '0' must be a finite number above 0"),
         ('speed [rpm];mu\n1.200;0,15\n', ": '1.200' (line 2) has a point and '0,15' (line 2) a comma"),
