@@ -36,13 +36,7 @@ class Unit(NamedTuple):
 
 
 UNITS = (
-    Unit(
-        'turning',
-        'rpm',
-        math.pi,
-        'rpm r.p.m. r/min 1/min rev/min min-1 min^-1 min⁻¹ u/min tr/min',
-        divisor=60.0,
-    ),
+    Unit('turning', 'rpm', math.pi, 'rpm r.p.m. r/min 1/min rev/min min-1 min⁻¹ u/min tr/min', divisor=60.0),
     Unit('turning', 'rad/s', spellings='rad/s rad/sec rads-1', divisor=2.0),
     Unit('turning', 'Hz', math.pi, 'hz 1/s s-1 s⁻¹ rev/s r/s rps'),
     Unit('speed', 'm/s', spellings='m/s ms-1'),
@@ -55,7 +49,7 @@ UNITS = (
     Unit('force', 'tf', 9806.65, 'tf t-f tonne-force'),
     Unit('force', 't', 9806.65, beside_quantity='t tonne tonnes'),
     Unit('force', 'lbf', 4.4482216152605, 'lbf lb-f'),
-    Unit('acceleration', 'm/s^2', spellings='m/s^2 m/s2 m/s²'),
+    Unit('acceleration', 'm/s^2', spellings='m/s2 m/s²'),
     Unit('acceleration', 'g', 9.80665, 'g'),
     Unit('length', 'mm', 1e-3),
     Unit('length', 'm'),
