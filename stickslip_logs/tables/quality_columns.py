@@ -50,11 +50,10 @@ def is_quality_of(heading: str, signal: str, *, is_beside: bool) -> bool:
 
 def find_quality_columns(headings: Sequence[str]) -> set[int]:
     """Return the places of the headings that name the quality of another heading; empty if there are none."""
-    named = {k: words for k, heading in enumerate(headings) if (words := _named_signal(heading))}
     return {
         k
-        for k, words in named.items()
-        if words and any(is_quality_of(headings[k], signal, is_beside=False) for signal in headings)
+        for k, heading in enumerate(headings)
+        if _named_signal(heading) and any(is_quality_of(heading, name, is_beside=False) for name in headings)
     }
 
 
