@@ -40,7 +40,7 @@ PACKED = tuple(_UNPACK)
 # Marks at the ends of lines that are no part of them: what frames a telegram or ends a text of DOS, and a
 # byte order mark, which joined files have in the middle. Elsewhere a control character is a damaged cell.
 _FRAMES = '\x02\x03\x04\x1a\ufeff'
-_FRAME_BYTES = b'\0', b'\x02', b'\x03', b'\x04', b'\x1a', BOM_UTF8, b'\xff\xfe', b'\xfe\xff'
+_FRAME_BYTES = [mark.encode() for mark in '\0' + _FRAMES]
 BROKEN = (EOFError, OSError, zlib.error, lzma.LZMAError, zstandard.ZstdError)
 """Errors of a file that cannot be read or unpacked."""
 
