@@ -161,7 +161,7 @@ class TableReading:
         places = [source.column.place for source in self._columns.values()]
         of_line = [place for place in (self._name_place, self._unit_place) if place is not None]
         return steps, list(
-            dict.fromkeys([*places, *keys, *statuses, *of_line, *steps.places, *self._numbered.texts])
+            dict.fromkeys([*places, *keys, *statuses, *of_line, *steps.texts, *self._numbered.texts])
         )
 
     def _judge_order(self) -> tuple[TimeCourse, bool]:
@@ -203,7 +203,7 @@ class TableReading:
             place, at = np.arange(time_ns.size) + row, np.flatnonzero(source)
             begin = 0
             if at.size:
-                if self._steps.places or self._numbered.texts:
+                if self._steps.texts or self._numbered.texts:
                     self._search_keys(rows, part, at)
                 has_whole_lines = has_whole_lines or bool((source == every).any())
                 if not has_numbers:
@@ -285,7 +285,7 @@ class TableReading:
         """
         row_indexes = np.flatnonzero(rows.is_timed)[at].tolist()
         texts = {}
-        for place in {*self._steps.places, *self._numbered.texts}:
+        for place in {*self._steps.texts, *self._numbered.texts}:
             cells = rows.texts(place)
             texts[place] = [cells[k].strip() for k in row_indexes]
         time_ns, is_there, values = part

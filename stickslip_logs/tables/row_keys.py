@@ -167,34 +167,32 @@ class KeySteps:
     """Finds the column whose text changes wherever the times step back: one thing's rows follow another's.
 
     Attributes:
-        places: The places of the columns that may still be it.
-        texts: The texts of each in the order of the rows, as keys.
+        texts: The texts of each column that may still be it, by its place, in the order of the rows, as keys.
     """
 
     def __init__(self, places: Iterable[int]) -> None:
-        self.places = list(places)
-        self.texts: dict[int, dict[str, None]] = {place: {} for place in self.places}
+        self.texts: dict[int, dict[str, None]] = {place: {} for place in places}
         self._last_ns, self._last = 0, dict[int, str]()
         self._steps = 0
 
     def add(self, time_ns: IntArray, texts: Mapping[int, Sequence[str]]) -> None:
         """Add the next rows with a value, at least one, to ``texts``; count their steps back in time [ns].
 
-        Columns whose text stays the same at a step back are dropped from ``places``. A step back is one of
-        more than a second, as smaller ones are of late rows; it may lie between two calls.
+        Columns whose text stays the same at a step back are dropped. A step back is one of more than a
+        second, as smaller ones are of late rows; it may lie between two calls.
         """
         steps = np.flatnonzero(np.diff(time_ns, prepend=self._last_ns) < -SECOND_NS).tolist()
         self._steps += len(steps)
-        for place in [*self.places]:
+        for place, words in [*self.texts.items()]:
             column = texts[place]
-            self.texts[place] |= dict.fromkeys(column)
+            words |= dict.fromkeys(column)
             before = (column[k - 1] if k else self._last.get(place, column[0]) for k in steps)
             if any(column[k] == text for k, text in zip(steps, before, strict=True)):
-                self.places.remove(place)
+                del self.texts[place]
             self._last[place] = column[-1]
         self._last_ns = int(time_ns[-1])
 
     @property
     def place(self) -> int | None:
         """The place of the column; None where no step back shows one."""
-        return self.places[0] if self._steps and self.places else None
+        return next(iter(self.texts), None) if self._steps else None
