@@ -106,8 +106,8 @@ class StampLayout:
 
     Attributes:
         has_zone: Whether their distance from UTC is known: it is given, or half of them or more have one.
-        guess: A sentence on a date that may be read in another order; empty where the dates tell.
-        question: A question on it, as a clause behind the name of an input; empty where the dates tell.
+        question: A question on a date that may be read in another order, as a clause behind the name of an
+            input; empty where the dates tell.
     """
 
     def __init__(self, stamps: Sequence[str], zone: str = '') -> None:
@@ -119,7 +119,7 @@ class StampLayout:
         # Where most have a zone, one without is damaged; where few have, theirs is read.
         self._has_zones = not zone and 2 * sum(bool(match['z']) for match in matches) >= max(len(matches), 1)
         self.has_zone = bool(zone) or self._has_zones
-        self.guess = self.question = ''
+        self.question = ''
         # The groups of the pattern that are year, month and day.
         self._year, self._month, self._day = 'Y', 'm', 'd'
         if 'a' in self._pattern.groupindex and matches:
@@ -129,7 +129,7 @@ class StampLayout:
         """Return the groups of matches, at least one, that are year, month and day.
 
         Of the orders that fit, the one whose day changes most; where several are left the day is first, and
-        ``guess`` and ``question`` are set, but not for dots. A date of one line does not count beside others.
+        ``question`` is set, but not for dots. A date of one line does not count beside others.
         """
         dates = Counter(m.group(*'abY') for m in {m.group(): m for m in matches}.values()).most_common()
         if len(dates) > 1 and dates[-1][1] == 1 < dates[-2][1]:
@@ -147,15 +147,9 @@ class StampLayout:
         longest = max(len(numbers[day]) for *_, day in possible)
         possible = [order for order in possible if len(numbers[order[2]]) == longest]
         if len(possible) > 1 and matches[0]['sep'] != '.':
-            text = matches[0].group()
-            first, remedy = 'month', 'nothing in the file tells'
-            if year_first in possible:
-                first, remedy = 'year', 'or is the year first? Write it with four digits'
-            self.guess = f"'{text}' is read day first: {remedy}"
-            self.question = (
-                f"has times such as '{text}', read day first: or is the {first} first?"
-                ' Write 4 May as 2026-05-04'
-            )
+            text, first = matches[0].group(), 'year' if year_first in possible else 'month'
+            self.question = f"has times such as '{text}', read day first: or is the {first} first?"
+            self.question += ' Write 4 May as 2026-05-04'
         return possible[0]
 
     def read(self, columns: Sequence[Cells]) -> Times:

@@ -368,10 +368,11 @@ def _layout_of(table: TableColumns, columns: Sequence[int], zone: str = '') -> S
 def _clock_of_layout(columns: tuple[int, ...], layout: StampLayout) -> Clock:
     """Return the clock of columns whose dates have a layout.
 
-    Its remarks are the guess of the layout and a missing zone; its question is that of the layout.
+    Its remarks are the question of the layout, which is its own as well, and a missing zone.
     """
-    remarks = (*filter(None, [layout.guess]), *([] if layout.has_zone else [WITHOUT_ZONE]))
-    return Clock(columns, layout.read, remarks, question=layout.question)
+    remarks = [f'the log {layout.question}'] if layout.question else []
+    remarks += [] if layout.has_zone else [WITHOUT_ZONE]
+    return Clock(columns, layout.read, tuple(remarks), question=layout.question)
 
 
 def _clock_of_parts(table: TableColumns) -> Clock | None:

@@ -156,7 +156,10 @@ def test_an_underscore_is_no_digit(tmp_path: Path) -> None:
     assert recording.losses == ("1 line without a time was not used, the first '1_0'",)
 
 
-YEAR_FIRST = "'26-05-04 06:00:00' is read day first: or is the year first? Write it with four digits"
+YEAR_FIRST = (
+    "the log has times such as '26-05-04 06:00:00', read day first: or is the year first? Write 4 May as"
+    ' 2026-05-04'
+)
 
 
 @pytest.mark.parametrize(
