@@ -7,6 +7,7 @@ A file is what its content says; only the name of an MCAP, SQLite, CSV or Parque
 from __future__ import annotations
 
 import itertools
+import operator
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -178,8 +179,9 @@ def _holds_numbers(begin: bytes) -> bool:
     """
     lines = [line.strip() for line in begin.replace(b'\0', b'').split(b'\n')]
     pairs = [(line, _TIMES.sub(b'', line)) for line in lines if line]
-    counts = [len(_NUMBERS.findall(rest)) + (rest != line and not _PROSE.search(rest)) for line, rest in pairs]
-    return 2 * sum(count > 1 for count in counts) > len(pairs)
+    least = [1 if rest != line and not _PROSE.search(rest) else 2 for line, rest in pairs]
+    counts = [len(_NUMBERS.findall(rest)) for _, rest in pairs]
+    return 2 * sum(map(operator.ge, counts, least)) > len(pairs)
 
 
 def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> list[Path]:

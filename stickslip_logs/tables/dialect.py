@@ -632,8 +632,8 @@ def _bus_dialect(path: Path, encoding: str, kind: str, first: Sequence[str], las
     rows, tail = (tuple(row for row in BUS_LOGS[kind](iter(lines)) if row) for lines in (first, last))
     if not rows:
         raise BagError(
-            f"log '{path}': no line has a time and a number: record it with a time such as 2026-05-04T06:00:00Z"
-            ' before each line'
+            f"log '{path}': no line has a time and a number: record it with a time such as"
+            ' 2026-05-04T06:00:00Z before each line'
         )
     return Dialect(
         NAMES, tuple(map(parse_heading, NAMES)), (None,) * len(NAMES), '.', rows, tail, encoding, kind

@@ -211,7 +211,9 @@ def test_a_gear_beside_a_guessed_column_raises_a_question(
 ) -> None:
     config = tmp_path / 'ship.yaml'
     config.write_text(CONFIG.read_text().replace('unit: rpm', f'{settings}gear: 4.2, unit: rpm', 1))
-    recording = open_log(tmp_path, f'time [s],Engine speed [rpm],{heading},load [N]\n0,126,30,9\n1,126,30,9\n')
+    recording = open_log(
+        tmp_path, f'time [s],Engine speed [rpm],{heading},load [N]\n0,126,30,9\n1,126,30,9\n'
+    )
     question = bind(recording, load_config(config)).questions.get(('aft_stern', 'speed'), '')
     assert ("is it the engine's own? Write aft_stern.speed.column" in question) == is_asked == bool(question)
 
