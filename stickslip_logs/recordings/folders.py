@@ -179,9 +179,9 @@ def _holds_numbers(begin: bytes) -> bool:
     """
     lines = [line.strip() for line in begin.replace(b'\0', b'').split(b'\n')]
     pairs = [(line, _TIMES.sub(b'', line)) for line in lines if line]
-    least = [1 if rest != line and not _PROSE.search(rest) else 2 for line, rest in pairs]
+    min_counts = [1 if rest != line and not _PROSE.search(rest) else 2 for line, rest in pairs]
     counts = [len(_NUMBERS.findall(rest)) for _, rest in pairs]
-    return 2 * sum(map(operator.ge, counts, least)) > len(pairs)
+    return 2 * sum(map(operator.ge, counts, min_counts)) > len(pairs)
 
 
 def _group_parts(folder: Path, names: Sequence[str], *, has_metadata: bool) -> list[Path]:

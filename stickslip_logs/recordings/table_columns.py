@@ -467,6 +467,11 @@ class ColumnRecording(Recording):
             pairs.append((matching[0], text))
         return replace(column, where=tuple(pairs))
 
+    def find_column_with(self, text: str) -> str:
+        """Return the heading of the first column with a text in a cell of head or tail; empty without one."""
+        cells = ((k, str(cell).strip()) for row in self._ends for k, cell in enumerate(row))
+        return next((self.table.names[k] for k, cell in cells if cell == text), '')
+
     def find_unchosen_key(self, column: LogColumn) -> tuple[str, list[str]] | None:
         """Return the heading of the column whose words tell several things apart, such as shafts, and these.
 

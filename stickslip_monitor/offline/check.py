@@ -354,6 +354,13 @@ class _BearingCheck:
         questions = self._plausibility.questions(math.inf if nearest is None else 1.0 + nearest.value)
         for place in range(LEVEL + 1):
             questions.setdefault(INPUTS[place], []).extend(filter(None, [self._fitness.clause(place)]))
+        pace = self._inputs[0].gaps.usual
+        if pace >= COARSE and seconds[Regime.UNSTABLE] and not self._events:
+            lasting = duration_text(seconds[Regime.UNSTABLE])
+            questions['speed'].append(
+                f'is where stick-slip starts by itself for {lasting}, by single values {pace:.4g} s apart,'
+                ' which do not show it: is there a log with one each 10 s or less?'
+            )
         if self._end.unknown is not None:
             questions['level'] += [f'says nothing at the end: {self._end.unknown.sentence}']
         if self._end.water_doubt:

@@ -168,9 +168,16 @@ class ColumnBinding:
         counts = Counter(column.heading for column in self._all)
         headings = [c.heading if counts[c.heading] == 1 else f'#{c.place + 1}' for c in self._all]
         if heading:
+            remedy = did_you_mean(heading, headings)
+            if of := self._log.find_column_with(heading):
+                pair = f'{quote_for_yaml(of)}: {quote_for_yaml(heading)}'
+                remedy = (
+                    f"; it is a text of column '{of}': write {bearing}.{quantity}.where: {{{pair}}} beside"
+                    ' the column of its numbers'
+                )
             return (
                 f"log '{self._path}' has no column '{heading}' ({parameter}): it has"
-                f' {listed(headings)}{did_you_mean(heading, headings)}'
+                f' {listed(headings)}{remedy}'
             )
         example = next(
             (f"{parameter}: '{name}' or another" for name in headings if name[:1] == '#'), parameter

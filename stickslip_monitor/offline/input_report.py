@@ -352,7 +352,8 @@ class InputCheck:
         self._gear = f' {config.speed.gear_text}'.rstrip() if self.quantity == 'speed' else ''
         self._numbers = settings_of(config).live
         self._counts = np.zeros(len(Status), np.int64)
-        self._gaps = Gaps(self._source.stands_ns)
+        self.gaps = Gaps(self._source.stands_ns)
+        """The rhythm of its messages."""
         self._standing = StandingValue()
         self._watch = SourceWatch(least_gap(config, place))
         self._sources: list[SourceFault] = []
@@ -372,7 +373,7 @@ class InputCheck:
         self._messages += series.value.size
         if series.value.size:
             self._delay_ns = int(series.log_time_ns[-1] - series.stamp_ns[-1])
-        self._gaps.take(series.stamp_ns, series.log_time_ns)
+        self.gaps.take(series.stamp_ns, series.log_time_ns)
         if series.value.size and not self._source.hold_ns:
             self._standing.take(series.log_time_ns, series.value)
         self._counts += scan.counts[self._place]
@@ -432,7 +433,7 @@ class InputCheck:
             of_table = f'{_range_text(low, high)} {self._source.unit} from the alignment table'
             values = of_table if low < high else f'{low:g} {self._source.unit}'
             topic = self._source.topic
-            common = self.quantity, topic, self._messages, used, (), self._gaps, (low, high), self._assumed
+            common = self.quantity, topic, self._messages, used, (), self.gaps, (low, high), self._assumed
             return InputReport(*common, questions=questions, is_assumed=True, values=values)
         changes_only = self._stores_changes_only()
         if self._place < LEVEL and not changes_only and (standing := self._standing.clause):
@@ -454,7 +455,7 @@ class InputCheck:
             messages=self._messages,
             used=used,
             faults=(*faults, *(Fault(count, text) for text, count in counted.items() if count > 0)),
-            gaps=self._gaps,
+            gaps=self.gaps,
             span=(first, last),
             si_span=(low, high),
             sources=tuple(self._sources),
@@ -462,7 +463,7 @@ class InputCheck:
             fault=clock or self._describe_fault(),
             values=self._range_of_values(first, last, low, high) if used else 'none',
             without_value=int(self._counts[[Status.NO_VALUE, Status.NOT_FINITE]].sum()),
-            crowd=self._gaps.crowding_text(self._source.topic),
+            crowd=self.gaps.crowding_text(self._source.topic),
             changes_only=changes_only,
             is_refused=int(self._counts[Status.IMPLAUSIBLE]) >= MOSTLY * max(self._messages, 1),
         )
@@ -473,7 +474,7 @@ class InputCheck:
         Then two gaps or more have half of the time, and outside of gaps at most 1 % of the values are that
         before: of a sensor of two digits a tenth and more are.
         """
-        gaps, equal = self._gaps, max(0, self._standing.equal - self._gaps.count)
+        gaps, equal = self.gaps, max(0, self._standing.equal - self.gaps.count)
         is_sparse = gaps.count >= 2 and gaps.share(self._standing.lasting_ns) >= 0.5
         return is_sparse and not self._source.hold_ns and equal <= 0.01 * self._messages
 

@@ -297,6 +297,19 @@ def test_samples_far_apart_are_reported(
     assert (text in warnings) == is_reported
 
 
+@pytest.mark.parametrize(
+    ('interval', 'rpm', 'is_asked'), [(60, 20.0, True), (60, 0.0, False), (5, 20.0, False)]
+)
+def test_single_slow_values_where_stick_slip_starts_raise_a_question(
+    tmp_path: Path, interval: int, rpm: float, is_asked: bool
+) -> None:
+    speeds = [136.0] * 9 + [rpm] + [136.0] * 9
+    (bearing,) = check_recorded(tmp_path / 'a.csv', interval, speeds)['bearings'].values()
+    assert bearing['events'] == []
+    text = 'is where stick-slip starts by itself for 60 s, by single values 60 s apart'
+    assert any(text in question for question in bearing['inputs']['speed']['questions']) == is_asked
+
+
 @pytest.mark.parametrize('name', ['a.mcap', 'a.csv'])
 def test_a_speed_that_is_held_raises_a_question(tmp_path: Path, name: str) -> None:
     rpm = np.repeat(60.0 + 5.0 * np.sin(1.3 * np.arange(30) ** 1.1), 20).tolist()

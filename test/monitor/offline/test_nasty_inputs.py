@@ -197,6 +197,15 @@ def test_a_column_that_says_another_unit_raises_a_question(
     assert questions == ({('aft_stern', 'load'): text} if stated else {})
 
 
+def test_a_configured_column_that_is_a_text_of_another_is_found_by_where(tmp_path: Path) -> None:
+    config = tmp_path / 'ship.yaml'
+    config.write_text(CONFIG.read_text().replace('unit: rpm', 'column: shaft/rpm, unit: rpm', 1))
+    lines = ''.join(f'{k},shaft/rpm,30\n{k},aft/load,900\n' for k in range(9))
+    recording = open_log(tmp_path, f'time [s],tagpath,floatvalue\n{lines}')
+    reason = bind(recording, load_config(config)).absent['aft_stern', 'speed']
+    assert "write aft_stern.speed.where: {'tagpath': 'shaft/rpm'} beside the column of its numbers" in reason
+
+
 @pytest.mark.parametrize(
     ('heading', 'settings', 'is_asked'),
     [
