@@ -153,14 +153,9 @@ def find_end_columns(head: Sequence[Cells], tail: Sequence[Cells], width: int) -
 
     Rows that end before one of the ``width`` columns say nothing about it; without a tail there is none.
     """
-    if not head or not tail:
-        return []
-    first, last = ([*rows[0], *[''] * width] for rows in (head, tail))
-    changed = [k for k in range(width) if first[k] != last[k]]
-    pairs = ((head, first), (tail, last))
-    return [
-        k for k in changed if all(row[k] == end[k] for rows, end in pairs for row in rows if k < len(row))
-    ]
+    ends = [[{row[k] for row in rows if k < len(row)} for k in range(width)] for rows in (head, tail)]
+    pairs = enumerate(zip(*ends, strict=True))
+    return [k for k, (first, last) in pairs if len(first) == len(last) == 1 and first != last]
 
 
 class KeySteps:
