@@ -105,9 +105,7 @@ def parse_heading(text: str) -> Heading:
     words = re.sub(r'[_\W]+', ' ', name).split()
     unit = bracketed
     if not (text.rstrip().endswith(']') or '%' in (unit or '')) and unit_of(unit or '') is None:
-        unit = _bare_unit(name, words) or (
-            text.strip() if unit_of(text) and len(text.strip()) > 1 else bracketed
-        )
+        unit = _bare_unit(name.strip(), words) or bracketed
     if _FACTOR.search(text):
         unit = text.strip()
     return Heading(' '.join(words).lower(), unit)
@@ -118,7 +116,8 @@ def _bare_unit(name: str, words: Sequence[str]) -> str | None:
 
     ``words`` are those of the heading ``name``, as written.
     The first that applies: '%' anywhere; a known unit behind the last comma, or with '/' behind the last
-    blank; below a word of force a last 'N', and any unit of force; rpm, kn or hz as a word of its own.
+    blank; below a word of force a last 'N', and any unit of force; rpm, kn or hz as a word of its own; the
+    whole heading, but for a single letter.
     """
     if '%' in name:
         return '%'
@@ -131,7 +130,8 @@ def _bare_unit(name: str, words: Sequence[str]) -> str | None:
     if is_force and words[-1] == 'N':
         return 'N'
     forces = [word for word in words if len(word) > 1 and unit_of(word) in names_of('force') and is_force]
-    return next((word for word in words if word.lower() in _CLEAR or word in forces), None)
+    whole = name if unit_of(name) and len(name) > 1 else None
+    return next((word for word in words if word.lower() in _CLEAR or word in forces), whole)
 
 
 def with_unit(name: str, unit: str) -> tuple[str, str | None]:
