@@ -357,21 +357,19 @@ def find_delimiter(lines: Sequence[str]) -> tuple[str, list[list[str]]]:
 
     A comma and an empty list where no delimiter makes two cells of any line.
     """
-    best: tuple[float, str, list[list[str]]] = (0.0, ',', [])
-    for delimiter in _DELIMITERS:
-        rows = _split_lines(lines, delimiter)
-        width = usual_width(rows)
-        if width < 2:
-            continue
-        usual = [row for row in rows if len(row) == width]
-        cells = [cell for row in usual[-50:] for cell in row if cell.strip()]
-        sound = sum(is_value(cell) for cell in cells)
-        score = len(usual) / len(rows) * (0.1 + sound / max(len(cells), 1))
-        # A blank stands between a date and its time, too.
-        score *= 0.9 if delimiter == ' ' else 1.0
-        if score > best[0] * 1.0001:
-            best = score, delimiter, rows
-    return best[1:]
+    tables = [(delimiter, _split_lines(lines, delimiter)) for delimiter in _DELIMITERS]
+    tables = [(delimiter, rows) for delimiter, rows in tables if usual_width(rows) > 1]
+    return max(tables, key=lambda table: _table_score(*table), default=(',', []))
+
+
+def _table_score(delimiter: str, rows: Sequence[Cells]) -> float:
+    """Return how well a delimiter splits rows: the share of those of equal width times that of values."""
+    width = usual_width(rows)
+    usual = [row for row in rows if len(row) == width]
+    cells = [cell for row in usual[-50:] for cell in row if cell.strip()]
+    values = sum(map(is_value, cells)) / max(len(cells), 1)
+    # A blank stands between a date and its time, too.
+    return len(usual) / len(rows) * (0.1 + values) * (0.9 if delimiter == ' ' else 1.0)
 
 
 def usual_width(rows: Sequence[Cells]) -> int:
