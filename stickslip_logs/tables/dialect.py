@@ -590,15 +590,13 @@ def _row_of_units(named: Sequence[Cells]) -> tuple[Cells, Cells]:
 
     Returns:
         The lowest row of units, and the row above it (or the last row, where the units stand first) as the
-        headings. Without a row of units an empty tuple, and the last row as the headings; if it repeats, as
-        one of types does, the one above of cells that all differ.
+        headings. Without a row of units an empty tuple, and the last row as the headings.
     """
     for k in reversed(range(len(named))):
         row, names = named[k], named[k - 1]
         if names is not row and len(names) == len(row) and is_row_of_units(row):
             return row, names
-    distinct = [row for row in named if len({*row}) == len(row) == len(named[-1]) and all(row)]
-    return (), (distinct or named)[-1] if len({*named[-1]}) < len(named[-1]) else named[-1]
+    return (), named[-1]
 
 
 def _unit_behind_numbers(rows: Sequence[Cells], place: int, heading: str) -> str:
