@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import csv
-import errno
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -63,7 +62,7 @@ def read_table(
     rows = [row for row in rows if any(row.cells)]
     at = _find_headings(rows, is_heading)
     below = [row for row in rows[at + 1 :] if not row.cells[0].startswith(COMMENTS)]
-    if at < 0 or at >= len(rows):
+    if at < 0:
         return below, delimiter
     names = _without_mark(rows[at].cells)
     if below and is_row_of_units(below[0].cells) and len(below[0].cells) == len(names):
@@ -81,10 +80,10 @@ def _read_lines(path: str | Path, max_bytes: int, error: type[StickslipError]) -
     try:
         with open_unpacked(Path(path)) as file:
             data = file.read(max_bytes + 1)
-        if len(data) > max_bytes:
-            raise OSError(errno.EFBIG, f'it is larger than {max_bytes} bytes, the limit', str(path))
     except BROKEN as damage:
         raise error(f'{path}: {cause(damage)}') from None
+    if len(data) > max_bytes:
+        raise error(f'{path}: it is larger than {max_bytes} bytes, the limit')
     return lines_of(data.decode(encoding_of(data), 'replace'))
 
 
