@@ -121,9 +121,8 @@ class StampLayout:
         self.has_zone = bool(zone) or self._has_zones
         self.question = ''
         # The groups of the pattern that are year, month and day.
-        self._year, self._month, self._day = 'Y', 'm', 'd'
-        if 'a' in self._pattern.groupindex and matches:
-            self._year, self._month, self._day = self._choose_order(matches)
+        is_sure = 'a' not in self._pattern.groupindex or not matches
+        self._year, self._month, self._day = ('Y', 'm', 'd') if is_sure else self._choose_order(matches)
 
     def _choose_order(self, matches: Sequence[re.Match[str]]) -> tuple[str, str, str]:
         """Return the groups of matches, at least one, that are year, month and day.
