@@ -12,6 +12,7 @@ import itertools
 import json
 import operator
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -27,7 +28,11 @@ NAMES = 'time', 'name', 'value', 'unit'
 SOURCE = len(NAMES)
 """Place of the sender in a row, behind the columns that have a heading."""
 Row = tuple[str, str, str, str, str]
-"""Time, name, value, unit and sender of a number."""
+"""Time, name, value, unit and sender of a number; of a time alone the others are empty."""
+BusRows = Iterator[Row | tuple[()] | None]
+"""Rows of a log: None for what is damaged, an empty one for a line of something else."""
+ReadBus = Callable[[Iterator[str]], BusRows]
+"""Reads the lines of a log as rows."""
 _FROM, _NOT_VALID = ' from ', 'not valid'
 # Numbers of a name since the last time, over one more than ever came between two: a lost time or two is none.
 _MAX_SINCE_CLOCK = 3
@@ -48,7 +53,29 @@ def bus_log_of(lines: Sequence[str]) -> str:
     return next((kind for kind, count in counts.items() if count > 0.4 * len(first) > 0), '')
 
 
-def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
+def _drop_inner_times(read: ReadBus) -> ReadBus:
+    """Return a reader without the rows of only a time, but for a first one and for the last behind all others.
+
+    These tell how long the log lasts: others may go on where a sender falls silent.
+    """
+
+    @functools.wraps(read)
+    def read_rows(lines: Iterator[str]) -> BusRows:
+        is_begun, last = False, None
+        for row in read(lines):
+            if row and not row[1] and is_begun:
+                last = row
+                continue
+            is_begun, last = is_begun or bool(row), None if row else last
+            yield row
+        if last:
+            yield last
+
+    return read_rows
+
+
+@_drop_inner_times
+def nmea_rows(lines: Iterator[str]) -> BusRows:
     """Yield the numbers of the sentences of a log as rows.
 
     None for a damaged sentence, for a line with what only begins as one, and for a number without a time, as
@@ -58,8 +85,8 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     may go on where a sender falls silent. Numbers of a second talker are named 'NAME from TALKER'.
     """
     when, has_clock, first = '', False, dict[str, str]()
-    latest = ''  # the time of the latest row
-    clocks, tallies = 0, dict[str, _Tally]()
+    # Numbers of each name since the last time, and the most that ever came between two times.
+    since, most = Counter[str](), 0
     for line in lines:
         end, marks = 0, line.count('$') + line.count('!')
         for match in _SENTENCE.finditer(line):
@@ -75,41 +102,20 @@ def nmea_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
             has_clock |= clock != ''
             # RMC may be of another receiver, some seconds late, or of a date 1024 weeks ago.
             clock = clock or ('' if has_clock else _own_time(kind, fields))
-            when, clocks = clock or when, clocks + (clock != '')
-            for number, value, unit in _sentence_numbers(kind, fields):
+            if clock:
+                when, most = clock, max([most, *since.values()])
+                since.clear()
+            numbers = [*_sentence_numbers(kind, fields)]
+            for number, value, unit in numbers:
                 name = _name_of(number, talker, first)
-                latest = when
-                is_timed = when and tallies.setdefault(name, _Tally()).count_number(clocks)
+                since[name] += 1
+                is_timed = when and (not most or since[name] <= _MAX_SINCE_CLOCK * (most + 1))
                 yield (when, name, value, unit, talker) if is_timed else None
-            if when and not latest:
-                latest = when
-                yield when, '', '', '', ''  # a time without a number
+            if clock and not numbers:
+                yield when, '', '', '', ''
         is_cut = marks > 0 and len(_BEGUN.findall(line)) > len(_SENTENCE.findall(line))
         if is_cut or (not end and line.strip()):
             yield None if is_cut else NO_SENTENCE
-    if when != latest:
-        yield when, '', '', '', ''  # a time without a number
-
-
-class _Tally:
-    """Counts the numbers of a name since the last time that was read."""
-
-    def __init__(self) -> None:
-        self._clock = self._count = self._most = 0
-
-    def count_number(self, clock: int) -> bool:
-        """Count a number; return whether the last time that was read may be its own.
-
-        It is not where far more numbers have come since than ever came between two times: the clock fell
-        silent, or its times cannot be read any more.
-
-        Args:
-            clock: How many times have been read.
-        """
-        if clock != self._clock:
-            self._clock, self._count, self._most = clock, 0, max(self._most, self._count)
-        self._count += 1
-        return not self._most or self._count <= _MAX_SINCE_CLOCK * (self._most + 1)
 
 
 def _time_before(head: str) -> str:
@@ -185,7 +191,8 @@ def _plain_number(text: str) -> str:
     return (text if _NUMBER.fullmatch(text.strip()) else f"'{text}'") if text.strip() else _NOT_VALID
 
 
-def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
+@_drop_inner_times
+def signalk_rows(lines: Iterator[str]) -> BusRows:
     """Yield the numbers of deltas of Signal K as rows, one delta a line; None for a line that is no delta.
 
     Nothing for a blank line and the server's first line. Deltas of other vessels are skipped: the own vessel
@@ -195,35 +202,39 @@ def signalk_rows(lines: Iterator[str]) -> Iterator[Row | None]:
     other vessels, behind the last number: they go on where a sender falls silent.
     """
     own_vessel, first, units = '', dict[str, str](), dict[str, str]()
-    latest, silent = '', None  # the time of the latest number, and the last delta without one behind it
+    latest = ''  # the time of the latest number
+
+    def read_delta(delta: Any) -> list[Row]:
+        """Return the rows of a delta: its numbers, or else its times if they are behind the latest number."""
+        nonlocal own_vessel, latest
+        if 'updates' not in delta and 'self' in delta:  # the server's first word
+            own_vessel = delta['self'].removeprefix('vessels.')
+            return []
+        kind, _, name = delta.get('context', 'self').partition('.')
+        context = name if kind == 'vessels' else kind
+        if not context:
+            raise ValueError('a delta is of somebody')
+        if context != 'self' and not own_vessel and kind == 'vessels' and _is_of_own_vessel(delta):
+            own_vessel = name
+        if context in (own_vessel, 'self') and (rows := _delta_rows(delta, first, units)):
+            latest = rows[-1][0]
+            return rows
+        stamps = [str(update.get('timestamp')) for update in delta['updates']]
+        return [(when, '', '', '', '') for when in filter(_ISO.fullmatch, stamps) if when > latest > '']
+
+    return _object_rows(lines, read_delta)
+
+
+def _object_rows(lines: Iterator[str], read: Callable[[Any], Sequence[Row | tuple[()]]]) -> BusRows:
+    """Yield the rows that a function reads from the JSON object of each line; None for a damaged line."""
     for line in lines:
         try:
-            delta = _decode_object(line)
-            if delta is None:
-                continue
-            if 'updates' not in delta and 'self' in delta:  # the server's first word
-                own_vessel = delta['self'].removeprefix('vessels.')
-                continue
-            kind, _, name = delta.get('context', 'self').partition('.')
-            context = name if kind == 'vessels' else kind
-            if not context:
-                raise ValueError('a delta is of somebody')
-            if context != 'self' and not own_vessel and kind == 'vessels' and _is_of_own_vessel(delta):
-                own_vessel = name
-            if context not in (own_vessel, 'self'):
-                silent = delta
-                continue
-            values = _delta_rows(delta, first, units)
+            message = _decode_object(line)
+            rows = [] if message is None else read(message)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             yield None
         else:
-            yield from values
-            latest, silent = (values[-1][0], None) if values else (latest, delta)
-    updates = silent.get('updates') if silent else None
-    updates = updates if isinstance(updates, list) else []
-    stamps = [str(update.get('timestamp')) for update in updates if isinstance(update, dict)]
-    if (when := max(filter(_ISO.fullmatch, stamps), default='')) > latest > '':
-        yield when, '', '', '', ''  # a time without a number
+            yield from rows
 
 
 def _is_of_own_vessel(delta: Any) -> bool:
@@ -274,15 +285,12 @@ def _delta_rows(delta: Any, first: dict[str, str], units: dict[str, str]) -> lis
         source = signalk_source(update)
         for item in update.get('values', ()):
             value, path = item['value'], item['path']
-            is_number = value is None or type(value) in _NUMBERS
-            if path and (is_number or path in first):
+            if path and (value is None or type(value) in _NUMBERS or path in first):
                 when = update['timestamp']
                 if not isinstance(when, str):
                     raise TypeError('a time is a text')
-                text = 'null' if value is None else repr(value) if is_number else f"'{value}'"
                 unit = units.get(path) or _UNITS.get(path.rpartition('.')[2], '')
-                name = path if first.setdefault(path, source) == source else f'{path}{_FROM}{source}'
-                rows.append((when, name, text, unit, source))
+                rows.append((when, _name_of(path, source, first), _value_text(value), unit, source))
     return rows
 
 
@@ -294,7 +302,8 @@ def _meta_units(meta: Any) -> Iterator[tuple[str, str]]:
                 yield path, unit
 
 
-def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
+@_drop_inner_times
+def canboat_rows(lines: Iterator[str]) -> BusRows:
     """Yield the numbers of messages as canboat's ``analyzer -json`` writes them, as rows.
 
     None for a damaged line, an empty row for a line without a message, nothing for a blank line. Fields that
@@ -302,39 +311,36 @@ def canboat_rows(lines: Iterator[str]) -> Iterator[Row | tuple[()] | None]:
     are named 'NAME from SOURCE'. A last row with only a time stands for messages behind the last of these:
     others go on where a sender falls silent.
     """
-    first, latest, when = dict[str, str](), '', ''
-    for line in lines:
-        try:
-            message = _decode_object(line)
-            if message is None:
-                continue
-            if 'pgn' not in message:  # canboat's first line says its version
-                yield NO_SENTENCE
-                continue
-            fields = message.get('fields', {})
-            fields |= {name: value.get('value') for name, value in fields.items() if isinstance(value, dict)}
-            place, stamp = [str(message['pgn'])], message['timestamp']
-            if not isinstance(stamp, str):
-                raise TypeError('a time is a text')
-            place += ['engine'] if place[0] in _OF_ENGINES else []
-            # 'Engine Instance', or 'engineInstance' by the option -camel.
-            of = [name for name in fields if name.lower().replace(' ', '') in ('instance', 'engineinstance')]
-            instance = fields.pop(of[0]) if of else None
-            place += [] if instance is None else [str(_ENGINES.get(instance, instance))]
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            yield None
-            continue
-        when, source = stamp, str(message.get('src', ''))
+    first = dict[str, str]()
+
+    def read_message(message: Any) -> list[Row | tuple[()]]:
+        """Return the rows of a message: its numbers, or else its time if any came before."""
+        if 'pgn' not in message:  # canboat's first line says its version
+            return [NO_SENTENCE]
+        fields = message.get('fields', {})
+        fields |= {name: value.get('value') for name, value in fields.items() if isinstance(value, dict)}
+        place, when = [str(message['pgn'])], message['timestamp']
+        if not isinstance(when, str):
+            raise TypeError('a time is a text')
+        place += ['engine'] if place[0] in _OF_ENGINES else []
+        # 'Engine Instance', or 'engineInstance' by the option -camel.
+        of = [name for name in fields if name.lower().replace(' ', '') in ('instance', 'engineinstance')]
+        instance = fields.pop(of[0]) if of else None
+        place += [] if instance is None else [str(_ENGINES.get(instance, instance))]
+        source, rows = str(message.get('src', '')), list[Row | tuple[()]]()
         for name, value in fields.items():
             path = '.'.join((*place, name))
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if is_number or path in first:
+            if type(value) in _NUMBERS or path in first:
                 unit = 'rpm' if (place[0], name.title()) == ('127488', 'Speed') else ''
-                text = repr(value) if is_number else 'null' if value is None else f"'{value}'"
-                latest = when
-                yield when, _name_of(path, source, first), text, unit, source
-    if latest and when != latest:
-        yield when, '', '', '', ''  # a time without a number
+                rows.append((when, _name_of(path, source, first), _value_text(value), unit, source))
+        return rows or ([(when, '', '', '', '')] if first else [])
+
+    return _object_rows(lines, read_message)
+
+
+def _value_text(value: Any) -> str:
+    """Return a value of JSON as a text: a number as Python writes it, null as 'null', another one quoted."""
+    return 'null' if value is None else repr(value) if type(value) in _NUMBERS else f"'{value}'"
 
 
 def _name_of(name: str, source: str, first: dict[str, str]) -> str:
@@ -368,8 +374,4 @@ _UNITS = {'revolutions': 'Hz', 'load': 'N', 'force': 'N'}
 # PGNs of engines, and what canboat calls the first two of these.
 _OF_ENGINES = '127488', '127489'
 _ENGINES = {'Single Engine or Dual Engine Port': 0, 'Dual Engine Starboard': 1}
-BUS_LOGS: Mapping[str, Callable[[Iterator[str]], Iterator[Row | tuple[()] | None]]] = {
-    'nmea': nmea_rows,
-    'signalk': signalk_rows,
-    'canboat': canboat_rows,
-}
+BUS_LOGS: Mapping[str, ReadBus] = {'nmea': nmea_rows, 'signalk': signalk_rows, 'canboat': canboat_rows}
