@@ -23,7 +23,7 @@ from stickslip_logs.tables.cell_times import DAY, Cells
 from stickslip_logs.tables.dialect import is_line_damaged, is_value, parse_heading, parse_number, with_unit
 from stickslip_logs.tables.quality_columns import find_bad_mark_test, find_quality_columns, is_quality_of
 from stickslip_logs.tables.row_keys import MAX_WORDS, find_key_columns, is_same_key
-from stickslip_logs.tables.table_file import open_table
+from stickslip_logs.tables.table_file import open_table, select_cells
 from stickslip_logs.tables.time_columns import Clock, DayCounter, counted_from
 from stickslip_logs.time_order import DATES_FROM_NS, TimeOrder
 
@@ -292,7 +292,10 @@ class ColumnRecording(Recording):
         counts = {place: Counter[str]() for place in places if place not in dict(keys)}
         wanted = [*counts, column.place, *(place for place, _ in keys)]
         for rows in self.table.blocks(wanted, _ignore_sentence, _ignore_sentence) if counts else ():
-            values, places = rows.texts(column.place), np.flatnonzero(rows.select(keys)).tolist()
+            values, places = (
+                rows.texts(column.place),
+                np.flatnonzero(rows.select(keys) & rows.is_timed).tolist(),
+            )
             chosen = [k for k in places if values[k].strip()]
             for place in [*counts]:
                 cells = rows.texts(place)
@@ -326,12 +329,13 @@ class ColumnRecording(Recording):
             yield from ([*blank[:name], text, *blank[name + 1 :]] for text in self._read_texts(name))
 
     def _read_texts(self, column: int) -> list[str]:
-        """Read the whole file for the texts of a column; return each once, in the order of the file.
+        """Read the whole file for the texts of a column in rows with a time; return each once, in its order.
 
         They have their blanks; an empty cell is an empty text, a null of Parquet 'None'.
         """
         blocks = self.table.blocks([column], _ignore_sentence, _ignore_sentence)
-        return list(dict.fromkeys(text for rows in blocks for text in dict.fromkeys(rows.texts(column))))
+        texts = (select_cells(rows.texts(column), rows.is_timed) for rows in blocks)
+        return list(dict.fromkeys(itertools.chain.from_iterable(map(dict.fromkeys, texts))))
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:

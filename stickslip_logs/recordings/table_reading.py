@@ -9,7 +9,7 @@ import pickle
 import tempfile
 import weakref
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from stickslip_logs.tables.bus_log import SOURCE, name_of_first_source
 from stickslip_logs.tables.cell_times import DAY
 from stickslip_logs.tables.dialect import is_line_damaged, with_unit
 from stickslip_logs.tables.row_keys import KeySteps, NumberedRows, find_end_columns, is_same_key
-from stickslip_logs.tables.table_file import Numbers, Rows, select_cells, unused_lines
+from stickslip_logs.tables.table_file import BLOCK, Numbers, Rows, select_cells, unused_lines
 from stickslip_logs.time_order import Row, Sorter, TimeCourse, TimeOrder
 from stickslip_logs.units import MIB, SECOND_NS, conversion
 
@@ -32,8 +32,8 @@ _MAX_KINDS = 200
 # More lines of one time, where times are so coarse [ns], have lost their times by rounding; a value before
 # and one behind a change share theirs rightly.
 _MAX_ALIKE, _COARSE_NS = 2, 10 * SECOND_NS
-# Blocks of lines without a number that are kept: the last one is whole, and one wrong time is no end.
-_MAX_BLANK_BLOCKS = 2
+# Lines without a number before the first one and at the end that tell how long the log lasts.
+_MAX_BLANK = 2 * BLOCK
 # Rows of a sorted table that are yielded at a time at most.
 _STRETCH = 65_536
 # The source of all lines, whichever of the columns they fill; else it is a bit for each column, of which
@@ -42,8 +42,8 @@ _ALL_LINES, _BITS = -1, 62
 # Numbers that wait in memory until the order is known (40 MB for a million lines of two) [bytes].
 _MAX_KEPT_BYTES = 64 * MIB
 
-Part = tuple[IntArray, BoolArray, FloatArray]
-"""Times of n rows [ns], whether each of k topics has a number in each, shape (k, n), and these, likewise."""
+Part = tuple[IntArray, IntArray, BoolArray, FloatArray]
+"""Times [ns] and sources of n rows, and which of k topics have a number in each, shape (k, n), and these."""
 
 
 class _PartBuffer:
@@ -75,21 +75,6 @@ class _PartBuffer:
                 yield pickle.load(self._file)
 
 
-def _filled_columns(is_there: BoolArray, bits: Sequence[int]) -> IntArray:
-    """Return, for each row, a number whose bits are the columns with a number in the row, shape (n,).
-
-    0 is a row without any.
-
-    Args:
-        is_there: Whether each topic has a number, shape (k, n).
-        bits: The bit of the column of each topic.
-    """
-    filled = np.zeros(is_there.shape[1], np.int64)
-    for bit, is_filled in zip(bits, is_there, strict=True):
-        filled |= is_filled.astype(np.int64) << bit
-    return filled
-
-
 class TableReading:
     """A pass over a table for numbers of some columns.
 
@@ -119,9 +104,7 @@ class TableReading:
         self._progress, self._rows, self._damaged = progress, 0, 0
         self._last_ns, self._distinct = dict.fromkeys(columns, -1), Counter[str]()
         self._keys = {topic: recording.chosen_keys(source.column) for topic, source in columns.items()}
-        # One column may be several topics; beyond 62 columns two share a bit.
-        places_of = {column: k for k, column in enumerate({s.column: None for s in columns.values()})}
-        self._bits = [places_of[source.column] % _BITS for source in columns.values()]
+        self._key_places = list(dict.fromkeys(place for pairs in self._keys.values() for place, _ in pairs))
         statuses = {k for source in columns.values() if (k := source.status) is not None}
         self._is_bad = {k: is_bad for k in statuses if (is_bad := recording.bad_mark_test(k)) is not None}
         self._unit_place = recording.unit_place
@@ -143,7 +126,10 @@ class TableReading:
             clock.columns: recording.day_counter(clock) for clock in recording.table.clocks if clock.is_of_day
         }
         self._buffer = _PartBuffer(recording.path)
-        self._course, self._has_whole_lines = self._judge_order()
+        self._course, self._has_whole_lines = TimeCourse(), False
+        self._row_count, self._numbered_rows = 0, range(0)
+        self._read_file()
+        self._course = self._judge_order()
         for text in self._course.notes('the lines are', 'of the lines'):
             recording.note(text)
         if self._course.start_ns is not None:
@@ -164,102 +150,86 @@ class TableReading:
             dict.fromkeys([*places, *keys, *statuses, *of_line, *steps.texts, *self._numbered.texts])
         )
 
-    def _judge_order(self) -> tuple[TimeCourse, bool]:
-        """Read the file, buffer its numbers, and judge the order of time of lines with numbers.
+    def _read_file(self) -> None:
+        """Read the file once and buffer its numbers; report losses, warnings and progress.
 
-        Times of the day are counted on over midnight. Reports losses, warnings and progress.
-
-        Returns:
-            The course, and whether any line fills all columns: then all lines are one source, else those
-            that fill the same columns are.
+        Times of the day are counted on over midnight. Stores how many rows there are, which range of them
+        begins and ends with a number, and whether any row fills all columns.
 
         Raises:
             BagError: A column tells rows of the same times apart, which have to be chosen by it; or the disk
                 does not take the numbers.
             OSError: The file is no longer there.
         """
-        recording, row, done = self._recording, 0, 0
-        order, whole, has_whole_lines, has_numbers = TimeOrder(), TimeOrder(), False, False
-        every = _filled_columns(np.ones((len(self._columns), 1), np.bool_), self._bits)
-
-        def add(time_ns: IntArray, source: IntArray, place: IntArray) -> None:
-            """Add lines to the order of all, and until any line fills all columns to that by source.
-
-            Nothing is added where the arrays, of shape (n,) each, are empty.
-            """
-            if place.size:
-                whole.add(time_ns, np.minimum(source, _ALL_LINES), place)
-            if place.size and not has_whole_lines:
-                order.add(time_ns, source, place)
-
-        # Lines before the first number and behind the last one tell how long the log lasts.
-        blank: list[tuple[IntArray, IntArray, IntArray]] = []
+        recording, done, first = self._recording, 0, None
         for rows in recording.table.blocks(self._wanted, recording.lose, recording.note):
             if days := self._days.get(rows.clock.columns):
                 rows.time_ns[rows.is_timed] = days.add(rows.time_ns[rows.is_timed])
             part = self._read_rows(rows)
             self._buffer.add(part)
-            time_ns, source = part[0], _filled_columns(part[1], self._bits)
-            place, at = np.arange(time_ns.size) + row, np.flatnonzero(source)
-            begin = 0
+            time_ns, _, is_there, _ = part
+            at = np.flatnonzero(is_there.any(axis=0))
             if at.size:
                 if self._steps.texts or self._numbered.texts:
                     self._search_keys(rows, part, at)
-                has_whole_lines = has_whole_lines or bool((source == every).any())
-                if not has_numbers:
-                    head = slice(0, int(at[0]))
-                    for block in (*blank, (time_ns[head], self._other_signals(rows, head), place[head])):
-                        add(*block)
-                has_numbers = True
-                add(time_ns[at], source[at], place[at])
-                blank, begin = [], int(at[-1]) + 1
-            rest = slice(begin, time_ns.size)
-            blank = [
-                *blank[1 - _MAX_BLANK_BLOCKS :],
-                (time_ns[rest], self._other_signals(rows, rest), place[rest]),
-            ]
-            row += time_ns.size
+                self._has_whole_lines |= bool(is_there.all(axis=0).any())
+                first = self._row_count + int(at[0]) if first is None else first
+                self._numbered_rows = range(first, self._row_count + int(at[-1]) + 1)
+            self._row_count += time_ns.size
             done += rows.time_ns.size
             if self._progress is not None:
                 self._progress(done, max(done, recording.table.line_count))
         if self._damaged:
             recording.lose(unused_lines(self._damaged, 'of another table, or with a number for a unit'))
         self._refuse_several_things()
-        for block in blank if has_numbers else ():
-            add(*block)
-        order = whole if has_whole_lines else order
+
+    def _judge_order(self) -> TimeCourse:
+        """Judge the order of time of the rows with numbers, and of those near the ends of the file."""
+        order, numbered = TimeOrder(), self._numbered_rows
+        for place, (time_ns, source, is_there, _) in self._numbered_parts() if numbered else ():
+            is_before = (place >= numbered.start - _MAX_BLANK) & (place < numbered.start)
+            is_behind = (place >= numbered.stop) & (place >= self._row_count - _MAX_BLANK)
+            counts = is_there.any(axis=0) | is_before | is_behind
+            if counts.any():
+                order.add(time_ns[counts], source[counts], place[counts])
         course = order.judge(read_rows=self._read_lines)
         # Lines with a time for each signal are in no order but that of each.
-        course.is_unordered &= course.wait_ns is None or len(recording.table.clocks) == 1
-        if self._days and has_numbers:
+        course.is_unordered &= course.wait_ns is None or len(self._recording.table.clocks) == 1
+        if self._days and numbered:
             course.move(-DAY * min(days.first_day for days in self._days.values()))
-        return course, has_whole_lines
+        return course
 
-    def _other_signals(self, rows: Rows, part: slice) -> IntArray:
-        """Return the source of each of n lines without a wanted number, shape (n,).
+    def _numbered_parts(self) -> Iterator[tuple[IntArray, Part]]:
+        """Yield the buffered parts in the order of the file, each behind the numbers of its rows.
 
-        It is 0 for lines of a signal that is wanted, and in a log of a bus; else -2, -3, ...: one for each
-        text of the columns by which lines are chosen, as the name of another signal.
+        If any row fills all columns, all rows with numbers are of one source.
+        """
+        row = 0
+        for time_ns, source, is_there, values in self._buffer:
+            source = np.minimum(source, _ALL_LINES) if self._has_whole_lines else source
+            yield np.arange(row, row + time_ns.size), (time_ns, source, is_there, values)
+            row += time_ns.size
+
+    def _sources_of(self, rows: Rows, is_there: BoolArray) -> IntArray:
+        """Return the source of each of n rows with a time, shape (n,).
+
+        Its bits are the columns with a number in the row; beyond 62 columns two share one. Without a number
+        it is 0, or where lines are chosen by columns -2, -3, ... for each text there, as of another signal.
 
         Args:
             rows: A block of rows.
-            part: Which of its rows with a time are these lines.
+            is_there: Whether each topic has a number in those with a time, shape (k, n).
         """
-        at = np.flatnonzero(rows.is_timed)[part].tolist()
-        places = list(dict.fromkeys(place for pairs in self._keys.values() for place, _ in pairs))
-        if not places or self._recording.is_sent:
-            return np.zeros(len(at), np.int64)
-        columns = [rows.texts(place) for place in places]
-        lines = list(zip(*([column[k] for k in at] for column in columns), strict=True))
-        for texts in dict.fromkeys(lines):
-            if texts not in self._signals:
-                text_of = dict(zip(places, texts, strict=True))
-                is_chosen = any(
-                    all(is_same_key(text_of[place], text) for place, text in pairs)
-                    for pairs in self._keys.values()
-                )
-                self._signals[texts] = 0 if is_chosen else _ALL_LINES - 1 - len(self._signals)
-        return np.fromiter(map(self._signals.__getitem__, lines), np.int64, len(lines))
+        source = np.zeros(is_there.shape[1], np.int64)
+        for k, is_filled in enumerate(is_there):
+            source |= is_filled.astype(np.int64) << k % _BITS
+        blank = np.flatnonzero(source == 0)
+        if self._key_places and not self._recording.is_sent:
+            columns = [rows.texts(place) for place in self._key_places]
+            for k, row in zip(blank.tolist(), np.flatnonzero(rows.is_timed)[blank].tolist(), strict=True):
+                texts = tuple(cells[row] for cells in columns)
+                source[k] = self._signals.setdefault(texts, _ALL_LINES - 1 - len(self._signals))
+        return source
 
     def _read_lines(self, begin: int, end: int, span_ns: tuple[int, int]) -> Iterator[Row]:
         """Yield buffered lines from row ``begin`` to before ``end`` with a time in a span [ns], ends as well.
@@ -267,11 +237,8 @@ class TableReading:
         Rows without a time are not numbered. All are of one source, -1, as the order of whole lines is
         judged; the content of a line is the bytes of its numbers.
         """
-        row = 0
-        for time_ns, _, values in self._buffer:
-            places = np.arange(row, row + time_ns.size)
-            row += time_ns.size
-            is_within = (places >= begin) & (places < end) & (time_ns >= span_ns[0]) & (time_ns <= span_ns[1])
+        for place, (time_ns, _, _, values) in self._numbered_parts():
+            is_within = (place >= begin) & (place < end) & (time_ns >= span_ns[0]) & (time_ns <= span_ns[1])
             for k in np.flatnonzero(is_within).tolist():
                 yield _ALL_LINES, int(time_ns[k]), values[:, k].tobytes()
 
@@ -288,7 +255,7 @@ class TableReading:
         for place in {*self._steps.texts, *self._numbered.texts}:
             cells = rows.texts(place)
             texts[place] = [cells[k].strip() for k in row_indexes]
-        time_ns, is_there, values = part
+        time_ns, _, is_there, values = part
         self._steps.add(time_ns[at], texts)
         self._numbered.add(time_ns[at], texts, [*np.where(is_there, values, np.nan)[:, at]])
 
@@ -316,7 +283,11 @@ class TableReading:
         """
         self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
         sorter, is_empty = Sorter(self._course.wait_ns), True
-        parts = (sorted_part for part in self._correct_parts() for sorted_part in sorter.add(part))
+        corrected = (
+            (self._course.correct_times(time_ns, source, place), is_there, values)
+            for place, (time_ns, source, is_there, values) in self._numbered_parts()
+        )
+        parts = itertools.chain.from_iterable(map(sorter.add, corrected))
         for time_ns, is_there, values in itertools.chain(parts, sorter.rest()):
             for begin in range(0, time_ns.size, _STRETCH):
                 rows = slice(begin, begin + _STRETCH)
@@ -353,16 +324,6 @@ class TableReading:
             result[request] = (Fault(words.total(), text, is_nan=True),) if words else ()
         return result
 
-    def _correct_parts(self) -> Iterator[Part]:
-        """Yield the buffered parts with corrected times, in the order of the file."""
-        row = 0
-        for time_ns, is_there, values in self._buffer:
-            place = np.arange(row, row + time_ns.size)
-            row += time_ns.size
-            source = _filled_columns(is_there, self._bits)
-            source = np.full_like(source, _ALL_LINES) if self._has_whole_lines else source
-            yield self._course.correct_times(time_ns, source, place), is_there, values
-
     def _read_rows(self, rows: Rows) -> Part:
         """Read the numbers of all topics from a block of rows; count words that stand in their place.
 
@@ -382,54 +343,46 @@ class TableReading:
         values = np.full(is_there.shape, np.nan)
         number = np.cumsum(rows.is_timed) - 1
         for k, (topic, source) in enumerate(self._columns.items()):
-            column, status, where = source.column, source.status, None
+            column, status, is_of_bus = source.column, source.status, topic in self._admissions
             if not rows.clock.has_column(column.place):
                 continue
-            cells, marks = rows.columns[column.place], [] if status is None else rows.texts(status)
-            if self._keys[topic]:
-                is_sent = topic in self._admissions
-                chosen = rows.select(self._keys[topic], self._is_of_number if is_sent else is_same_key)
-                chosen = self._admitted_rows(topic, rows, chosen) if is_sent else chosen
-                cells, where = select_cells(cells, chosen), np.flatnonzero(chosen)
-                marks = select_cells(marks, chosen) if marks else marks
-            numbers = self._recording.table.numbers(cells)
+            chosen = rows.select(self._keys[topic], self._is_of_number if is_of_bus else is_same_key)
+            chosen &= rows.is_timed
+            numbers = self._recording.table.numbers(select_cells(rows.columns[column.place], chosen))
+            is_number = np.isfinite(numbers.value)
             if column.name is not None and self._unit_place is not None:
                 self._convert_units(numbers, select_cells(units, chosen), column)
             if status is not None:
-                self._drop_bad_quality(numbers, marks, self._is_bad[status])
-            self._count_words(topic, numbers.words)
-            at = np.flatnonzero(numbers.is_there)
-            row = at if where is None else where[at]
-            keep = rows.is_timed[row]
-            is_there[k, number[row[keep]]] = True
-            values[k, number[row[keep]]] = source.convert_numbers(numbers.value[at[keep]])
-        return time_ns, is_there, values
+                self._drop_bad_quality(numbers, select_cells(rows.texts(status), chosen), status)
+            used = numbers.is_there
+            if is_of_bus:
+                used &= self._are_admitted(topic, rows, np.flatnonzero(chosen), numbers.value, is_number)
+            self._count_words(topic, [word for at, word in numbers.words.items() if used[at]])
+            row = number[chosen][used]
+            is_there[k, row] = True
+            values[k, row] = source.convert_numbers(numbers.value[used])
+        return time_ns, self._sources_of(rows, is_there), is_there, values
 
-    def _admitted_rows(self, topic: str, rows: Rows, chosen: BoolArray) -> BoolArray:
-        """Return which rows are of the sender of a topic that is used at that time, with or without a number.
+    def _are_admitted(
+        self, topic: str, rows: Rows, where: IntArray, values: FloatArray, is_number: BoolArray
+    ) -> BoolArray:
+        """Return which numbers of a topic are of the sender that is used at their time, shape (n,).
 
         The admission of the topic advances with each number, and notes who is left out or used instead. As in
-        live operation, a number in a unit of another quantity counts for no sender; nor does one without a
-        time.
+        live operation, a number in a unit of another quantity counts for no sender.
 
         Args:
             topic: The topic.
             rows: The rows of a block.
-            chosen: Which of them have its numbers, of whatever sender, shape (n,).
+            where: Which of them have its numbers, of whatever sender, shape (n,).
+            values: The numbers in its unit; NaN for a word, and in a unit of another quantity, shape (n,).
+            is_number: Which were sent as numbers, shape (n,).
         """
-        sources, column = rows.columns[SOURCE], self._columns[topic].column
-        where = np.flatnonzero(chosen)
-        numbers = self._recording.table.numbers(select_cells(rows.columns[column.place], chosen))
-        is_number = np.isfinite(numbers.value)
-        if self._unit_place is not None:
-            self._convert_units(numbers, select_cells(rows.texts(self._unit_place), chosen), column)
-        valid = np.isfinite(numbers.value)
-        is_offered = (rows.is_timed[where] & (valid | ~is_number)).tolist()
-        seconds = (rows.time_ns[where] * 1e-9).tolist()
-        admits = self._admissions[topic].admits
+        admits, valid = self._admissions[topic].admits, np.isfinite(values)
+        sources, seconds = rows.columns[SOURCE], (rows.time_ns[where] * 1e-9).tolist()
+        is_offered = (valid | ~is_number).tolist()
         offers = zip(where.tolist(), is_offered, seconds, valid.tolist(), strict=True)
-        admitted = [k for k, counts, now, good in offers if counts and admits(sources[k], now, valid=good)]
-        return np.isin(np.arange(chosen.size), admitted)
+        return np.array([ok and admits(sources[k], now, valid=good) for k, ok, now, good in offers], np.bool_)
 
     def _is_of_number(self, name: str, text: str) -> bool:
         """Return whether a name on a bus is that of a number, or the same number's of another sender."""
@@ -460,7 +413,8 @@ class TableReading:
             rows = np.array([unit == text for unit in units], np.bool_) & numbers.is_there
             if ratio is None:
                 numbers.value[rows] = np.nan
-                numbers.words[f'in {text.strip()[:17] or "no unit"}'] += int(np.count_nonzero(rows))
+                word = f'in {text.strip()[:17] or "no unit"}'
+                numbers.words |= dict.fromkeys(np.flatnonzero(rows).tolist(), word)
             else:
                 numbers.value[rows] *= ratio
             remark = f"'{column.heading}' changes its unit: lines in {text.strip() or 'no unit'} are "
@@ -469,28 +423,27 @@ class TableReading:
                 self._converted.add(remark)
                 self._recording.note(remark)
 
-    @staticmethod
-    def _drop_bad_quality(numbers: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
-        """Set numbers with a bad quality mark to NaN, and count the mark of each as a word 'quality MARK'.
+    def _drop_bad_quality(self, numbers: Numbers, marks: Sequence[str], status: int) -> None:
+        """Set numbers with a bad quality mark to NaN, with the word 'quality MARK' in place of each.
 
-        A mark beside an empty cell is not counted; of a long one the first 20 letters are.
+        A mark beside an empty cell is ignored; of a long one the first 20 letters are shown.
 
         Args:
             numbers: The numbers; changed.
             marks: The mark of each.
-            is_bad: Returns whether a number with a mark does not count.
+            status: The place of the column of these.
         """
-        bad = set(filter(is_bad, set(marks)))
+        is_bad = self._is_bad[status]
+        bad = {mark: f'quality {mark.strip()[:MAX_LETTERS]}' for mark in {*marks} if is_bad(mark)}
         if bad:
-            chosen = np.array([mark in bad for mark in marks], np.bool_) & numbers.is_there
-            numbers.value[chosen] = np.nan
-            places = np.flatnonzero(chosen).tolist()
-            numbers.words.update(f'quality {marks[k].strip()[:MAX_LETTERS]}' for k in places)
+            words = {k: bad[mark] for k, mark in enumerate(marks) if mark in bad and numbers.is_there[k]}
+            numbers.value[[*words]] = np.nan
+            numbers.words |= words
 
-    def _count_words(self, topic: str, words: Counter[str]) -> None:
+    def _count_words(self, topic: str, words: Sequence[str]) -> None:
         """Add to the words of a topic; of more than 200 kinds the rest are counted as 'others'."""
         counted = self._words[topic]
-        for word, count in words.items():
+        for word, count in Counter(words).items():
             counted[word if word in counted or len(counted) < _MAX_KINDS else 'others'] += count
 
     def _make_series(

@@ -54,7 +54,7 @@ def bus_log_of(lines: Sequence[str]) -> str:
 
 
 def _drop_inner_times(read: ReadBus) -> ReadBus:
-    """Return a reader without the rows of only a time, but for a first one and for the last behind all others.
+    """Return a reader without the rows of only a time, but for a first one and one behind all others.
 
     These tell how long the log lasts: others may go on where a sender falls silent.
     """

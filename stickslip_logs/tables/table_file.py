@@ -8,7 +8,6 @@ import csv
 import itertools
 import re
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -87,12 +86,12 @@ class Numbers:
     Attributes:
         value: The numbers, NaN for a word and for an empty cell, shape (n,).
         is_there: Which cells are not empty, shape (n,).
-        words: How often each word, up to its 20th letter, stands in place of a number.
+        words: What stands in place of a number, up to its 20th letter, by its index.
     """
 
     value: FloatArray
     is_there: BoolArray
-    words: Counter[str] = field(default_factory=Counter)
+    words: dict[int, str] = field(default_factory=dict)
 
 
 class NumberTable(ABC):
@@ -154,6 +153,8 @@ class NumberTable(ABC):
 
 def select_cells(cells: Any, chosen: BoolArray) -> Any:
     """Return the chosen cells of a block, in the type in which they are: a list or an array of pyarrow."""
+    if chosen.all():
+        return cells
     if isinstance(cells, list):
         return list(itertools.compress(cells, chosen.tolist()))
     return cells.take(np.flatnonzero(chosen))
@@ -169,7 +170,7 @@ def _mixed_numbers(cells: Cells, decimal: str = '.') -> Numbers:
         elif (number := parse_number(text, decimal)) is not None:
             result.value[k] = number
         else:
-            result.words[text[:_MAX_WORD]] += 1
+            result.words[k] = text[:_MAX_WORD]
     return result
 
 
@@ -357,9 +358,8 @@ class _TextReading:
     def read_batch(self, batch: list[list[str]]) -> Iterator[Rows]:
         """Yield the rows of a batch, once for each clock; split them where new headings reorder the columns.
 
-        In the yielded columns, cells of rows without a time are empty. Unused rows are counted for
-        :meth:`report_unused`. The order of the columns is carried over to the next batch: after headings that
-        lack a wanted column, rows are skipped up to the next headings.
+        Unused rows are counted for :meth:`report_unused`. The order of the columns is carried over to the
+        next batch: after headings that lack a wanted column, rows are skipped up to the next headings.
 
         Args:
             batch: The rows; too short ones are removed from it or filled up.
@@ -384,27 +384,15 @@ class _TextReading:
             for k in untimed:
                 if k < end:
                     self._count_untimed(batch[k])
-                for column in values.values():
-                    column[k] = ''
             for clock, (time_ns, is_timed) in zip(self._clocks, times, strict=True):
-                if len(self._clocks) > 1:
-                    self._blank_untimed(clock, is_timed[:end], values)
+                columns = [column for k, column in values.items() if clock.has_column(k)]
+                lacking = {*np.flatnonzero(~is_timed[:end]).tolist()}.difference(untimed)
+                self._untimed += sum(any(column[k].strip() for column in columns) for k in lacking)
                 yield Rows(
                     clock, time_ns[:end], is_timed[:end], {k: column[:end] for k, column in values.items()}
                 )
             self._follow_heading(batch[end] if end < len(batch) else None)
             batch = batch[end + 1 :]
-
-    def _blank_untimed(self, clock: Clock, is_timed: BoolArray, values: Mapping[int, list[str]]) -> None:
-        """Empty the cells of signals whose clock has no time in a row; count the rows that had a value."""
-        columns = [column for k, column in values.items() if clock.has_column(k)]
-        lacking = [
-            k for k in np.flatnonzero(~is_timed).tolist() if any(column[k].strip() for column in columns)
-        ]
-        self._untimed += len(lacking)
-        for column in columns:
-            for k in lacking:
-                column[k] = ''
 
     def _is_heading(self, row: Cells) -> bool:
         """Return whether a row has headings of the table, but is not equal to the last headings.
