@@ -124,13 +124,12 @@ class ColumnRecording(Recording):
         """The columns of names and of values of a table of one value a line, else None."""
         order = TimeOrder()
         for number, clock in enumerate(self.table.clocks):
-            timed_rows, times = _drop_untimed(self._ends, clock)
+            times = _drop_untimed(self._ends, clock)[1]
             if times.size and clock.is_of_day:
                 times = self.day_counter(clock).add(times)
                 times -= times.min() // DAY * DAY
             if times.size:
                 order.add(times, np.full(times.size, number), np.arange(times.size))
-        self._may_lack_names = self._may_miss_names(timed_rows)
         course = order.judge()
         self.is_unordered = course.is_unordered
         """Whether the lines of head and tail are in no order of time."""
@@ -160,21 +159,6 @@ class ColumnRecording(Recording):
             self._findings.note('times begin before 1970, or before zero: counted from the first one')
         self.table.clocks = tuple(counted_from(clock, zero_ns) for clock in self.table.clocks)
 
-    def _may_miss_names(self, rows: Sequence[Cells]) -> bool:
-        """Return whether head and tail of a long table may lack names; False for another table.
-
-        They may where each name has its lines one after the other: the head has one name, or the tail others.
-
-        Args:
-            rows: Rows of head and tail.
-        """
-        if self.names is None:
-            return False
-        name = self.names[0]
-        names = {row[name] for row in rows if name < len(row)}
-        head = {row[name] for row in self.table.head if name < len(row)}
-        return len(head) < 2 or not head >= names - {''}
-
     def _long_columns(self) -> tuple[int, int] | None:
         """Return the places of the names (of the first such column) and of the values in a long table.
 
@@ -183,33 +167,16 @@ class ColumnRecording(Recording):
         plain = [parse_heading(name).name for name in self.table.names]
         name = [k for k, text in enumerate(plain) if _NAME.fullmatch(text)]
         value = [k for k, text in enumerate(plain) if _VALUE.fullmatch(text)]
-        if self.table.names == tuple(f'#{k + 1}' for k in range(len(plain))):
-            name, value = self._guess_columns()
-        elif {'entity id', 'state'} <= set(plain):
+        if {'entity id', 'state'} <= set(plain):
             # As the historian of a home calls them; elsewhere a state is no value.
             value = [plain.index('state')]
         return (name[0], value[0]) if name and len(value) == 1 else None
-
-    def _guess_columns(self) -> tuple[list[int], list[int]]:
-        """Guess, in a table without headings, which columns are names and which are numbers, by the head.
-
-        Returns:
-            The places of columns of texts that are about equally frequent, and of columns with a number.
-        """
-        rows, words, numbers = self.table.head, list[int](), list[int]()
-        for k in set(range(len(self.table.names))) - set(self.table.time_columns):
-            cells = Counter(str(row[k]) for row in rows if k < len(row))
-            if any(parse_number(cell) is not None for cell in cells):
-                numbers.append(k)
-            elif len(cells) > 1 and 10 * min(cells.values()) >= max(cells.values()) > 1:
-                words.append(k)
-        return words, numbers
 
     def _list_columns(self) -> Iterator[LogColumn]:
         """Yield each column but those of times; of a long table each name, with the unit of most lines.
 
         Damaged lines (:func:`.is_line_damaged`) do not count. A long table is read as a whole where head and
-        tail may lack names.
+        tail may lack names: each has its lines one after the other, or in no order of time.
         """
         table = self.table
         if self.names is None:
@@ -219,11 +186,15 @@ class ColumnRecording(Recording):
             return
         name, value = self.names
         place = self.unit_place
+        rows = [row for row in self._ends if len(row) > name]
+        lines = [(row[name], row[place] if place is not None and len(row) > place else '') for row in rows]
+        head = {row[name] for row in table.head if len(row) > name}
+        if self.is_unordered or len(head) < 2 or not head >= {text for text, _ in lines} - {''}:
+            lines += [(text, '') for text in self._read_texts(name)]
         seen: dict[str, Counter[str]] = {}
-        for row in self._rows_of_every_name(name):
-            unit = row[place] if place is not None and len(row) > place else ''
-            if not is_line_damaged(row[name], unit):
-                seen.setdefault(row[name].strip(), Counter())[unit] += 1
+        for text, unit in lines:
+            if not is_line_damaged(text, unit):
+                seen.setdefault(text.strip(), Counter())[unit] += 1
         for heading_text, units in seen.items():
             if not heading_text:
                 continue  # a line without a number
@@ -314,19 +285,6 @@ class ColumnRecording(Recording):
         """
         marks = {str(row[status]) for row in self._ends if len(row) > status}
         return find_bad_mark_test(self.table.names[status], marks)
-
-    def _rows_of_every_name(self, name: int) -> Iterator[Cells]:
-        """Yield the rows of head and tail, then, where these may lack names, an empty row with each name.
-
-        They may, too, where the table is unordered. The file is read for these names.
-
-        Args:
-            name: The place of the column of names; rows that end before it are skipped.
-        """
-        yield from (row for row in self._ends if len(row) > name)
-        if self._may_lack_names or self.is_unordered:
-            blank = [''] * len(self.table.names)
-            yield from ([*blank[:name], text, *blank[name + 1 :]] for text in self._read_texts(name))
 
     def _read_texts(self, column: int) -> list[str]:
         """Read the whole file for the texts of a column in rows with a time; return each once, in its order.

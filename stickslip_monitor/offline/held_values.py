@@ -29,9 +29,8 @@ class HeldValues:
             for place, source in held
             if source.hold_ns and not source.is_assumed
         }
-        # Of each input its latest sample (stamp, arrival, value), and how many repeats it has had.
-        self._latest: dict[int, tuple[int, int, float]] = {}
-        self._made = dict.fromkeys(self._schedules, 0)
+        # Of each input its latest sample (stamp, arrival, value, and how many repeats it has had).
+        self._latest: dict[int, tuple[int, int, float, int]] = {}
 
     def fill(self, stream: Stream, until_ns: int | None) -> tuple[Stream, BoolArray]:
         """Insert the repeats due up to a time, and store the latest values for the next part.
@@ -76,9 +75,8 @@ class HeldValues:
         stamp_ns, arrival_ns, value = stream.time_ns[rows], stream.arrival_ns[rows], stream.value[rows]
         made = np.zeros(value.size, np.int64)
         if place in self._latest:
-            stamp, arrival, number = self._latest[place]
-            stamp_ns, arrival_ns = np.append(stamp, stamp_ns), np.append(arrival, arrival_ns)
-            value, made = np.append(number, value), np.append(self._made[place], made)
+            columns = zip(self._latest[place], (stamp_ns, arrival_ns, value, made), strict=True)
+            stamp_ns, arrival_ns, value, made = (np.append(latest, column) for latest, column in columns)
         if not value.size:
             return stamp_ns, arrival_ns, value
         c = self._numbers
@@ -90,13 +88,12 @@ class HeldValues:
         stamp_ns, arrival_ns, value, made, is_valid = (
             column[counts] for column in (stamp_ns, arrival_ns, value, made, is_valid)
         )
-        self._latest[place] = int(stamp_ns[-1]), int(arrival_ns[-1]), float(value[-1])
         # Before the next sample, and up to the end of the part.
         room = np.diff(arrival_ns, append=until_ns + 1)
         due = np.searchsorted(schedule, room, 'left')
         due[~is_valid] = 0
         due = np.maximum(due, made)
-        self._made[place] = int(due[-1])
+        self._latest[place] = int(stamp_ns[-1]), int(arrival_ns[-1]), float(value[-1]), int(due[-1])
         count = due - made
         of = np.repeat(np.arange(value.size), count)
         steps = np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + made[of]

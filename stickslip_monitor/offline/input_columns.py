@@ -40,8 +40,6 @@ _BESIDE = {
     *('prop', 'lager', 'sensor', 'measured', 'actual', 'value'),
     *('mean', 'avg', 'average', 'of', 'the'),
 }
-# How local IDs of ISO 19848 name a quantity; they have no units.
-_LOCAL_IDS = {'speed': '/meta/qty-rotational.frequency', 'load': '/meta/qty-force'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,8 +224,7 @@ class ColumnBinding:
             and (self._log.is_sent or _is_plain(column, quantity, _own_words(bearing, topic)))
         ]
         own_names = {quantity, parse_heading(f'{bearing} {quantity}').name}
-        local_id = _LOCAL_IDS.get(quantity, '\0')
-        by_name = [column for column, name in candidates if name in own_names or local_id in column.heading]
+        by_name = [column for column, name in candidates if name in own_names]
         return of_topic or similar or by_unit or by_name
 
     def _possible_columns(self, quantity: str, units: tuple[str, ...]) -> list[tuple[LogColumn, str]]:

@@ -633,7 +633,7 @@ LOGS = {
             ('K-Chief', 'Time;Tag;Description;Value;State', '{time};{n};SHAFT;{value};NORMAL'),
             ('Home Assistant', 'entity_id,state,last_changed', '{n},{value},{time}'),
             ('Prometheus', 'series,timestamp,value', '{n},{time},{value}'),
-            ('MQTT without a heading', '', '{time};{n};{value}'),
+            ('MQTT', 'time;topic;payload', '{time};{n};{value}'),
         )
     },
     'Grafana: units behind numbers': Log(
@@ -802,7 +802,7 @@ COLUMNS = {
     'a number in the heading that is no factor': ('#2', '#3'),
     'ISO 19848: local IDs, a turbocharger beside': (
         '/dnv-v2/vis-3-4a/411.1/C101.31/meta/qty-rotational.frequency',
-        '',
+        '/dnv-v2/vis-3-4a/412.7/C322/meta/qty-force',
     ),
     'no heading, a line without a time': ('#2', '#3'),
     'no heading, a status in words': ('#3', '#3'),

@@ -76,6 +76,13 @@ def test_the_column_that_tells_lines_apart_is_found(name: str, tmp_path: Path) -
     assert recording.find_unchosen_key(recording.choose_rows(column, {key: texts[0]})) is None
 
 
+def test_names_without_headings_are_chosen_by_their_place(tmp_path: Path) -> None:
+    """Read what a client of MQTT prints: time, topic and payload."""
+    recording = open_log(tmp_path, log_of_two('', '{at}Z port/rpm {slow}\n{at}Z stbd/rpm {fast}\n'))
+    (column,) = (listed for listed in recording.all_columns if listed.heading == '#3')
+    assert recording.find_unchosen_key(column) == ('#2', ['port/rpm', 'stbd/rpm'])
+
+
 @pytest.mark.parametrize('name', NUMBERED)
 def test_things_with_numbers_are_told_apart_by_their_values(name: str, tmp_path: Path) -> None:
     recording = open_log(tmp_path, NUMBERED[name])
