@@ -86,10 +86,8 @@ class SourceColumn:
     def convert_numbers(self, values: FloatArray) -> FloatArray:
         """Return numbers of the column as the sensor would have sent them; those in ``no_values`` unchanged.
 
-        Numbers that become too large are infinite. Without a conversion the array itself is returned.
+        Numbers that become too large are infinite.
         """
-        if (self.ratio, self.scale, self.offset) == (1.0, 1.0, 0.0):
-            return values
         with np.errstate(over='ignore'):  # infinite is no value either
             sent = (values * self.ratio - self.offset) / self.scale
         return np.where(np.isin(values, self.no_values), values, sent)
@@ -289,7 +287,7 @@ class ColumnRecording(Recording):
     def _read_texts(self, column: int) -> list[str]:
         """Read the whole file for the texts of a column in rows with a time; return each once, in its order.
 
-        They have their blanks; an empty cell is an empty text, a null of Parquet 'None'.
+        They have their blanks; an empty cell, or a null of Parquet, is an empty text.
         """
         blocks = self.table.blocks([column], _ignore_sentence, _ignore_sentence)
         texts = (select_cells(rows.texts(column), rows.is_timed) for rows in blocks)
@@ -474,9 +472,7 @@ def _drop_untimed(rows: Iterable[Cells], clock: Clock) -> tuple[list[Cells], Int
     """Return the rows that have a valid time by a clock, and these times [ns], shape (n,)."""
     last_place = max(clock.columns)
     long = [row for row in rows if len(row) > last_place]
-    if not long:
-        return [], np.empty(0, np.int64)
-    times, is_timed = clock.read([[row[k] for row in long] for k in clock.columns])
+    times, is_timed = clock.read_rows(long)
     return list(itertools.compress(long, is_timed.tolist())), times[is_timed]
 
 

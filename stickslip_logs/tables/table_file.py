@@ -63,9 +63,9 @@ class Rows:
     columns: Mapping[int, Any]
 
     def texts(self, place: int) -> list[str]:
-        """Return the cells of a column that was asked for as texts: a list unchanged, a null as 'None'."""
+        """Return the cells of a column that was asked for as texts: a list unchanged, a null as ''."""
         cells = self.columns[place]
-        return cells if isinstance(cells, list) else [str(cell) for cell in cells.to_pylist()]
+        return cells if isinstance(cells, list) else _column_texts(cells)
 
     def select(
         self, keys: Iterable[tuple[int, str]], is_same: Callable[[str, str], bool] = is_same_key
@@ -202,8 +202,8 @@ def is_number_table(path: Path) -> bool:
     if dialect.delimiter in BUS_LOGS:
         return True
     columns = [[row[k] for row in dialect.rows if k < len(row) and row[k].strip()] for k in places]
-    numbers = [sum(parse_number(cell, dialect.decimal) is not None for cell in cells) for cells in columns]
-    return any(2 * count > len(cells) for count, cells in zip(numbers, columns, strict=True))
+    are_numbers = [[parse_number(cell, dialect.decimal) is not None for cell in cells] for cells in columns]
+    return any(2 * sum(flags) > len(flags) for flags in are_numbers)
 
 
 class TextTable(NumberTable):
@@ -253,14 +253,12 @@ class TextTable(NumberTable):
     def numbers(self, cells: Cells) -> Numbers:
         """Return the numbers of cells; NaN for a word, which is counted, and for an empty cell."""
         joined, decimal = '\n'.join(cells), self._dialect.decimal
-        fast = cells
-        if decimal == ',' and '.' not in joined:
-            fast = joined.replace(',', '.').split('\n') if cells else []
         # What Python takes for a number and a table does not have: 'inf', 'nan' and '1_000'.
-        if decimal == '.' or fast is not cells:
+        if '_' not in joined and (decimal == '.' or '.' not in joined):
+            plain = cells if decimal == '.' else joined.replace(',', '.').split('\n')
             with contextlib.suppress(ValueError):
-                value = np.fromiter(map(float, fast), float, len(cells))
-                if '_' not in joined and np.isfinite(value).all():
+                value = np.fromiter(map(float, plain), float, len(cells))
+                if np.isfinite(value).all():
                     return Numbers(value, np.ones(len(cells), np.bool_))
         return _mixed_numbers(cells, decimal)
 
@@ -352,7 +350,7 @@ class _TextReading:
         self._places: list[int] | None = [*self._times, *wanted]
         self._suffixes = [(dialect.suffixes or [''] * self._max_cells)[k] for k in self._places]
         self._order: Cells = self._first
-        self.short = self._untimed = self._repeated = self._foreign = self._remarks = 0
+        self.short = self._untimed = self._repeated = self._foreign = 0
         self._shown = self._foreign_heading = ''
 
     def read_batch(self, batch: list[list[str]]) -> Iterator[Rows]:
@@ -428,14 +426,13 @@ class _TextReading:
     def _count_untimed(self, row: Cells) -> None:
         """Count a row without a time as repeated headings, or else as lost; keep the first lost one to show.
 
-        Remarks of as many cells as the table has are counted apart; shorter ones, and copies of a row above
-        the numbers, are not counted.
+        Remarks of other than all cells, and copies of a row above the numbers, are not counted.
         """
         if [cell.strip() for cell in row] == [*self._order]:
             self._repeated += 1
-        elif row[0].startswith(_REMARKS):
-            self._remarks += len(row) == self._max_cells and tuple(row) not in self._above
-        elif tuple(row) not in self._above:
+        elif tuple(row) not in self._above and not (
+            row[0].startswith(_REMARKS) and len(row) != self._max_cells
+        ):
             self._untimed += 1
             self._shown = self._shown or ' '.join(row[k].strip() for k in self._clocks[0].columns)[:MAX_SHOWN]
 
@@ -469,7 +466,7 @@ class _TextReading:
                 del batch[k]
 
     def report_unused(self, lose: TakeSentence, note: TakeSentence) -> None:
-        """Report how many rows were not used, remarks of all cells too, and how often headings came again."""
+        """Report how many rows were not used, and how often headings came again."""
         if self._untimed:
             shown = f", the first '{self._shown}'" if self._shown else ''
             lose(unused_lines(self._untimed, 'without a time', shown))
@@ -479,8 +476,6 @@ class _TextReading:
             lose(unused_lines(self._foreign, f"under other headings ('{self._foreign_heading[:MAX_SHOWN]}')"))
         if self._repeated:
             note(f'the headings come {plural(self._repeated, "time")} more in the middle')
-        if self._remarks:
-            note(unused_lines(self._remarks, 'with all cells behind the mark of a remark'))
 
 
 def unused_lines(count: int, subject: str, more: str = '') -> str:

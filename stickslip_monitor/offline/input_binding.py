@@ -31,12 +31,7 @@ def bind(bag: Recording, config: MonitorConfig) -> Bound:
         column fits it or several do; and for a log the questions on its inputs.
     """
     if isinstance(bag, TableRecording):
-        binding = ColumnBinding(bag)
-        bound = binding.bind(config)
-        for text in binding.remarks:
-            bag.note(text)
-        bag.deliver(binding.columns)
-        return bound
+        return ColumnBinding(bag).bind(config)
     absent: dict[tuple[str, str], str] = {}
     bearings = []
     for bearing in config.bearings:

@@ -58,25 +58,20 @@ class Bound:
 
 
 class ColumnBinding:
-    """Finds the columns of a log that are the inputs of a configuration.
-
-    Attributes:
-        columns: Columns to deliver, by the topic that each stands for.
-        remarks: Sentences for the user on what was guessed.
-        questions: Questions by bearing and quantity.
-    """
+    """Finds the columns of a log that are the inputs of a configuration."""
 
     def __init__(self, log: TableRecording) -> None:
         self._log, self._path, self._all = log, log.path, log.all_columns
-        self.columns: dict[str, SourceColumn] = {}
-        self.remarks: list[str] = []
-        self.questions: dict[tuple[str, str], str] = {}
+        # Columns to deliver, by the topic that each stands for, and questions by bearing and quantity.
+        self._columns: dict[str, SourceColumn] = {}
+        self._questions: dict[tuple[str, str], str] = {}
         self._asked_clocks: set[tuple[int, ...]] = set()
 
     def bind(self, config: MonitorConfig) -> Bound:
         """Bind every input that is not assumed to one column of the log.
 
-        Fills ``columns``, ``remarks`` and ``questions``. An assumed load gets the column of the speed.
+        The log is set to deliver the columns, and gets notes on what was guessed. An assumed load gets the
+        column of the speed.
 
         Returns:
             The configuration with topics and timeouts for the log; why other inputs are absent: no single
@@ -111,7 +106,8 @@ class ColumnBinding:
                 names = ('topic', 'type', 'field_text', 'field', 'timeout_ns', 'hold_ns')
                 inputs['load'] = replace(bearing.load, **{k: getattr(inputs['speed'], k) for k in names})
         bearings = tuple(replace(bearing, **bound[bearing.name]) for bearing in config.bearings)
-        return Bound(replace(config, bearings=bearings), absent, self.questions)
+        self._log.deliver(self._columns)
+        return Bound(replace(config, bearings=bearings), absent, self._questions)
 
     def _find_column(self, bearing: BearingConfig, quantity: str, source: InputConfig) -> LogColumn:
         """Return the one column that is an input, with only the rows selected by ``where``.
@@ -177,13 +173,10 @@ class ColumnBinding:
                 f"log '{self._path}' has no column '{heading}' ({parameter}): it has"
                 f' {listed(headings)}{remedy}'
             )
-        example = next(
-            (f"{parameter}: '{name}' or another" for name in headings if name[:1] == '#'), parameter
-        )
         remedy = f', or {bearing}.load.constant or .over_speed' if quantity == 'load' else ''
         return (
             f"log '{self._path}': no column looks like the {quantity} of {bearing} by its unit or name"
-            f' (columns: {listed(headings)}): write {example}{remedy}'
+            f' (columns: {listed(headings)}): write {parameter}{remedy}'
         )
 
     def _columns_called(self, heading: str) -> Sequence[LogColumn]:
@@ -242,7 +235,7 @@ class ColumnBinding:
     def _bind_column(
         self, bearing: BearingConfig, quantity: str, source: InputConfig, column: LogColumn
     ) -> InputConfig:
-        """Return an input as read from a column; add to ``columns``, ``remarks`` and ``questions``.
+        """Return an input as read from a column; store the column and questions, note what was guessed.
 
         Topic, column, type, field and timeout are replaced by those that hold for the log.
         """
@@ -260,9 +253,9 @@ class ColumnBinding:
         stands = max(timeout_ns, source.hold_ns) * 1e-9
         sent = replace(use.conversion(), timeout=stands if self._log.is_sent else None)
         topic = source.topic
-        if not topic or self.columns.get(topic, sent) != sent:
+        if not topic or self._columns.get(topic, sent) != sent:
             topic = f'/{bearing.name}/{quantity}'
-        self.columns[topic] = sent
+        self._columns[topic] = sent
         remark = use.remark()
         if timeout_ns > source.timeout_ns:
             remark += f'; lines are {interval:.4g} s apart, so its timeout is {timeout_ns * 1e-9:.4g} s here'
@@ -271,9 +264,9 @@ class ColumnBinding:
                 f'; its numbers are {interval:.4g} s apart, more than its timeout of'
                 f' {timeout_ns * 1e-9:.4g} s, as live: write {bearing.name}.{quantity}.timeout'
             )
-        self.remarks.append(remark)
+        self._log.note(remark)
         if clauses := [*use.questions(), *self._questions_on_values(source, column, interval)]:
-            self.questions[bearing.name, quantity] = '; and '.join(clauses)
+            self._questions[bearing.name, quantity] = '; and '.join(clauses)
         return replace(
             source,
             topic=topic,

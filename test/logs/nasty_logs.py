@@ -705,7 +705,7 @@ LOGS = {
         )
     ),
     'no heading, a status in words': Log(
-        '@0,RUN,30\n@1,STOP,31\n@2,RUN,32\n@3,STOP,33\n',
+        '@0,RUN,30\n@1,RUN,31\n@2,STOP,32\n@3,STOP,33\n',
         times=times_after_start(0, 1, 2, 3),
         speed=[30, 31, 32, 33],
         load=[30, 31, 32, 33],

@@ -284,9 +284,9 @@ def test_a_word_before_the_headings_is_not_taken_for_the_first(tmp_path: Path) -
     )
 
 
-def test_lines_behind_the_mark_of_a_remark_are_named(tmp_path: Path) -> None:
+def test_lines_behind_the_mark_of_a_remark_are_counted(tmp_path: Path) -> None:
     rows = [f'{"#" * (k in (7, 8))}@{k},{30 + k},900\n' for k in range(9)]
     recording = open_log(tmp_path, 'time,speed,load\n# of the day\n' + ''.join(rows) + '# the end\n')
     (series,) = recording.read([Request('speed', 'data')]).values()
     assert series.value.size == 7
-    assert '2 lines with all cells behind the mark of a remark were not used' in recording.warnings
+    assert recording.losses == ("2 lines without a time were not used, the first '#2026-04-13T10:00:07Z'",)
