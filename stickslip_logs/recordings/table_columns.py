@@ -71,8 +71,8 @@ class SourceColumn:
     """A column as the sensor of an input would have sent it: ``(ratio x - offset) / scale``.
 
     ``no_values`` are numbers that mean "no value", and have no unit. ``status`` is the place of the column
-    that says whether its numbers count, if there is one. With a ``timeout`` [s] of its input other senders of
-    the same number count while the first one is silent.
+    that says whether its numbers count, and the test of a mark there that is bad, if there is one. With a
+    ``timeout`` [s] of its input other senders of the same number count while the first one is silent.
     """
 
     column: LogColumn
@@ -80,7 +80,7 @@ class SourceColumn:
     scale: float = 1.0
     offset: float = 0.0
     no_values: tuple[float, ...] = ()
-    status: int | None = None
+    status: tuple[int, Callable[[str], bool]] | None = None
     timeout: float | None = None
 
     def convert_numbers(self, values: FloatArray) -> FloatArray:
@@ -235,7 +235,7 @@ class ColumnRecording(Recording):
         chosen by ``where``, are one mark only or more than 100, or are not there. The file is read for all.
         """
         status, is_long = self._find_quality_column(column.place), self.names is not None
-        places = [] if status is None or self.bad_mark_test(status) is not None else [status]
+        places = [] if status is None or self._bad_mark_test(status) is not None else [status]
         names = [parse_heading(name).name.split() for name in self.table.names]
         words, times = names[column.place], self.table.time_columns
         if is_long:
@@ -275,7 +275,7 @@ class ColumnRecording(Recording):
                 break
         return counts
 
-    def bad_mark_test(self, status: int) -> Callable[[str], bool] | None:
+    def _bad_mark_test(self, status: int) -> Callable[[str], bool] | None:
         """Return a function that is True for a mark by which a number does not count.
 
         The marks are those of the column at the place ``status``, in head and tail. None where they have no
@@ -341,23 +341,21 @@ class ColumnRecording(Recording):
     def deliver(self, columns: Mapping[str, SourceColumn]) -> None:
         """Set in ``by_topic`` which columns are delivered as topics, in place of earlier ones.
 
-        Each source there is a copy whose ``status`` is the column of its quality marks, None where it has
-        none or none of known meaning. Warnings name the columns that have them.
+        Each source there is a copy whose ``status`` is that of its quality marks, None where it has none or
+        none of known meaning. Warnings name the columns that have them.
 
         Args:
             columns: The source of each topic, unchanged.
         """
         self.by_topic = {}
         for topic, source in columns.items():
-            status = self._find_quality_column(source.column.place)
-            is_known = status is not None and self.bad_mark_test(status) is not None
-            self.by_topic[topic] = replace(source, status=status if is_known else None)
-        named = {(source.column.heading, source.status): None for source in self.by_topic.values()}
-        for heading, status in named:
-            if status is not None:
-                self._findings.note(
-                    f"numbers of '{heading}' count where '{self.table.names[status]}' says so"
+            place, status = self._find_quality_column(source.column.place), None
+            if place is not None and (is_bad := self._bad_mark_test(place)):
+                status = place, is_bad
+                self.note(
+                    f"numbers of '{source.column.heading}' count where '{self.table.names[place]}' says so"
                 )
+            self.by_topic[topic] = replace(source, status=status)
 
     def interval(self, column: LogColumn) -> float:
         """Return the median time between cells of a column in the head [s]; 0 without two different times.

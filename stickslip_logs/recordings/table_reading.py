@@ -9,7 +9,7 @@ import pickle
 import tempfile
 import weakref
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -105,14 +105,11 @@ class TableReading:
         self._last_ns, self._distinct = dict.fromkeys(columns, -1), Counter[str]()
         self._keys = {topic: recording.chosen_keys(source.column) for topic, source in columns.items()}
         self._key_places = list(dict.fromkeys(place for pairs in self._keys.values() for place, _ in pairs))
-        statuses = {k for source in columns.values() if (k := source.status) is not None}
-        self._is_bad = {k: is_bad for k in statuses if (is_bad := recording.bad_mark_test(k)) is not None}
         self._unit_place = recording.unit_place
         self._name_place = None if recording.names is None or recording.is_sent else recording.names[0]
         keys = (key for source in columns.values() for key in recording.find_keys(source.column))
         self._numbered = NumberedRows(dict.fromkeys(place for place, is_numbered in keys if is_numbered))
-        self._steps, self._wanted = self._choose_places(statuses)
-        self._converted: set[str] = set()
+        self._steps, self._wanted = self._choose_places()
         self._signals: dict[tuple[str, ...], int] = {}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}
         self._names = {source.column.name for source in columns.values()}
@@ -135,19 +132,21 @@ class TableReading:
         if self._course.start_ns is not None:
             recording.start_ns, recording.end_ns = self._course.start_ns, self._course.end_ns
 
-    def _choose_places(self, statuses: Collection[int]) -> tuple[KeySteps, list[int]]:
+    def _choose_places(self) -> tuple[KeySteps, list[int]]:
         """Return the search for a column of keys, and the places of all columns to read, each once.
 
         Candidates for keys have one text in the head of the file and another in its tail.
         """
         table = self._recording.table
-        keys = [place for pairs in self._keys.values() for place, _ in pairs]
         ends = [] if table.is_sent else find_end_columns(table.head, table.tail, len(table.names))
-        steps = KeySteps(place for place in ends if place not in keys)
+        steps = KeySteps(place for place in ends if place not in self._key_places)
+        statuses = [source.status[0] for source in self._columns.values() if source.status]
         places = [source.column.place for source in self._columns.values()]
         of_line = [place for place in (self._name_place, self._unit_place) if place is not None]
         return steps, list(
-            dict.fromkeys([*places, *keys, *statuses, *of_line, *steps.texts, *self._numbered.texts])
+            dict.fromkeys(
+                [*places, *self._key_places, *statuses, *of_line, *steps.texts, *self._numbered.texts]
+            )
         )
 
     def _read_file(self) -> None:
@@ -223,8 +222,10 @@ class TableReading:
         source = np.zeros(is_there.shape[1], np.int64)
         for k, is_filled in enumerate(is_there):
             source |= is_filled.astype(np.int64) << k % _BITS
-        blank = np.flatnonzero(source == 0)
         if self._key_places and not self._recording.is_sent:
+            blank = np.flatnonzero(source == 0)
+            if self._numbered_rows:  # those between numbers tell nothing
+                blank = blank[blank > np.flatnonzero(source).max(initial=-1)]
             columns = [rows.texts(place) for place in self._key_places]
             for k, row in zip(blank.tolist(), np.flatnonzero(rows.is_timed)[blank].tolist(), strict=True):
                 texts = tuple(cells[row] for cells in columns)
@@ -353,7 +354,7 @@ class TableReading:
             if column.name is not None and self._unit_place is not None:
                 self._convert_units(numbers, select_cells(units, chosen), column)
             if status is not None:
-                self._drop_bad_quality(numbers, select_cells(rows.texts(status), chosen), status)
+                self._drop_bad_quality(numbers, select_cells(rows.texts(status[0]), chosen), status[1])
             used = numbers.is_there
             if is_of_bus:
                 used &= self._are_admitted(topic, rows, np.flatnonzero(chosen), numbers.value, is_number)
@@ -419,11 +420,10 @@ class TableReading:
                 numbers.value[rows] *= ratio
             remark = f"'{column.heading}' changes its unit: lines in {text.strip() or 'no unit'} are "
             remark += 'left out' if ratio is None else f'converted to {column.unit}'
-            if remark not in self._converted:
-                self._converted.add(remark)
-                self._recording.note(remark)
+            self._recording.note(remark)
 
-    def _drop_bad_quality(self, numbers: Numbers, marks: Sequence[str], status: int) -> None:
+    @staticmethod
+    def _drop_bad_quality(numbers: Numbers, marks: Sequence[str], is_bad: Callable[[str], bool]) -> None:
         """Set numbers with a bad quality mark to NaN, with the word 'quality MARK' in place of each.
 
         A mark beside an empty cell is ignored; of a long one the first 20 letters are shown.
@@ -431,9 +431,8 @@ class TableReading:
         Args:
             numbers: The numbers; changed.
             marks: The mark of each.
-            status: The place of the column of these.
+            is_bad: Returns whether a number with a mark does not count.
         """
-        is_bad = self._is_bad[status]
         bad = {mark: f'quality {mark.strip()[:MAX_LETTERS]}' for mark in {*marks} if is_bad(mark)}
         if bad:
             words = {k: bad[mark] for k, mark in enumerate(marks) if mark in bad and numbers.is_there[k]}
