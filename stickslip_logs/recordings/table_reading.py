@@ -21,9 +21,9 @@ from stickslip_logs.recordings.table_columns import MAX_LETTERS, ColumnRecording
 from stickslip_logs.source_admission import SourceAdmission
 from stickslip_logs.tables.bus_log import SOURCE, name_of_first_source
 from stickslip_logs.tables.cell_times import DAY
-from stickslip_logs.tables.dialect import is_line_damaged, with_unit
+from stickslip_logs.tables.dialect import with_unit
 from stickslip_logs.tables.row_keys import KeySteps, NumberedRows, find_end_columns, is_same_key
-from stickslip_logs.tables.table_file import BLOCK, Numbers, Rows, select_cells, unused_lines
+from stickslip_logs.tables.table_file import BLOCK, Numbers, Rows, select_cells
 from stickslip_logs.time_order import Row, Sorter, TimeCourse, TimeOrder
 from stickslip_logs.units import MIB, SECOND_NS, conversion
 
@@ -101,12 +101,11 @@ class TableReading:
         progress: Progress | None,
     ) -> None:
         self._recording, self._requests, self._columns = recording, requests, columns
-        self._progress, self._rows, self._damaged = progress, 0, 0
+        self._progress, self._rows = progress, 0
         self._last_ns, self._distinct = dict.fromkeys(columns, -1), Counter[str]()
         self._keys = {topic: recording.chosen_keys(source.column) for topic, source in columns.items()}
         self._key_places = list(dict.fromkeys(place for pairs in self._keys.values() for place, _ in pairs))
         self._unit_place = recording.unit_place
-        self._name_place = None if recording.names is None or recording.is_sent else recording.names[0]
         keys = (key for source in columns.values() for key in recording.find_keys(source.column))
         self._numbered = NumberedRows(dict.fromkeys(place for place, is_numbered in keys if is_numbered))
         self._steps, self._wanted = self._choose_places()
@@ -142,10 +141,10 @@ class TableReading:
         steps = KeySteps(place for place in ends if place not in self._key_places)
         statuses = [source.status[0] for source in self._columns.values() if source.status]
         places = [source.column.place for source in self._columns.values()]
-        of_line = [place for place in (self._name_place, self._unit_place) if place is not None]
+        units = [] if self._unit_place is None else [self._unit_place]
         return steps, list(
             dict.fromkeys(
-                [*places, *self._key_places, *statuses, *of_line, *steps.texts, *self._numbered.texts]
+                [*places, *self._key_places, *statuses, *units, *steps.texts, *self._numbered.texts]
             )
         )
 
@@ -178,8 +177,6 @@ class TableReading:
             done += rows.time_ns.size
             if self._progress is not None:
                 self._progress(done, max(done, recording.table.line_count))
-        if self._damaged:
-            recording.lose(unused_lines(self._damaged, 'of another table, or with a number for a unit'))
         self._refuse_several_things()
 
     def _judge_order(self) -> TimeCourse:
@@ -278,12 +275,12 @@ class TableReading:
                 )
 
     def __iter__(self) -> Iterator[dict[Request, Series]]:
-        """Yield the series of one stretch of time after the other, at least once; restart the counts.
+        """Yield the series of one stretch of time after the other, then empty ones; restart the counts.
 
         At the end, times that were rounded are reported as a loss.
         """
         self._recording.counts = Counter(dict.fromkeys(self._columns, 0))
-        sorter, is_empty = Sorter(self._course.wait_ns), True
+        sorter = Sorter(self._course.wait_ns)
         corrected = (
             (self._course.correct_times(time_ns, source, place), is_there, values)
             for place, (time_ns, source, is_there, values) in self._numbered_parts()
@@ -292,11 +289,9 @@ class TableReading:
         for time_ns, is_there, values in itertools.chain(parts, sorter.rest()):
             for begin in range(0, time_ns.size, _STRETCH):
                 rows = slice(begin, begin + _STRETCH)
-                is_empty = False
                 yield self._make_series(time_ns[rows], is_there[:, rows], values[:, rows])
-        if is_empty:
-            none = np.empty((len(self._columns), 0))
-            yield self._make_series(np.empty(0, np.int64), none.astype(np.bool_), none)
+        none = np.empty((len(self._columns), 0))
+        yield self._make_series(np.empty(0, np.int64), none.astype(np.bool_), none)
         self._report_rounded_times()
 
     def _report_rounded_times(self) -> None:
@@ -328,17 +323,10 @@ class TableReading:
     def _read_rows(self, rows: Rows) -> Part:
         """Read the numbers of all topics from a block of rows; count words that stand in their place.
 
-        Numbers are as the sensor sends them, NaN for a word. Rows without a time are dropped, and rows of
-        another table or with a number for a unit, which are counted: ``rows.is_timed`` is changed. Numbers in
-        other units are converted, those of bad quality become NaN, and those of unused senders are dropped.
+        Numbers are as the sensor sends them, NaN for a word. Rows without a time are dropped, and numbers of
+        unused senders. Numbers in other units are converted, those of bad quality become NaN.
         """
         units = [''] * rows.time_ns.size if self._unit_place is None else rows.texts(self._unit_place)
-        if self._name_place is not None:
-            lines = [*zip(rows.texts(self._name_place), units, strict=True)]
-            if damaged := {line for line in {*lines} if is_line_damaged(*line)}:
-                is_damaged = np.fromiter(map(damaged.__contains__, lines), np.bool_, len(lines))
-                self._damaged += int((is_damaged & rows.is_timed).sum())
-                rows.is_timed &= ~is_damaged
         time_ns = rows.time_ns[rows.is_timed]
         is_there = np.zeros((len(self._columns), time_ns.size), np.bool_)
         values = np.full(is_there.shape, np.nan)
@@ -392,8 +380,8 @@ class TableReading:
     def _convert_units(self, numbers: Numbers, units: Sequence[str], column: LogColumn) -> None:
         """Convert numbers in other units to that of the column; set those in no such unit to NaN; note both.
 
-        The latter are counted among the words. Nothing is done for a column without a unit, nor, unless they
-        were sent over a bus, for lines without one.
+        The latter are counted among the words. Nothing is done, unless they were sent over a bus, for lines
+        without a unit.
 
         Args:
             numbers: Numbers of a name in a long table; changed.
@@ -401,8 +389,6 @@ class TableReading:
             column: The column of the name.
         """
         name = column.name or ''
-        if column.heading == name and column.unit is None:
-            return  # its first line says no unit: what it is in is a matter of the reader
         for text in sorted({*units}):
             heading = with_unit(name, text)
             if (text.strip(' []()-') == '' and not self._recording.is_sent) or heading == (

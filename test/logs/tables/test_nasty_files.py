@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
-from datetime import timedelta
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -227,17 +228,20 @@ def test_a_damaged_unit_of_the_first_line_is_that_of_no_other(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    'line', ['2026-05-04T06:01:{:02},000;30,0;1,5\n', '2026-05-04T06:01:{:02},speed,30,1e17\n']
+    ('line', 'count'),
+    [('2026-05-04T06:01:{:02},000;30,0;1,5\n', 0), ('2026-05-04T06:01:{:02},speed,30,1e17\n', 10)],
 )
-def test_lines_with_a_number_in_place_of_a_unit_are_damaged(line: str, tmp_path: Path) -> None:
-    """Lines with decimal commas behind a table of commas were signals of names that nobody asked for."""
+def test_lines_with_a_number_in_place_of_a_unit_have_no_speed(line: str, count: int, tmp_path: Path) -> None:
+    """Let the log last to its end, so that the speed is lost, where lines with decimal commas follow."""
     rows = ''.join(f'2026-05-04T06:00:{k:02},speed,{30 + k},rpm\n' for k in range(20))
     text = f'time,name,value,unit\n{rows}' + ''.join(map(line.format, range(10)))
     recording = open_log(tmp_path, text)
     assert [column.heading for column in recording.all_columns] == ['speed']
     (series,) = recording.read([Request('speed', 'data')]).values()
-    assert series.value.tolist() == [30.0 + k for k in range(20)]
-    assert recording.losses == ('10 lines of another table, or with a number for a unit were not used',)
+    assert series.value[:20].tolist() == [30.0 + k for k in range(20)]
+    assert np.isnan(series.value[20:]).all()
+    assert sum(fault.count for fault in series.faults) == series.value.size - 20 == count
+    assert recording.end_ns == epoch_ns(datetime(2026, 5, 4, 6, 1, 9, tzinfo=timezone.utc))
 
 
 @pytest.mark.parametrize('count', [1, 9])
@@ -257,15 +261,15 @@ def test_few_damaged_cells_do_not_tell_the_decimal_sign_of_the_others(
     assert sum(fault.count for fault in load.faults) == count
 
 
-def test_lines_with_numbers_in_place_of_a_name_are_damaged(tmp_path: Path) -> None:
-    """Lines with decimal commas behind a table without units were signals of names, too."""
+def test_lines_with_numbers_in_place_of_a_name_are_no_signals(tmp_path: Path) -> None:
+    """Read lines with decimal commas behind a table without units as lines without a speed."""
     rows = ''.join(f'2026-05-04 06:00:{k:02},speed{" " * (k % 2)},{30 + k}\n' for k in range(20))
     rows += ''.join(f'2026-05-04 06:01:{k:02},000;30,5\n' for k in range(10))
     recording = open_log(tmp_path, f'time,name,value\n{rows}')
     (column,) = recording.all_columns  # blanks behind a name are no part of it
     (series,) = recording.read([Request(column.heading, 'data')]).values()
     assert series.value.tolist() == [30.0 + k for k in range(20)]
-    assert recording.losses == ('10 lines of another table, or with a number for a unit were not used',)
+    assert recording.end_ns == epoch_ns(datetime(2026, 5, 4, 6, 1, 9, tzinfo=timezone.utc))
 
 
 def test_one_damaged_cell_does_not_tell_that_points_are_of_thousands(tmp_path: Path) -> None:
