@@ -86,7 +86,7 @@ def nmea_rows(lines: Iterator[str]) -> BusRows:
     """
     when, has_clock, first = '', False, dict[str, str]()
     # Numbers of each name since the last time, and the most that ever came between two times.
-    since, most = Counter[str](), 0
+    since, max_count = Counter[str](), 0
     for line in lines:
         end, marks = 0, line.count('$') + line.count('!')
         for match in _SENTENCE.finditer(line):
@@ -103,13 +103,13 @@ def nmea_rows(lines: Iterator[str]) -> BusRows:
             # RMC may be of another receiver, some seconds late, or of a date 1024 weeks ago.
             clock = clock or ('' if has_clock else _own_time(kind, fields))
             if clock:
-                when, most = clock, max([most, *since.values()])
+                when, max_count = clock, max([max_count, *since.values()])
                 since.clear()
             numbers = [*_sentence_numbers(kind, fields)]
             for number, value, unit in numbers:
                 name = _name_of(number, talker, first)
                 since[name] += 1
-                is_timed = when and (not most or since[name] <= _MAX_SINCE_CLOCK * (most + 1))
+                is_timed = when and (not max_count or since[name] <= _MAX_SINCE_CLOCK * (max_count + 1))
                 yield (when, name, value, unit, talker) if is_timed else None
             if clock and not numbers:
                 yield when, '', '', '', ''
