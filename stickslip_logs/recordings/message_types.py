@@ -9,26 +9,20 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from stickslip_logs.field_paths import NAMES, ByName, FieldPath
 from stickslip_logs.recordings.recording import short_type
 from stickslip_logs.units import KIB
 
 # numpy codes, without byte order, of what the mcap-ros2-support decoder reads for each type; it
 # takes char as signed.
+_NUMPY_NAMES = 'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'int64', 'uint64', 'float32', 'float64'
 NUMBERS: Mapping[str, str] = {
+    **{name: np.dtype(name).str[1:] for name in _NUMPY_NAMES},
     'bool': '?',
     'byte': 'u1',
     'char': 'i1',
-    'int8': 'i1',
-    'uint8': 'u1',
-    'int16': 'i2',
-    'uint16': 'u2',
-    'int32': 'i4',
-    'uint32': 'u4',
-    'int64': 'i8',
-    'uint64': 'u8',
-    'float32': 'f4',
-    'float64': 'f8',
 }
 TEXTS = ('string', 'wstring')
 
