@@ -35,14 +35,10 @@ def open_file(path: str | Path) -> IO[bytes]:
     """
     if '\0' in str(path):
         raise OSError(errno.EINVAL, 'its name holds a zero byte', str(path))
-    _check_kind(path, Path(path).stat().st_mode)
-    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), 'rb')
-    try:
-        _check_kind(path, os.fstat(file.fileno()).st_mode)
-    except OSError:
-        file.close()
-        raise
-    return file
+    kind = KINDS.get(stat.S_IFMT(Path(path).stat().st_mode))
+    if kind is not None:
+        raise OSError(errno.EINVAL, f'it is {kind}, not a file', str(path))
+    return os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), 'rb')
 
 
 def path_hint(path: str | Path) -> str:
@@ -68,19 +64,6 @@ def read_file(path: str | Path, max_bytes: int) -> bytes:
     if len(data) > max_bytes:
         raise OSError(errno.EFBIG, f'it is larger than {max_bytes} bytes, the limit', str(path))
     return data
-
-
-def _check_kind(path: str | Path, mode: int) -> None:
-    """Check that a mode is that of a regular file.
-
-    Raises:
-        OSError: It is that of a folder, pipe, socket or device.
-    """
-    kind = KINDS.get(stat.S_IFMT(mode))
-    if kind == 'a folder':
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    if kind is not None:
-        raise OSError(errno.EINVAL, f'it is {kind}, not a file', str(path))
 
 
 def lock_draft(descriptor: int) -> bool:

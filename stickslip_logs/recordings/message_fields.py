@@ -89,10 +89,8 @@ def compile_layout(definitions: Definitions, root: str, paths: Sequence[FieldPat
             return None
         numbers[path] = len(tokens)
         tokens.append(token)
-    elements = [path[-1] if isinstance(path[-1], int) else None for path in paths]
     return tokens, [
-        (numbers[path], 0) if element is None else (numbers[path[:-1]], element)
-        for path, element in zip(paths, elements, strict=True)
+        (numbers[path[:-1]], path[-1]) if isinstance(path[-1], int) else (numbers[path], 0) for path in paths
     ]
 
 

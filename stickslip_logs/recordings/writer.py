@@ -85,8 +85,7 @@ class BagWriter:
         self._hashes: dict[str, str] = {}
         # The type and the channel of each topic.
         self._topics: dict[str, tuple[str, int]] = {}
-        with self._name_bag_in_errors():
-            self._refuse_existing()
+        self._refuse_existing()
 
     def __enter__(self) -> BagWriter:
         """Begin to write beside the target."""

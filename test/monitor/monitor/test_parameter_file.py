@@ -158,7 +158,7 @@ def test_refused_files(write: Write, content: str | bytes, text: str) -> None:
 
 
 def test_no_file_and_a_folder(tmp_path: Path) -> None:
-    assert refusal_of(tmp_path) == ': Is a directory'
+    assert refusal_of(tmp_path) == ': it is a folder, not a file'
     assert refusal_of(tmp_path / 'none.yaml') == ': No such file or directory'
 
 
