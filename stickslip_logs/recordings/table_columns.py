@@ -241,8 +241,9 @@ class ColumnRecording(Recording):
         if is_long:
             places += self._key_places(column)
         elif status is None and words:
-            # What 'rpm fault' says of 'rpm' is for its owner to tell.
+            # What 'rpm fault' says of 'rpm', or a column beside it without a heading, its owner tells.
             flags = [k for k, more in enumerate(names) if more[: len(words)] == words != more]
+            flags += [k for k in [column.place + 1] if self.table.names[k : k + 1] == (f'#{k + 1}',)]
             places += [k for k in flags if k not in times]
         for place, marks in self._count_marks(places, column).items():
             is_flag = all(parse_number(mark) in (None, 0.0, 1.0) for mark in marks)

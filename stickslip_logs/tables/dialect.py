@@ -389,9 +389,11 @@ def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
 
 
 def is_row_of_units(row: Cells) -> bool:
-    """Return whether a cell is a known unit, and all but forms of times are below 16 letters, no numbers."""
+    """Return whether a cell is a known unit, and all but forms of times are short, no numbers or headings."""
     names = [cell.strip() for cell in row if {*cell.lower()} - {*'ymdhnsf-/.:, '}]  # yyyy-mm-dd hh:nn:ss.fff
-    return any(map(unit_of, row)) and all(len(name) < 16 and parse_number(name) is None for name in names)
+    words = [name for name in names if unit_of(name) is None]
+    is_plain = all(len(name) < 16 and parse_number(name) is None for name in words)
+    return any(map(unit_of, row)) and is_plain and not any(parse_heading(name).known_unit for name in words)
 
 
 def is_value(cell: str) -> bool:

@@ -88,6 +88,7 @@ LOGS = {
     'meganewtons': Log('time,rpm,Load MN\n@0,30,0.5\n@1,31,0.25\n', load=[5e5, 2.5e5]),
     'tonnes-force': Log('time,rpm,bearing [tf]\n@0,30,0.5\n@1,31,2\n', load=[4903.325, 19613.3]),
     'tonnes, beside a load': Log('time,rpm,Load (t)\n@0,30,0.5\n@1,31,2\n', load=[4903.325, 19613.3]),
+    'a heading that is a unit, below words': Log('a,b,c\ntime,rpm,load [N]\n@0,30,900\n@1,31,901\n'),
     'tonnes in a row of units': Log('time,rpm,load\ns,rpm,t\n@0,30,0.5\n@1,31,2\n', load=[4903.325, 19613.3]),
     'tonnes, of cargo, and pounds': Log(
         'time,rpm,Cargo [t],load_lbf\n@0,30,9000,100\n@1,31,9000,200\n',

@@ -104,3 +104,10 @@ def test_numbers_of_a_quality_without_a_meaning_raise_a_question(
     rows = ''.join(f'{k}.5,30,{mark},900\n' for k, mark in enumerate(marks.split() * 3))
     recording = open_log(tmp_path, f'time,rpm,rpm quality,load\n{rows}')
     assert recording.unknown_marks(recording.all_columns[0]) == (question and ('rpm quality', question))
+
+
+def test_words_beside_a_column_without_headings_raise_a_question(tmp_path: Path) -> None:
+    rows = ''.join(f'@{k},30,{"SUSPECT" if k == 7 else "OK"},900\n' for k in range(10))
+    recording = open_log(tmp_path, rows)
+    questions = [recording.unknown_marks(column) for column in recording.all_columns]
+    assert questions == [('#3', ['OK', 'SUSPECT']), None, None]
