@@ -516,13 +516,10 @@ def _fit_headings(
     """
     if len(heading) > width:
         # A cell that is a unit belongs to the one before, as in 'Speed, rpm'.
-        joined = list[str]()
-        for cell in heading:
-            if joined and unit_of(cell):
-                joined[-1] += f',{cell}'
-            else:
-                joined.append(cell)
-        if len(joined) == width:
+        begins = [k for k, cell in enumerate(heading) if k == 0 or not unit_of(cell)]
+        if len(begins) == width:
+            ends = [*begins[1:], len(heading)]
+            joined = [','.join(heading[begin:end]) for begin, end in zip(begins, ends, strict=True)]
             return joined, [''] * width
     if len(heading) == width - 1 > 0:
         whole_rows = [row for row in rows if len(row) == width]
