@@ -285,12 +285,9 @@ def _table_dialect(
     names = heading or [f'#{k + 1}' for k in range(width)]
     suffixes = [_unit_behind_numbers(below, k, names[k]) for k in range(width)]
     headings = [with_unit(names[k], units[k] or suffixes[k]) for k in range(width)]
-    if any(suffixes):
-        # A row may be longer or shorter than others.
-        below, tail = (
-            [[*map(str.removesuffix, row, (*suffixes, *[''] * len(row)))] for row in part]
-            for part in (below, tail)
-        )
+    # A row may be longer or shorter than others.
+    endings = [*suffixes, *[''] * max(map(len, (*below, *tail)))]
+    below, tail = ([[*map(str.removesuffix, row, endings)] for row in part] for part in (below, tail))
     losses, remarks = list[str](), list[str]()
     if len(heading) > width:
         text = f'{len(heading)} headings stand above {width} cells: they were matched from the left'
