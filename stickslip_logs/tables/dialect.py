@@ -378,9 +378,10 @@ def usual_width(rows: Sequence[Cells]) -> int:
     return counts.most_common(1)[0][0] if counts else 0
 
 
-def headings_above(rows: Sequence[Cells], width: int) -> list[str]:
+def headings_above(rows: Sequence[Cells]) -> list[str]:
     """Return the row of headings above the first row of numbers; an empty list where there is none."""
     decimal = ',' if any(_COMMA.fullmatch(cell) for row in rows for cell in row) else '.'
+    width = usual_width(rows)
     first = _find_first_row(rows, decimal, width)
     return _find_headings(rows[:first], width)[0] if first else []
 

@@ -16,7 +16,6 @@ from stickslip_logs.tables.dialect import (
     find_delimiter,
     headings_above,
     is_row_of_units,
-    usual_width,
 )
 from stickslip_logs.tables.text_file import BROKEN, lines_of, open_unpacked
 
@@ -93,14 +92,12 @@ def _find_headings(rows: Sequence[TableRow], is_heading: Callable[[list[str]], b
     Headings are the cells that ``is_heading`` knows, without the mark of a comment; else the row above the
     numbers, or the first row that is no comment.
     """
-    for k, row in enumerate(rows):
-        if is_heading(_without_mark(row.cells)):
-            return k
     cells = [row.cells for row in rows]
-    above = headings_above(cells, usual_width(cells))
+    named = [k for k, row in enumerate(cells) if is_heading(_without_mark(row))]
+    above = headings_above(cells)
     places = [k for k, row in enumerate(cells) if above and _without_mark(row)[: len(above)] == above]
     plain = [k for k, row in enumerate(cells) if not row[0].startswith(COMMENTS)]
-    return next(iter([*places, *plain]), -1)
+    return next(iter([*named, *places, *plain]), -1)
 
 
 def _without_mark(cells: list[str]) -> list[str]:
