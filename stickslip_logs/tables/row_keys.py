@@ -47,18 +47,17 @@ def find_key_columns(
         places: The places of the candidates, in the order in which they are tried.
     """
     for place in places:
-        cells = [row[place].strip() if place < len(row) else '' for row in rows]
-        filled = [k for k, cell in enumerate(cells) if cell]
-        codes = {word: k for k, word in enumerate(dict.fromkeys(cells[k] for k in filled))}
-        if not 2 <= len(codes) <= min(MAX_WORDS, max(len(filled) // 2, 2)):
+        filled = [k for k, row in enumerate(rows) if place < len(row) and row[place].strip()]
+        words, key = np.unique([rows[k][place].strip() for k in filled], return_inverse=True)
+        if not 2 <= words.size <= min(MAX_WORDS, max(len(filled) // 2, 2)):
             continue
-        key, times_ns = np.array([codes[cells[k]] for k in filled]), time_ns[filled]
+        times_ns = time_ns[filled]
         is_apart = _are_times_shared(times_ns, key) or _are_alternating(times_ns, key)
         # A state of one thing changes seldom.
-        if not any(map(_is_number, codes)):
+        if not any(map(_is_number, words)):
             if is_apart or np.count_nonzero(np.diff(key)) > max(2, 0.5 * len(filled)):
                 yield place, False
-        elif is_apart and parse_heading(headings[place]).unit is None and all(map(str.isdecimal, codes)):
+        elif is_apart and parse_heading(headings[place]).unit is None and all(map(str.isdecimal, words)):
             yield place, True
 
 
