@@ -10,11 +10,8 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from io import BytesIO
 from pathlib import Path
 
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
 from mcap.records import Channel, Schema, Statistics
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
@@ -22,18 +19,17 @@ from stickslip_logs.arrays import IntArray
 from stickslip_logs.errors import BagError, cause, join_names, listed, plural
 from stickslip_logs.files import open_file
 from stickslip_logs.recordings.mcap_chunks import (
-    HEAD,
     MAGIC,
     MAX_CHUNK,
-    PARSE_ERRORS,
     Block,
     DamagedBlock,
+    Definition,
     Piece,
     limit_bytes,
     load_block,
     walk_records,
 )
-from stickslip_logs.recordings.mcap_heads import MAX_RECORD, RecordHeads
+from stickslip_logs.recordings.mcap_heads import RecordHeads
 from stickslip_logs.recordings.message_types import MAX_DEFINITION_BYTES
 from stickslip_logs.recordings.recording import Cut, Findings
 from stickslip_logs.time_order import DATES_FROM_NS
@@ -43,9 +39,9 @@ class BagFile:
     """Contents of one file of a recording: of MCAP, or of SQLite in blocks likewise (:class:`.SqliteFile`).
 
     Channels and schemas are by number, and count as they were first defined. ``counts`` are the
-    messages of each channel; with ``is_stated`` they are those of the summary: nothing was
-    decompressed. ``start_ns`` and ``end_ns`` are the earliest and the latest log time [ns], None
-    without any; a 0, which ``has_zero`` notes, is among them only where they are those of the summary.
+    messages of each channel; with ``is_stated`` they are those of the summary, or of the rows of SQLite:
+    nothing was decompressed. ``start_ns`` and ``end_ns`` are the earliest and the latest log time [ns],
+    None without any; a 0, which ``has_zero`` notes, is among them only where they are those of the summary.
     ``blocks`` are in the order of the file, ``cut`` is where it is truncated, None for a whole one.
     It is empty until :meth:`read_summary` or :meth:`read_all` fills it.
 
@@ -65,9 +61,8 @@ class BagFile:
         self.start_ns: int | None = None
         self.end_ns: int | None = None
         self.cut: Cut | None = None
-        self._records: dict[bytes, bytes] = {}
-        # Block and byte from which on a channel or a schema, by opcode and id, is defined otherwise.
-        self._redefined: dict[tuple[int, int], tuple[int, int]] = {}
+        # Block and byte from which on a channel or a schema, by class and id, is defined otherwise.
+        self._redefined: dict[tuple[type, int], tuple[int, int]] = {}
 
     def find_problem(self, channel: Channel) -> str:
         """Return a clause on why messages of a channel cannot be decoded; empty where no reason is known.
@@ -84,42 +79,21 @@ class BagFile:
             return f"schema encoding '{schema.encoding}' is not ros2msg: export the topic as CSV"
         return ''
 
-    def add_definition(self, record: bytes) -> bool | None:
-        """Add a schema or channel to those of the file; the first definition of an id counts.
+    def add_definition(self, definition: Definition) -> bool:
+        """Add a schema or channel to those of the file; return whether it equals the first one of its id.
 
-        Args:
-            record: The record with its head. Of a schema up to 256 KiB and a byte are kept, so that it
-                counts as too long; of a channel no metadata.
-
-        Returns:
-            Whether it equals the first of its id; None if it cannot be parsed, or is a channel above 1 MiB.
+        That one counts. Of a schema up to 256 KiB and a byte are kept, so that it counts as too long; of a
+        channel no metadata. The others are dropped from ``definition`` too.
         """
-        key = record[:1] + record[HEAD.size : HEAD.size + 2]
-        if self._records.get(key) == record:
-            return True
-        stream = ReadDataStream(BytesIO(record[HEAD.size :]))
-        is_schema = record[0] == Opcode.SCHEMA
-        if not is_schema and len(record) > MAX_RECORD:
-            return None
-        try:
-            if is_schema:
-                schema = Schema.read(stream)
-                # A longer definition is not used, and not kept.
-                schema.data = schema.data[: MAX_DEFINITION_BYTES + 1]
-                is_same = self.schemas.setdefault(schema.id, schema) == schema
-            else:
-                channel = Channel.read(stream)
-                channel.metadata = {}
-                is_same = self.channels.setdefault(channel.id, channel) == channel
-        except PARSE_ERRORS:
-            return None
-        if is_same and len(record) <= MAX_DEFINITION_BYTES:
-            self._records[key] = record
-        return is_same
+        if isinstance(definition, Schema):
+            definition.data = definition.data[: MAX_DEFINITION_BYTES + 1]
+            return self.schemas.setdefault(definition.id, definition) == definition
+        definition.metadata = {}
+        return self.channels.setdefault(definition.id, definition) == definition
 
-    def refuse_redefined(self, record: bytes, block: Block, byte: int) -> None:
+    def refuse_redefined(self, definition: Definition, block: Block, byte: int) -> None:
         """Refuse messages from a piece, at a byte of a block, on that redefines an id; report that once."""
-        key = record[0], int.from_bytes(record[HEAD.size : HEAD.size + 2], 'little')
+        key = type(definition), definition.id
         if key not in self._redefined:
             users = [c.topic for c in self.channels.values() if key in _definitions_of(c)]
             self.findings.lose(
@@ -153,7 +127,7 @@ class BagFile:
     def compare_counts(
         self, stated: Mapping[int, int], counted: Mapping[int, int], keys: Iterable[int]
     ) -> None:
-        """Report as a loss the channels of which the statistics state another count than was read.
+        """Report as a loss the channels of which the file states another count than was read.
 
         Counts are by channel id; one that is missing is 0. Of ``keys``, the ids to compare, each is known.
         """
@@ -165,7 +139,7 @@ class BagFile:
         ]
         if texts:
             counts = join_names(texts, '; ')
-            self.findings.lose(f"file '{self.path.name}': its statistics count {counts}")
+            self.findings.lose(f"file '{self.path.name}' counts {counts}")
 
     def read_all(self, heads: RecordHeads) -> None:
         """Fill in channels, counts, blocks, times and ``cut`` by reading all blocks; report oddities.
@@ -177,22 +151,15 @@ class BagFile:
             BagError: The file cannot be read.
         """
         name = self.path.name
-        if heads.empty_count:
-            records = plural(heads.empty_count, 'record')
-            self.findings.note(f"file '{name}' has {records} with the invalid opcode 0: skipped")
-        if heads.behind:
-            self.findings.note(f"file '{name}' has messages behind the end of its data; they were read too")
         for begin, end in heads.holes:
             self.findings.lose(
                 f"file '{name}': bytes {begin} to {end} are damaged and were not read; what lies"
                 ' behind was found by the index of chunks'
             )
-        last = self._read_blocks(heads.blocks)
-        for record in heads.definitions:
+        self._read_blocks(heads.blocks)
+        for definition in heads.definitions:
             # What only the summary defines: the definitions in the data were lost.
-            key = int.from_bytes(record[HEAD.size : HEAD.size + 2], 'little')
-            if key not in (self.schemas if record[0] == Opcode.SCHEMA else self.channels):
-                self.add_definition(record)
+            self.add_definition(definition)
         for key in self.counts.keys() - self.channels.keys():
             self.findings.lose(
                 f"file '{name}': {plural(self.counts.pop(key), 'message')} of channel {key}, which"
@@ -201,29 +168,27 @@ class BagFile:
         if heads.statistics is not None:
             self.compare_counts(heads.statistics.channel_message_counts, self.counts, self.channels)
         if not heads.is_finished:
-            self.cut = self._describe_cut(heads, last)
+            count, share = plural(self.counts.total(), 'message'), ', the whole recording' * heads.has_ended
+            text = f"file '{name}' is truncated in the record at byte {heads.offset} of {self.size}"
+            self.cut = Cut(self.path, heads.offset, self.size, f'{text}: {count} recovered{share}')
         elif heads.offset < self.size:
             rest = plural(self.size - heads.offset, 'byte')
             self.findings.lose(f"file '{name}' has {rest} behind its end, not read")
 
-    def _read_blocks(self, blocks: list[Block]) -> int:
+    def _read_blocks(self, blocks: list[Block]) -> None:
         """Read blocks up to the limit of a pass; set ``counts``, and ``blocks`` to those with messages.
 
         These get their times and channels, and widen the span of the file.
 
-        Returns:
-            How many messages the last block that was read has; 0 without blocks.
-
         Raises:
             BagError: The file cannot be read.
         """
-        count, way = 0, FilePass(self)
+        way = FilePass(self)
         for block in blocks:
-            count, block.channels, spans = 0, 0, []
+            block.channels, spans = 0, []
             for piece, read_groups in way.read_groups(block):
                 spans += self.widen_span(piece.log_time_ns)
                 for key, rows in read_groups:
-                    count += rows.size
                     block.channels |= bool(rows.size) << key
             if way.is_over:
                 break
@@ -232,7 +197,6 @@ class BagFile:
                 block.end_ns = max((end for _, end in spans), default=0)
                 self.blocks.append(block)
         self.counts = way.counts
-        return count
 
     def widen_span(self, times: IntArray) -> list[tuple[int, int]]:
         """Widen the span of the file by those of some log times [ns] that are above 0.
@@ -266,7 +230,7 @@ class BagFile:
             False where the summary cannot be trusted: what was filled in until then must be discarded.
         """
         counts = heads.statistics
-        is_known = all(self.add_definition(record) for record in heads.definitions)
+        is_known = all(map(self.add_definition, heads.definitions))
         if counts is None or not is_known:
             return False
         stated = counts.channel_message_counts
@@ -306,18 +270,6 @@ class BagFile:
             )
         self.start_ns, self.end_ns = start, end
         return True
-
-    def _describe_cut(self, heads: RecordHeads, last: int) -> Cut:
-        """Describe where the file is truncated; ``last`` is how many messages its last block has."""
-        total = self.counts.total()
-        recovered = f'all before byte {heads.offset} of {self.size}'
-        if heads.has_ended:
-            recovered = f'the whole recording, before byte {heads.offset} of {self.size}'
-        elif heads.blocks and heads.blocks[-1].is_cut and last:
-            share = 'all' if last == total else f'{last} of them'
-            recovered = f'{share} from the unfinished chunk at byte {heads.offset} of {self.size}'
-        text = f"file '{self.path.name}' is truncated: {plural(total, 'message')} recovered, {recovered}"
-        return Cut(self.path, heads.offset, self.size, text)
 
 
 class FilePass:
@@ -369,11 +321,9 @@ class FilePass:
         unread = end = 0
         for piece in pieces:
             begin, end = end, piece.end
-            for record in piece.definitions:
-                is_same = self.file.add_definition(record)
-                unread += is_same is None
-                if is_same is False:
-                    self.file.refuse_redefined(record, block, begin)
+            for definition in piece.definitions:
+                if not self.file.add_definition(definition):
+                    self.file.refuse_redefined(definition, block, begin)
             unread += piece.unreadable_count
             groups = [group for group in piece.groups() if not self.file.is_refused(group[0], block, begin)]
             self.counts.update({key: rows.size for key, rows in groups})
@@ -385,9 +335,9 @@ class FilePass:
             lose(f'{block.place} has {rest} at its end, no record: not read')
 
 
-def _definitions_of(channel: Channel) -> tuple[tuple[int, int], ...]:
-    """Return opcodes and ids of the records that define a channel and its schema."""
-    return (Opcode.CHANNEL, channel.id), (Opcode.SCHEMA, channel.schema_id)
+def _definitions_of(channel: Channel) -> tuple[tuple[type, int], ...]:
+    """Return classes and ids of the records that define a channel and its schema."""
+    return (Channel, channel.id), (Schema, channel.schema_id)
 
 
 def scan_mcap_file(path: Path, findings: Findings) -> BagFile:
@@ -412,7 +362,7 @@ def scan_mcap_file(path: Path, findings: Findings) -> BagFile:
             heads = RecordHeads(number, path, size)
             heads.read_heads()
             scanned = BagFile(path, size, findings)
-            if not (heads.has_sound_summary and scanned.read_summary(heads)):
+            if not (heads.is_regular and scanned.read_summary(heads)):
                 scanned = BagFile(path, size, findings)
                 scanned.read_all(heads)
     except OSError as error:

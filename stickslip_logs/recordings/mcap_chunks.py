@@ -7,20 +7,23 @@ A block is a chunk, or a run of records outside of chunks. What a definition hol
 
 from __future__ import annotations
 
+import contextlib
 import os
-import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.records import Channel, Schema, Statistics
 from numpy.typing import NDArray
 
 from stickslip_logs.arrays import IntArray
@@ -35,23 +38,26 @@ PAYLOAD = HEAD.size + MESSAGE_HEAD.size
 """Where the data of a message begins in its record [bytes]."""
 
 # Everything the record classes raise on bytes that are not the record they claim to be.
-PARSE_ERRORS = (McapError, struct.error, ValueError, MemoryError, OverflowError)
+_PARSE_ERRORS = (McapError, struct.error, ValueError, MemoryError, OverflowError)
+Definition = Schema | Channel
+PARSED: dict[int, type[Definition | Statistics]] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.STATISTICS: Statistics,
+}
+"""The records that are parsed, by opcode."""
+# The longest record that is parsed [bytes].
+_MAX_RECORD = MIB
 
 # Records that are searched at a time; their indexes take as much memory again [bytes].
 _WINDOW = 4 * MIB
-# A longer schema or channel is skipped [bytes].
-_MAX_DEFINITION = 4 * MIB
 # Shorter runs of messages of one length are not read as an array [bytes].
 _MIN_RUN = 64 * KIB
-_ZEROS = re.compile(rb'\0*')
-# Plain numbers: members of an enumeration are looked up slowly.
+# A plain number: members of an enumeration are looked up slowly.
 _MESSAGE = int(Opcode.MESSAGE)
-_DEFINITIONS = (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
 
 MAX_CHUNK = 128 * MIB
 """The largest chunk that is restored, decompressed or not [bytes]."""
-# The most that is restored of a truncated chunk; recorders write chunks of a few MB [bytes].
-_MAX_TRUNCATED = 32 * MIB
 # Start and end [ns], size and checksum of what is compressed, length of the compression's name.
 CHUNK_HEAD = struct.Struct('<QQQII')
 
@@ -141,7 +147,7 @@ def decompress(data: bytes | memoryview, compression: str, size: int, is_cut: bo
 def load_block(block: Block) -> bytes:
     """Read the records of a block, decompressed where it is a chunk.
 
-    Of a truncated chunk the beginning is returned, up to 32 MiB and without a check of its checksum.
+    Of a truncated chunk the beginning is returned, up to 128 MiB and without a check of its checksum.
 
     Raises:
         DamagedBlock: The file became shorter, or the chunk is no chunk, is larger than 128 MiB, does not
@@ -149,7 +155,7 @@ def load_block(block: Block) -> bytes:
         BagError: The file cannot be read.
     """
     # In front of its compressed data a chunk has less than 200 bytes.
-    max_bytes = min(block.length, (_MAX_TRUNCATED if block.is_cut else MAX_CHUNK) + 200)
+    max_bytes = min(block.length, MAX_CHUNK + 200)
     try:
         with open_file(block.path) as file:
             data = os.pread(file.fileno(), max_bytes, block.offset)
@@ -168,7 +174,7 @@ def load_block(block: Block) -> bytes:
     name = data[begin - letters - 8 : begin - 8].decode(errors='replace')
     packed = memoryview(data)[begin : begin + length]
     if block.is_cut:
-        return decompress(packed, name, min(size, _MAX_TRUNCATED), is_cut=True)
+        return decompress(packed, name, min(size, MAX_CHUNK), is_cut=True)
     if max(size, length) > MAX_CHUNK:
         raise DamagedBlock(f'it declares {size} bytes, and more than {MAX_CHUNK} are not restored')
     if len(packed) < length:
@@ -204,7 +210,7 @@ class Piece:
         log_time_ns: Its log time, negative from 2^63 on [ns].
         offset: Where the data of each message begins in the block.
         size: How long it is [bytes].
-        definitions: Records that define channels and schemas.
+        definitions: Those of channels and schemas.
         unreadable_count: How many records are whole and cannot be read.
         end: The byte behind its last record.
         row: Its row in a block of a database, by which it is found again; None where its byte tells that.
@@ -215,7 +221,7 @@ class Piece:
     log_time_ns: IntArray
     offset: IntArray
     size: IntArray
-    definitions: list[bytes]
+    definitions: list[Definition]
     unreadable_count: int
     end: int
     row: IntArray | None = None
@@ -261,7 +267,7 @@ def walk_records(data: bytes) -> Iterator[Piece]:
         # Candidates behind which the next one does not begin.
         last = np.append(np.flatnonzero(begin[1:] != ends[:-1]), len(ends) - 1)
         runs = [np.empty(0, np.int64)]
-        definitions = list[bytes]()
+        definitions = list[Definition]()
         unreadable = 0
         while is_whole and end < stop:
             k = int(begin.searchsorted(end))
@@ -309,26 +315,34 @@ def _find_equal_run(data: bytes, begin: int) -> Piece | None:
     return Piece(data, channel, log_time_ns, offset, size, [], 0, begin + count * length)
 
 
-def _skip_record(data: bytes, begin: int, definitions: list[bytes]) -> tuple[int, int]:
-    """Skip one record that is no valid message, or a run of empty ones of opcode 0, in a block.
-
-    A schema or channel of up to 4 MiB is appended to the definitions.
+def _skip_record(data: bytes, begin: int, definitions: list[Definition]) -> tuple[int, int]:
+    """Skip one record of a block that is no valid message; append a schema or channel to the definitions.
 
     Returns:
-        The byte behind it, or ``begin`` where it is not whole; and how many unreadable records were skipped.
+        The byte behind it, or ``begin`` where it is not whole or all zeros, as behind a crash; and 1 where
+        it is of a kind that is read and cannot be, else 0.
     """
     if begin + HEAD.size > len(data):
         return begin, 0
     kind, length = HEAD.unpack_from(data, begin)
     end = begin + HEAD.size + length
-    if end > len(data):
+    if end > len(data) or (kind == 0 and not length):
         return begin, 0
-    if kind in _DEFINITIONS and end - begin <= _MAX_DEFINITION:
-        definitions.append(data[begin:end])
-        return end, 0
-    if kind == 0 and not length:
-        # Zeros may go on for long.
-        zeros: Any = _ZEROS.match(data, begin)
-        count = (zeros.end() - begin) // HEAD.size
-        return begin + count * HEAD.size, count
-    return end, int(kind in (0, _MESSAGE, *_DEFINITIONS))
+    if kind in (Opcode.SCHEMA, Opcode.CHANNEL) and length <= _MAX_RECORD:
+        definition = parse_record(kind, data[begin + HEAD.size : end])
+        if isinstance(definition, Definition):
+            definitions.append(definition)
+            return end, 0
+    return end, int(kind in (0, Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL))
+
+
+def parse_record(kind: int, data: bytes) -> Definition | Statistics | None:
+    """Parse a record of one of the kinds in ``PARSED``; return None for a damaged one, or one above 1 MiB.
+
+    Args:
+        kind: The opcode.
+        data: The record without its head.
+    """
+    with contextlib.suppress(*_PARSE_ERRORS):
+        return PARSED[kind].read(ReadDataStream(BytesIO(data))) if len(data) <= _MAX_RECORD else None
+    return None
