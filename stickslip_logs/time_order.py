@@ -496,8 +496,7 @@ def _close_excursions(
         course.shifts.append(_Shift(lone.place, run.place, key, first_ns - lone.first_ns))
         course.ahead_count += 1
         runs = [run._replace(place=lone.place, first_ns=first_ns, least_ns=first_ns, step_ns=0), *runs[2:]]
-    for number, run in enumerate(runs):
-        next_run = runs[number + 1] if number + 1 < len(runs) else None
+    for run in runs:
         while len(result) > 1:
             before, excursion = result[-2:]
             is_set = any(step.spans(before.last_place, excursion.place) for step in other_steps)
@@ -505,10 +504,7 @@ def _close_excursions(
             if is_late or _is_early(before, excursion, run, source):
                 course.late_count += run.row - excursion.row
                 most_ns = max(before.most_ns, excursion.most_ns)
-            # Rows that are about to come back to where they were were late instead.
-            elif _is_ahead(before, excursion, run, source) and not (
-                next_run is not None and _is_late(excursion, run, next_run, source)
-            ):
+            elif _is_ahead(before, excursion, run, source):
                 add_ns = (before.last_ns + run.first_ns - excursion.first_ns - excursion.last_ns) // 2
                 course.shifts.append(_Shift(excursion.place, run.place, key, add_ns))
                 course.ahead_count += run.row - excursion.row
@@ -544,14 +540,11 @@ def _is_late(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
 def _is_early(before: _Run, excursion: _Run, run: _Run, source: _Source) -> bool:
     """Return whether the middle one of three adjacent runs is early rows, and the last continues the first.
 
-    They are too few to leave a gap where they belong.
+    They leave no gap from where they come too early.
     """
-    is_there = excursion.last_ns - excursion.first_ns + 2 * source.interval_ns <= source.jump_ns
     is_soon = excursion.last_ns - run.first_ns <= MAX_LATE_NS
     gap_ns = run.first_ns - before.last_ns
-    return (
-        is_there and is_soon and run.step_ns < 0 < excursion.step_ns and 2 * gap_ns <= 3 * source.interval_ns
-    )
+    return run.step_ns < 0 < excursion.step_ns and is_soon and 2 * gap_ns <= 3 * source.interval_ns
 
 
 def _shift_behind_steps(
