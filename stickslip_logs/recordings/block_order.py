@@ -226,7 +226,7 @@ def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_Top
     if not block.is_chunk or not block.index_length:
         return None
     data = os.pread(file, block.index_length, block.offset + block.length)
-    by_topic: dict[int, IntArray] = {}
+    by_topic: dict[int, list[IntArray]] = {}
     at = 0
     while at + _INDEX_BEGIN <= len(data):
         kind, length = HEAD.unpack_from(data, at)
@@ -237,17 +237,13 @@ def _read_indexes(file: int, block: Block, keys: Mapping[int, int]) -> list[_Top
         if channel in keys and size:
             if at + _INDEX_BEGIN + size > len(data):
                 return None
-            entries = np.frombuffer(data, '<i8', size // 8, at + _INDEX_BEGIN).reshape(-1, 2).T.copy()
-            topic = keys[channel]
-            by_topic[topic] = (
-                np.concatenate([by_topic[topic], entries], axis=1) if topic in by_topic else entries
-            )
+            entries = np.frombuffer(data, '<i8', size // 8, at + _INDEX_BEGIN).reshape(-1, 2)
+            by_topic.setdefault(keys[channel], []).append(entries)
         at += HEAD.size + length
     result = []
-    for topic, (time_ns, byte) in by_topic.items():
-        if not (byte[1:] >= byte[:-1]).all():
-            rows = byte.argsort(kind='stable')
-            time_ns, byte = time_ns[rows], byte[rows]
+    for topic, parts in by_topic.items():
+        entries = np.concatenate(parts)
+        time_ns, byte = entries[entries[:, 1].argsort(kind='stable')].T.copy()
         if byte[0] < 0 or byte[-1] >= block.size:
             return None
         result.append((topic, time_ns, byte))
