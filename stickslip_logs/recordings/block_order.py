@@ -17,7 +17,7 @@ from stickslip_logs.files import open_file
 from stickslip_logs.recordings.bag_file import BagFile
 from stickslip_logs.recordings.mcap_chunks import HEAD, PAYLOAD, Block, DamagedBlock, Piece
 from stickslip_logs.time_order import MAX_TIME_NS, Row, TimeCourse, TimeOrder
-from stickslip_logs.units import KIB, MIB
+from stickslip_logs.units import MIB
 
 # A place is the number of a block above the byte in it, of which there are at most 2^27.
 _BYTE_BITS = 32
@@ -25,9 +25,6 @@ _BYTE_BITS = 32
 _INDEX_BEGIN, _ENTRY_BYTES = HEAD.size + 6, 16
 # Larger blocks without indexes, which no recorder writes, are not searched [bytes].
 _MAX_WALKED_BYTES = 16 * MIB
-# Pieces with fewer messages than one in so many bytes are sparse; up to so many bytes of them are searched in
-# one pass: a file that was made to grow has 160 MB of records of 9 bytes, which take 5 s.
-_SPARSE_BYTES, _MAX_SPARSE_BYTES = 64 * KIB, 32 * MIB
 
 _NONE = np.array([], np.int64)
 _Rows = tuple[IntArray, IntArray, IntArray]
@@ -71,14 +68,14 @@ class BlockTimes:
     """The times of the messages of files, from ``least_ns`` on, read as far as they are asked for."""
 
     def __init__(self, files: Sequence[BagFile], least_ns: int) -> None:
-        self._files, self._least_ns, self._sparse_bytes = files, least_ns, 0
+        self._files, self._least_ns = files, least_ns
 
     def judge_order(self, topics: Sequence[str]) -> CourseOfBlocks:
         """Read the times of some topics, numbered in this order; return their course.
 
-        Blocks without indexes are decompressed: larger ones than 16 MB, and those behind 32 MB with hardly a
-        message, are not, and their times do not count. Where times step back, blocks are decompressed to look
-        for copies, and the files are read once more if times have to be corrected.
+        Blocks without indexes are decompressed: larger ones than 16 MB are not, and their times do not count.
+        Where times step back, blocks are decompressed to look for copies, and the files are read once more if
+        times have to be corrected.
 
         Raises:
             BagError: A file cannot be read; also OSError, where it cannot be opened.
@@ -108,12 +105,11 @@ class BlockTimes:
     def _iterate_blocks(self, numbers: Mapping[str, int]) -> Iterator[tuple[int, list[_TopicRows]]]:
         """Yield the number of each block with timed messages of some topics, and these, topic by topic.
 
-        The numbers of blocks rise. Starts the count of sparse bytes anew.
+        The numbers of blocks rise.
 
         Raises:
             BagError: A file cannot be read; also OSError, where it cannot be opened.
         """
-        self._sparse_bytes = 0
         for file, blocks in select_blocks(self._files, numbers):
             keys = {key: numbers[c.topic] for key, c in file.channels.items() if c.topic in numbers}
             with open_file(file.path) as opened:
@@ -169,22 +165,16 @@ class BlockTimes:
     def _walk_block(self, file: BagFile, block: Block, numbers: Mapping[str, int]) -> list[_TopicRows]:
         """Return the messages of a block, topic by topic, by decompressing it, up to damage in it.
 
-        The list is empty for a block of more than 16 MB, and where the limit of sparse bytes was reached
-        before. Adds to the sparse bytes of the pass, and stops where their limit is reached.
+        The list is empty for a block of more than 16 MB.
 
         Raises:
             BagError: The file cannot be read.
         """
-        parts, begin = [(_NONE, _NONE, _NONE)], 0
-        if block.size <= _MAX_WALKED_BYTES and self._sparse_bytes <= _MAX_SPARSE_BYTES:
+        parts = [(_NONE, _NONE, _NONE)]
+        if block.size <= _MAX_WALKED_BYTES:
             with contextlib.suppress(DamagedBlock):
                 for piece in file.load_times(block, numbers):
                     parts.append(_rows_of(file, piece, numbers))
-                    if piece.channel.size * _SPARSE_BYTES < piece.end - begin:
-                        self._sparse_bytes += piece.end - begin
-                    begin = piece.end
-                    if self._sparse_bytes > _MAX_SPARSE_BYTES:
-                        break
         time_ns, topic, byte = (np.concatenate(column) for column in zip(*parts, strict=True))
         return [(k, time_ns[topic == k], byte[topic == k]) for k in np.unique(topic[topic >= 0]).tolist()]
 
