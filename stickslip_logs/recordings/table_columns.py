@@ -219,13 +219,19 @@ class ColumnRecording(Recording):
         return None
 
     def _find_quality_column(self, column: int) -> int | None:
-        """Return the first place of quality marks, known or not, of a column of numbers; None for none."""
-        names = self.table.names
+        """Return the first place of quality marks, known or not, of a column of numbers; None for none.
+
+        A column of known marks at either end of the line, with no name beside it, is that of all numbers.
+        """
+        names, times = self.table.names, self.table.time_columns
         for k, heading in enumerate(names):
             is_beside = k == column + 1 or self.names is not None
             if k != column and is_quality_of(heading, names[column], is_beside=is_beside):
                 return k
-        return None
+        places = [k for k in range(len(names)) if k not in times]
+        of_all = [k for k in places if is_quality_of(names[k], '', is_beside=True)]
+        is_one = len(of_all) == 1 and of_all[0] in (places[0], places[-1]) and column not in of_all
+        return of_all[0] if is_one and self._bad_mark_test(of_all[0]) is not None else None
 
     def unknown_marks(self, column: LogColumn) -> tuple[str, list[str]] | None:
         """Return the heading of marks of unknown meaning beside a column, and these, each once.

@@ -51,12 +51,35 @@ def test_marks_of_quality(heading: str, good: str, bad: str, tmp_path: Path) -> 
     assert any(f"count where '{heading}' says so" in text for text in recording.warnings)
 
 
+@pytest.mark.parametrize(
+    ('heading', 'row', 'used'),
+    [
+        ('time,rpm,load,quality', '{0},{1},900,{2}', [30.0, 32.0]),
+        ('time,valid,rpm,load', '{0},{2},{1},900', [30.0, 32.0]),
+        ('time,longitude,valid,rpm,load', '{0},10.5,{2},{1},900', [30.0, 31.0, 32.0]),
+        ('time,rpm,load,status', '{0},{1},900,{3}', [30.0, 31.0, 32.0]),
+    ],
+)
+def test_known_marks_at_an_end_of_all_lines_are_of_all_numbers(
+    heading: str, row: str, used: list[float], tmp_path: Path
+) -> None:
+    rows = [
+        row.format(f'@{k}', 30 + k, 'Bad' if k == 1 else 'Good', 'astern' if k == 1 else 'ahead')
+        for k in range(3)
+    ]
+    recording = open_log(tmp_path, '\n'.join([heading, *rows, '']))
+    recording.deliver({'/n': SourceColumn(next(c for c in recording.all_columns if c.heading == 'rpm'))})
+    (series,) = recording.read([Request('/n', 'data')]).values()
+    assert series.value[series.value == series.value].tolist() == used
+
+
 def test_a_quality_beside_a_longer_name_is_of_it(tmp_path: Path) -> None:
     text = 'time,speed.PV,speed.Q,load.PV,load.Q\n@0,30,Good,900,Good\n@1,31,Bad,901,Good\n'
     recording = open_log(tmp_path, text)
     speed, _, load, _ = recording.all_columns
     recording.deliver({'/n': SourceColumn(speed), '/f': SourceColumn(load)})
-    assert [recording.by_topic[topic].status for topic in ('/n', '/f')] == [2, 4]
+    marks = [recording.by_topic[topic].status for topic in ('/n', '/f')]
+    assert [status[0] for status in marks if status] == [2, 4]
 
 
 @pytest.mark.parametrize('good_word', ['Good', '192', 'Bad'])
