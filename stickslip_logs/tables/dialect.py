@@ -389,7 +389,7 @@ def headings_above(rows: Sequence[Cells]) -> list[str]:
 def is_row_of_units(row: Cells) -> bool:
     """Return whether a cell is a known unit, and all but forms of times are short, no numbers or headings."""
     names = [cell.strip() for cell in row if {*cell.lower()} - {*'ymdhnsf-/.:, '}]  # yyyy-mm-dd hh:nn:ss.fff
-    words = [name for name in names if unit_of(name) is None]
+    words = [name for name in names if (unit_of(name) or unit_of(name, 'coefficient')) is None]
     is_plain = all(len(name) < 16 and parse_number(name) is None for name in words)
     return any(map(unit_of, row)) and is_plain and not any(parse_heading(name).known_unit for name in words)
 

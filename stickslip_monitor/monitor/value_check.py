@@ -22,7 +22,7 @@ _WORDS = {
     'float': 'a finite number',
     'int': 'a whole number',
     'bool': 'true or false',
-    'str': 'a text',
+    'str': 'a text, in quotation marks if need be',
     'float[]': 'a list of finite numbers',
     'str[]': 'a list of texts',
 }

@@ -21,6 +21,7 @@ HEADS = {
     'comments': '# a bench\n# speed [m/s],mu\n',
     'a comment above': '# a bench, of 2026\nspeed [m/s],mu\n',
     'units': 'speed,mu\nm/s,-\n',
+    'units, of which one is 1': 'speed,mu\nm/s,1\n',
     'units in brackets': f'{PREAMBLE}speed,mu\n[m s^-1],[-]\n',
     'blank lines': '\n\nspeed [m/s],mu\n\n',
     'words': 'v,mu\n',
