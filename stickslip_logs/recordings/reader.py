@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -20,7 +20,7 @@ from stickslip_logs.recordings.file_kind import (
     read_begin,
     read_content,
 )
-from stickslip_logs.recordings.folders import are_consecutive, folder_files, scan_part
+from stickslip_logs.recordings.folders import Metadata, are_consecutive, folder_files, scan_part
 from stickslip_logs.recordings.mcap_chunks import limit_bytes
 from stickslip_logs.recordings.recording import METADATA_NAME, Findings, Recording, Scratch
 from stickslip_logs.recordings.table_recording import TableRecording
@@ -50,39 +50,27 @@ def open_bag(path: str | Path) -> Recording:
             raise BagError(f"bag '{path}' does not exist{path_hint(path)}")
     except OSError as error:
         raise BagError(f"bag '{path}' cannot be read: {cause(error)}") from None
-    if not path.is_dir():
-        if not has_recording_name(path.name) and is_table(read_content(path)):
-            return TableRecording(path)
-        return _open_files(path, [path], findings)
-    metadata = folder_files(path, findings)
-    files = [path / name for name in metadata.names]
-    recording = _open_files(path, files, findings, metadata.is_listed)
+    if path.is_dir():
+        folder, metadata = path, folder_files(path, findings)
+    elif not has_recording_name(path.name) and is_table(read_content(path)):
+        return TableRecording(path)
+    else:
+        folder, metadata = path.parent, Metadata((path.name,))
+    scratch = Scratch()
+    files = [_unpack_file(folder / name, scratch, findings) for name in metadata.names]
+    contents = [scan_part(file, findings, scratch) for file in files]
+    if not metadata.is_listed and not are_consecutive(contents):
+        raise BagError(
+            f"folder '{path}' holds {len(files)} recordings that overlap in time or lie more than"
+            ' an hour apart: name one of them'
+        )
+    recording = BagRecording(path, contents, findings, scratch)
     if metadata.count is not None and metadata.count != recording.message_count:
         findings.lose(
             f"'{path / METADATA_NAME}' counts {metadata.count} messages, the files hold"
             f' {recording.message_count}'
         )
     return recording
-
-
-def _open_files(path: Path, files: Sequence[Path], findings: Findings, is_one: bool = True) -> Recording:
-    """Open files of MCAP or SQLite, in order and at least one, as the recording that a path names.
-
-    Files that are packed as a whole are unpacked into a temporary folder, which goes with the recording.
-    Unless the files are known to be parts of one recording, their times decide.
-
-    Raises:
-        BagError: One cannot be read, or they are not parts of one recording.
-    """
-    scratch = Scratch()
-    whole = [_unpack_file(file, scratch, findings) for file in files]
-    contents = [scan_part(file, findings, scratch) for file in whole]
-    if not is_one and not are_consecutive(contents):
-        raise BagError(
-            f"folder '{path}' holds {len(files)} recordings that overlap in time or lie more than"
-            ' an hour apart: name one of them'
-        )
-    return BagRecording(path, contents, findings, scratch)
 
 
 def _unpack_file(path: Path, scratch: Scratch, findings: Findings) -> Path:
