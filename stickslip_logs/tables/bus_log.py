@@ -102,9 +102,10 @@ def nmea_rows(lines: Iterator[str]) -> BusRows:
             has_clock |= clock != ''
             # RMC may be of another receiver, some seconds late, or of a date 1024 weeks ago.
             clock = clock or ('' if has_clock else _own_time(kind, fields))
-            if clock:
-                when, max_count = clock, max([max_count, *since.values()])
+            if clock and since:
+                max_count = max(max_count, *since.values())
                 since.clear()
+            when = clock or when
             numbers = [*_sentence_numbers(kind, fields)]
             for number, value, unit in numbers:
                 name = _name_of(number, talker, first)
