@@ -64,15 +64,15 @@ def find_key_columns(
 def _are_times_shared(time_ns: IntArray, key: IntArray) -> bool:
     """Return whether different things share times often, and rows of one thing seldom.
 
-    At least two rows and a tenth of all must share the time of another thing, and at most a twentieth that
-    of another row of their own: more are samples of one thing, whose times are too coarse. ``key`` is the
-    number of the thing of each row, shape (n,), ``time_ns`` its time.
+    At least two rows must share the time of another thing, and at most half as many that of another row of
+    their own: more are samples of one thing, whose times are too coarse. ``key`` is the number of the thing
+    of each row, shape (n,), ``time_ns`` its time.
     """
     order = np.lexsort((key, time_ns))
     is_shared = np.diff(time_ns[order]) == 0
     is_twice = is_shared & (np.diff(key[order]) == 0)
     shared = np.count_nonzero(is_shared & ~is_twice)
-    return bool(shared >= max(2, 0.1 * key.size) and is_twice.sum() <= 0.05 * key.size)
+    return bool(shared >= 2 and 2 * is_twice.sum() <= shared)
 
 
 def _are_alternating(time_ns: IntArray, key: IntArray) -> bool:

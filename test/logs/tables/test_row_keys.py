@@ -33,6 +33,8 @@ SEVERAL = {
     'one at a fifth of the pace of the other': ''.join(
         f'{t},{"b" if t % 6 == 5 else "a"},{(20, 136)[t % 6 == 5] + t // 6 % 2}\n' for t in range(60)
     ).join(['time,device,rpm\n', '']),
+    'one seldom reports': 'time,ship,rpm\n'
+    + ''.join(f'{t},a,{20 + t % 2}\n' + f'{t},b,{136 + t // 30}\n' * (t % 30 == 0) for t in range(60)),
     'one is slower': log_of_two('time,shaft,rpm', '{at}.0Z,p,{slow}\n{at}.5Z,p,{slow}\n{at}.0Z,s,{fast}\n'),
 }
 NUMBERED = {
