@@ -71,7 +71,7 @@ setup(
         'PyYAML>=6.0',
         'rich>=11.2',
         'scipy>=1.9',
-        'zstandard>=0.16',
+        'zstandard>=0.19',  # its frames say where they end
     ],
     extras_require={
         'dashboard': ['aiohttp>=3.9', 'prometheus-client>=0.15'],
