@@ -44,8 +44,7 @@ _MAX_OF_TOPIC, _MAX_OF_ALL = 16_384, 524_288
 
 # Memory of a number that waits for its turn [bytes].
 _ROW_BYTES = 24
-_BEYOND = 'have an impossible log time (2^63 ns or more) and were not used'
-_UNSET = 'have log time 0 (clock not set?) and were not used'
+_UNTIMED = 'have log time 0 (clock not set?) or an impossible one and were not used'
 _REFUSED = 'follow a contradicting definition and were not used'
 
 Chosen = list[tuple[int, Channel, IntArray]]
@@ -117,9 +116,6 @@ class BagPass:
         """
         waiting: list[Columns] = []
         size, limit, yielded_ns = 0, min_count, -1
-        # The least number of a block that is still to come.
-        numbers = np.array([job.number for job in self._jobs] + [1 << 62])
-        rest = np.minimum.accumulate(numbers[::-1])[::-1]
         total, done = sum(job.block.length for job in self._jobs), 0
         for k, job in enumerate(self._jobs):
             if job.file_pass.is_over:
@@ -135,9 +131,6 @@ class BagPass:
             yielded_ns = self._jobs[k + 1].start_ns
             columns = _sort_columns(waiting)
             cut = int(columns[0].searchsorted(yielded_ns))
-            if not cut and columns[1].max() < rest[k + 1]:
-                # So many of one time: it is split, rather than to wait for more.
-                cut = int(columns[0].searchsorted(yielded_ns, 'right'))
             yield from _split_columns(select_rows(columns, slice(cut)), max_count)
             size = columns[0].size - cut
             waiting = [select_rows(columns, slice(cut, None))] if size else []
@@ -308,9 +301,7 @@ class BagReading:
         for number, channel, rows in chosen:
             wanted, own_times = self._wanted[number], times[rows]
             if own_times.min() < self._least:
-                beyond = int((own_times < 0).sum())
-                wanted.reasons[_BEYOND] += beyond
-                wanted.reasons[_UNSET] += int((own_times < self._least).sum()) - beyond
+                wanted.reasons[_UNTIMED] += int((own_times < self._least).sum())
             reader = self._make_reader(wanted, job.file_pass.file, channel)
             if isinstance(reader, BagError):
                 job.file_pass.file.findings.lose(

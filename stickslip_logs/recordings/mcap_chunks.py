@@ -47,7 +47,7 @@ PARSED: dict[int, type[Definition | Statistics]] = {
 }
 """The records that are parsed, by opcode."""
 # The longest record that is parsed [bytes].
-_MAX_RECORD = MIB
+_MAX_RECORD = 4 * MIB
 
 # Records that are searched at a time; their indexes take as much memory again [bytes].
 _WINDOW = 4 * MIB
@@ -337,7 +337,7 @@ def _skip_record(data: bytes, begin: int, definitions: list[Definition]) -> tupl
 
 
 def parse_record(kind: int, data: bytes) -> Definition | Statistics | None:
-    """Parse a record of one of the kinds in ``PARSED``; return None for a damaged one, or one above 1 MiB.
+    """Parse a record of one of the kinds in ``PARSED``; return None for a damaged one, or one above 4 MiB.
 
     Args:
         kind: The opcode.

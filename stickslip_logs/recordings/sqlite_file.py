@@ -12,7 +12,6 @@ import contextlib
 import itertools
 import shutil
 import sqlite3
-import sys
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
@@ -91,9 +90,6 @@ class SqliteFile(BagFile):
         try:
             self._uri = self._uri or self._find_uri()
             with contextlib.closing(sqlite3.connect(self._uri, uri=True)) as database:
-                if sys.version_info >= (3, 11):
-                    # What a damaged length asks for is not taken.
-                    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
                 database.text_factory = lambda raw: raw.decode('utf-8', 'replace')
                 yield database
         except (*_ERRORS, OSError, ValueError) as error:
