@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -95,7 +94,9 @@ class ColumnBinding:
             if len(topics) > 1 and not is_named:
                 absent[bearing.name, quantity] = (
                     f"log '{self._path}': column '{column.heading}' is the {quantity} of one bearing, and"
-                    f' {len(topics)} have different topics: write {bearing.name}.{quantity}.column'
+                    f' {len(topics)} have different topics: check it with --bearing {bearing.name} or'
+                    f' another, or if it is that of all, write {bearing.name}.{quantity}.column:'
+                    f' {quote_for_yaml(self._name_of(column))}, and so for each'
                 )
             else:
                 bound[bearing.name][quantity] = self._bind_column(bearing, quantity, source, column)
@@ -126,7 +127,7 @@ class ColumnBinding:
             named = [column for column in columns if _is_named_after(column, bearing.name)]
             columns = named if len(named) == 1 else columns
         if len(columns) != 1:
-            raise BagError(self._no_column_text(bearing.name, quantity, source.column, columns))
+            raise BagError(self._no_column_text(bearing.name, quantity, source, columns))
         column = self._log.choose_rows(replace(columns[0], sender=source.sender), source.where_texts)
         if (key := self._log.find_unchosen_key(column)) is None:
             return column
@@ -140,44 +141,53 @@ class ColumnBinding:
         )
 
     def _no_column_text(
-        self, bearing: str, quantity: str, heading: str, candidates: Sequence[LogColumn]
+        self, bearing: str, quantity: str, source: InputConfig, candidates: Sequence[LogColumn]
     ) -> str:
-        """Return the text of the error that no single column is the input, with the parameter to write.
+        """Return the text of the error that no single column is the input, with the line to write.
 
         Args:
             bearing: The name of the bearing.
             quantity: Which of its inputs.
-            heading: The configured column; '' if it had to be guessed.
+            source: That input.
             candidates: The columns that fit: none, or several.
         """
-        parameter = f'{bearing}.{quantity}.column'
-        if candidates:
-            # Of columns of one heading only the place tells.
-            is_one = len({column.heading for column in candidates}) == 1
-            names = [f'#{column.place + 1}' if is_one else column.heading for column in candidates]
-            return (
-                f"log '{self._path}': {len(candidates)} columns may be the {quantity}: {listed(names)};"
-                f' write {parameter}'
-            )
-        counts = Counter(column.heading for column in self._all)
-        headings = [c.heading if counts[c.heading] == 1 else f'#{c.place + 1}' for c in self._all]
-        if heading:
-            remedy = did_you_mean(heading, headings)
-            if of := self._log.find_column_with(heading):
-                pair = f'{quote_for_yaml(of)}: {quote_for_yaml(heading)}'
+        names = [self._name_of(column) for column in candidates or self._all]
+        if source.column and not candidates:
+            remedy = did_you_mean(source.column, names)
+            if of := self._log.find_column_with(source.column):
+                pair = f'{quote_for_yaml(of)}: {quote_for_yaml(source.column)}'
                 remedy = (
                     f"; it is a text of column '{of}': write {bearing}.{quantity}.where: {{{pair}}} beside"
                     ' the column of its numbers'
                 )
             return (
-                f"log '{self._path}' has no column '{heading}' ({parameter}): it has"
-                f' {listed(headings)}{remedy}'
+                f"log '{self._path}' has no column '{source.column}' ({bearing}.{quantity}.column): it has"
+                f' {listed(names)}{remedy}'
             )
-        remedy = f', or {bearing}.load.constant or .over_speed' if quantity == 'load' else ''
+        # A unit says more than all words of a heading, but for a force, which may be the thrust.
+        words, units = _HEADINGS.get(quantity, set()), _units_of(quantity, source)
+        scores = {
+            self._name_of(column): len(words & {*name.split()})
+            + 9 * (bool(candidates) or (quantity != 'load' and column.unit in units))
+            for column, name in self._possible_columns(quantity, units)
+            if column in (candidates or self._all)
+        }
+        likely = max(scores, key=scores.__getitem__, default='')
+        line = f'{quote_for_yaml(likely)}, or another' if scores.get(likely) else 'NAME'
+        if quantity == 'load':
+            line += f', or {bearing}.load.constant or .over_speed'
+        elif isinstance(source, SpeedConfig) and not source.gear_text:
+            line += f", and {bearing}.speed.gear where it is an engine's"
+        count = f'{len(candidates)} columns may be' if candidates else 'no column looks like'
         return (
-            f"log '{self._path}': no column looks like the {quantity} of {bearing} by its unit or name"
-            f' (columns: {listed(headings)}): write {parameter}{remedy}'
+            f"log '{self._path}': {count} the {quantity} of {bearing} by unit or name (columns:"
+            f' {listed(names)}): write {bearing}.{quantity}.column: {line}'
         )
+
+    def _name_of(self, column: LogColumn) -> str:
+        """Return by what a configuration names a column: its heading, or its place where several share it."""
+        headings = [c.heading for c in self._all]
+        return column.heading if headings.count(column.heading) == 1 else f'#{column.place + 1}'
 
     def _columns_called(self, heading: str) -> Sequence[LogColumn]:
         """Return all columns with a heading, else with its words, else column N for ``#N``, else none."""
@@ -196,8 +206,9 @@ class ColumnBinding:
         """Return the columns that may be an input, by the first of four rules that any column meets.
 
         The heading is the topic; or has the words of the topic; or has a unit of the quantity and, in a log
-        that no bus sent, no words but plain ones (:func:`_is_plain`); or has the words of the quantity. No
-        column in another unit meets any. Empty if none does.
+        that no bus sent, no words but plain ones (:func:`_is_plain`); or has the words of the quantity. On a
+        bus plain ones come first, and with a gear the others. No column in another unit meets any. Empty if
+        none does.
         """
         topic = source.topic.strip('/')
         units = _units_of(quantity, source)
@@ -214,8 +225,12 @@ class ColumnBinding:
             column
             for column, _ in candidates
             if column.unit in (units if quantity in QUANTITIES else (source.unit,))
-            and (self._log.is_sent or _is_plain(column, quantity, _own_words(bearing, topic)))
         ]
+        # A bus has names of its own: 'RPM S 1' is a shaft's, and not of an engine with a gear.
+        words = _own_words(bearing, topic) | {'s'} if self._log.is_sent else _own_words(bearing, topic)
+        has_gear = self._log.is_sent and isinstance(source, SpeedConfig) and bool(source.gear_text)
+        plain = [column for column in by_unit if _is_plain(column, quantity, words) != has_gear]
+        by_unit = plain or by_unit if self._log.is_sent else plain
         own_names = {quantity, parse_heading(f'{bearing} {quantity}').name}
         by_name = [column for column, name in candidates if name in own_names]
         return of_topic or similar or by_unit or by_name
@@ -379,9 +394,11 @@ class _ColumnUse:
             is_own = _is_named_after(column, '' if self._gear else name, source.topic)
             is_plain = _is_plain(column, self.quantity, _own_words(name, source.topic) | {'s'})
             if not (is_own or (is_plain and not self._gear)):
-                gear = ', and gear where one is between' if self.quantity == 'speed' else ''
+                is_gear_asked = self.quantity == 'speed' and not self._gear
+                gear = f', and {parameter}.gear where one is between' if is_gear_asked else ''
                 owner = 'engine' if self._gear else 'shaft' if self.quantity == 'speed' else 'bearing'
-                yield f"is column '{column.heading}': is it the {owner}'s own? Write {parameter}.column{gear}"
+                line = f'{parameter}.column: {quote_for_yaml(column.heading)}'
+                yield f"is column '{column.heading}': is it the {owner}'s own? Write {line}{gear}"
 
 
 def _plain_name(heading: str) -> str:

@@ -133,7 +133,54 @@ def test_the_other_side_is_another_shaft(heading: str, bearing: str, is_its: boo
 def test_columns_of_one_heading_are_told_apart_by_their_places(tmp_path: Path) -> None:
     recording = open_log(tmp_path, 'time,speed [rpm],speed [rpm],load [N]\n0,30,60,900\n1,30,60,901\n')
     reason = bind(recording, load_config(CONFIG)).absent['aft_stern', 'speed']
-    assert "2 columns may be the speed: '#2', '#3'; write aft_stern.speed.column" in reason
+    assert "2 columns may be the speed of aft_stern by unit or name (columns: '#2', '#3'): write" in reason
+    assert "write aft_stern.speed.column: '#2', or another" in reason
+
+
+@pytest.mark.parametrize(
+    ('headings', 'line'),
+    [
+        (
+            'ME RPM,SOG',
+            "speed.column: 'ME RPM', or another, and aft_stern.speed.gear where it is an engine's",
+        ),
+        ('SOG,Vitesse arbre (tr/min)', "speed.column: 'Vitesse arbre (tr/min)', or another, and"),
+        ('sensor.rudder,sensor.shaft_speed', "speed.column: 'sensor.shaft_speed', or another, and"),
+        ('PORT RUDDER,PORT SHAFT RPM', "speed.column: 'PORT SHAFT RPM', or another, and"),
+        ("Chief's shaft rpm,SOG", "speed.column: 'Chief''s shaft rpm', or another, and"),
+        ('Draught,SOG', 'speed.column: NAME, and'),
+        ('rpm,Thrust (kN)', 'load.column: NAME, or aft_stern.load.constant'),
+        ('rpm,Force of gland', "load.column: 'Force of gland', or another, or aft_stern.load.constant"),
+    ],
+)
+def test_the_line_to_write_names_the_likeliest_column(headings: str, line: str, tmp_path: Path) -> None:
+    """Write the line of the message, which the column then answers."""
+    text = f'time [s],{headings}\n0,30,12\n1,31,12\n'
+    quantity = line.partition('.')[0]
+    reason = bind(open_log(tmp_path, text), load_config(CONFIG)).absent['aft_stern', quantity]
+    assert f': write aft_stern.{line}' in reason
+    config = tmp_path / 'own.yaml'
+    config.write_text(f'{CONFIG.read_text()}    aft_stern.{line.partition(", ")[0]}\n')
+    absent = bind(open_log(tmp_path, text), load_config(config)).absent
+    assert (('aft_stern', quantity) in absent) == ('NAME' in line)
+
+
+@pytest.mark.parametrize(('gear', 'heading'), [('', 'RPM S 1'), ('gear: 4.2, ', 'RPM E 1')])
+def test_a_bus_tells_a_shaft_from_its_engine(gear: str, heading: str, tmp_path: Path) -> None:
+    bodies = 'IIRPM,E,1,126,,A', 'IIRPM,S,1,30,,A', 'IIXDR,N,900.0,N,LOAD'
+    text = ''.join(f'@0 {nmea_sentence(body)}\n' for body in bodies)
+    config = tmp_path / 'ship.yaml'
+    config.write_text(CONFIG.read_text().replace('unit: rpm', f'{gear}unit: rpm', 1))
+    assert bound_inputs(open_log(tmp_path, text), config)['speed'].column == heading
+
+
+def test_a_log_of_one_of_two_shafts_is_checked_as_that_one(tmp_path: Path) -> None:
+    config = CONFIG.parent / 'two_bearings.yaml'
+    log = open_log(tmp_path, 'time [s],rpm,load [N]\n0,30,900\n1,31,901\n')
+    bound = bind(log, load_config(config))
+    name, quantity = next(of for of in bound.absent)
+    assert f'check it with --bearing {name} or another' in bound.absent[name, quantity]
+    assert main(['check', str(log.path), '--config', str(config), '--bearing', name]) < 2
 
 
 def test_the_speed_of_a_thruster_is_that_of_its_own_shaft(tmp_path: Path) -> None:
@@ -158,7 +205,12 @@ def test_a_column_of_the_topic_is_the_shafts_own(tmp_path: Path) -> None:
 )
 def test_the_speed_of_an_engine_raises_a_question(text: str, tmp_path: Path) -> None:
     question = bind(open_log(tmp_path, text), load_config(CONFIG)).questions['aft_stern', 'speed']
-    assert "is it the shaft's own? Write aft_stern.speed.column, and gear" in question
+    assert "is it the shaft's own? Write aft_stern.speed.column: '" in question
+    line = question.partition('Write ')[2]
+    assert line.endswith("', and aft_stern.speed.gear where one is between")
+    config = tmp_path / 'own.yaml'
+    config.write_text(f'{CONFIG.read_text()}    {line.partition(", and")[0]}\n')
+    assert ('aft_stern', 'speed') not in bind(open_log(tmp_path, text), load_config(config)).questions
 
 
 @pytest.mark.parametrize(('name', 'is_asked'), [('LOAD', False), ('AFT LOAD', False), ('PORT LOAD', True)])
