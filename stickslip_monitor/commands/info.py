@@ -43,6 +43,11 @@ def run(args: argparse.Namespace) -> int:
     problem = 'no line has a time that can be read' if record['start'] is None and record['messages'] else ''
     if record['duration'] == 0.0 and has_lines:
         problem = f'all times are the same, {record["start"]} ns: was the clock of the recorder not set?'
+    if record['end'] is not None and is_dated(record['end']) and not is_dated(record['start']):
+        problem = (
+            f'times begin at {format_time_of_day(record["start"])} and end on {format_date(record["end"])}:'
+            ' was the clock of the recorder set meanwhile?'
+        )
     # Lines without a time are no recording, nor is one of which nothing could be read.
     code = int(bool(problem or (record['start'] is None and bag.losses)))
     if args.json:

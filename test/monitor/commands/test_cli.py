@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -85,6 +86,18 @@ def test_a_recording_in_which_no_time_passes_is_looked_at(
     done = stickslip('info', path)
     assert done.code == stickslip('info', path, '--json').code == code
     assert (f'all times are the same, {time_ns} ns' in done.out) == bool(code)
+
+
+def test_a_clock_that_was_set_meanwhile_is_looked_at(tmp_path: Path, stickslip: Stickslip) -> None:
+    for part, zero_s in enumerate((0, 1_776_074_400)):
+        times_ns = [(zero_s + k) * 10**9 for k in range(3)]
+        write_recording(tmp_path / f'voyage/log_{part}.mcap', {'/speed': (times_ns, [1.0, 2.0, 3.0])})
+    files = ['log_0.mcap', 'log_1.mcap']
+    information = {'version': 5, 'storage_identifier': 'mcap', 'relative_file_paths': files}
+    metadata = {'rosbag2_bagfile_information': information | {'message_count': 6}}
+    (tmp_path / 'voyage/metadata.yaml').write_text(json.dumps(metadata))
+    done = stickslip('info', tmp_path / 'voyage')
+    assert (done.code, 'was the clock of the recorder set meanwhile?' in done.out) == (1, True)
 
 
 @pytest.mark.parametrize(
