@@ -219,6 +219,8 @@ def _judge_stretches(
 def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> None:
     """Note on the bag where samples are far apart, lack an hour of summer time, or are stored at changes.
 
+    Lines that were sorted within the hour in which summer time ends are lost to the bag.
+
     ``inputs`` are the reports on speed and load of each bearing, with its name.
     """
     coarse = max((item.gaps.usual for _, item in inputs if item.gaps.usual >= COARSE), default=0.0)
@@ -230,6 +232,13 @@ def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> Non
             'no lines for one hour, from one full hour to the next, as when summer time begins: write the'
             ' times in UTC'
         )
+    usual = min((item.gaps.usual for _, item in inputs), default=math.nan)
+    is_sorted = any(text.endswith(': sorted by time') for text in bag.warnings)
+    if WITHOUT_ZONE in bag.warnings and is_sorted and _fills_clock_hour(bag, usual):
+        bag.lose(
+            'the sorted lines fill one hour of the clock, as where summer time ended and they were in order:'
+            ' write the times in UTC'
+        )
     for name, item in inputs:
         if item.changes_only:
             longest = item.gaps.longest[0].seconds
@@ -239,6 +248,12 @@ def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> Non
                 f' before it, and gaps of up to {duration_text(longest)} have {item.gaps.share():.0%} of the'
                 f' time; let values stand by {name}.{item.quantity}.hold: {hold}'
             )
+
+
+def _fills_clock_hour(bag: Recording, usual: float) -> bool:
+    """Return whether a recording is of one hour of the clock, but for two usual intervals [s] of its lines."""
+    first, last = ((time_ns or 0) * 1e-9 for time_ns in (bag.start_ns, bag.end_ns))
+    return first // 3600.0 == last // 3600.0 and last - first >= 3600.0 - 2.0 * usual
 
 
 def _is_summer_hour(gap: Gap, usual: float) -> bool:

@@ -182,3 +182,22 @@ def test_an_hour_that_summer_time_may_leave_out_raises_a_question(
     )
     result = stickslip('check', path, '--config', CONFIG)
     assert ('as when summer time begins' in result.out) == bool(exit_code)
+
+
+@pytest.mark.parametrize(
+    ('zone', 'first', 'count', 'exit_code'),
+    [('', '02:50', 60, 1), ('Z', '02:50', 60, 0), ('', '02:20', 45, 0), ('', '02:50', 90, 0)],
+)
+def test_an_hour_within_which_summer_time_may_end_raises_a_question(
+    zone: str, first: str, count: int, exit_code: int, tmp_path: Path, stickslip: Stickslip
+) -> None:
+    """On 25 October 2026 clocks went from 03:00 to 02:00; a log of that hour is one of a ring buffer, too."""
+    start = datetime.fromisoformat(f'2026-10-25T{first}')
+    times = [start + timedelta(minutes=k) for k in range(count)]
+    times = [t - timedelta(hours=1) if t.hour > 2 else t for t in times]
+    path = tmp_path / 'voyage.csv'
+    path.write_text(
+        HEAD + '\n' + ''.join(f'{t:%Y-%m-%d %H:%M:%S}{zone},{80 + t.minute % 3},900\n' for t in times)
+    )
+    result = stickslip('check', path, '--config', CONFIG)
+    assert (result.code, 'as where summer time ended' in result.out) == (exit_code, bool(exit_code))
