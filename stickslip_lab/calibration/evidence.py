@@ -14,6 +14,7 @@ import numpy as np
 
 from stickslip_lab import MAX_TABLE_BYTES
 from stickslip_lab.scenes.truth_topics import TruthRecord
+from stickslip_logs.tables.dialect import parse_heading
 from stickslip_logs.tables.small_table import read_table
 from stickslip_logs.time_order import EPOCH
 from stickslip_logs.units import SECOND_NS
@@ -80,6 +81,9 @@ def read_reports(path: str | Path, bearings: Sequence[str]) -> list[VibrationRep
             f'{path}, line {rows[0].line}: no column {", ".join(missing)} among the headings'
             f' {", ".join(headings)}: there must be {", ".join(_COLUMNS)}'
         )
+    unit = parse_heading(dict(zip(names, headings, strict=True)).get('tolerance', '')).unit
+    if unit not in (None, 's'):
+        raise CalibrationError(f"{path}, line {rows[0].line}: the tolerance is in '{unit}': write it in s")
     reports = []
     for line, cells in body:
         where = f'{path}, line {line}'

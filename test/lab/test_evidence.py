@@ -59,6 +59,15 @@ def test_a_bad_report_is_named(tmp_path: Path, rows: str, words: str) -> None:
         read_reports(path, ['aft'])
 
 
+@pytest.mark.parametrize('heading', ['tolerance [min]', 'tolerance (ms)'])
+def test_a_tolerance_in_another_unit_is_refused(heading: str, tmp_path: Path) -> None:
+    path = tmp_path / 'squeals.csv'
+    row = 'aft,2026-05-04T06:01:10Z,2026-05-04T06:03:40Z,quiet,2,'
+    path.write_text(HEAD.replace('tolerance [s]', heading) + row)
+    with pytest.raises(CalibrationError, match=r"line 1: the tolerance is in 'm.*': write it in s"):
+        read_reports(path, ['aft'])
+
+
 def test_bins_are_averages_and_rest_stays_rest() -> None:
     time = (np.arange(40) * 10**8).astype(np.int64)
     speed = np.linspace(0.1, 0.4, 40) * -1.0
