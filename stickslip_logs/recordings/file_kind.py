@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import unicodedata
 from pathlib import Path
 
@@ -17,7 +18,7 @@ RECORDINGS = MAGIC, SQLITE_MAGIC
 """First bytes of recordings."""
 # Formats that are not read, by their first bytes, with the remedy.
 _FOREIGN: tuple[tuple[bytes | tuple[bytes, ...], str], ...] = (
-    (b'PK\x03\x04', 'a spreadsheet or ZIP archive: save the sheet as CSV, or unpack it'),
+    (b'PK\x03\x04', 'a spreadsheet or ZIP archive: save the sheet as CSV, or unzip {0} -d NEW'),
     (
         b'#ROSBAG V',
         "a recording of ROS 1: convert it with 'rosbags-convert --src {0} --dst NEW' (pip install rosbags)",
@@ -85,7 +86,7 @@ def _refuse_foreign(path: Path, begin: bytes) -> None:
         raise BagError(f"'{path}' is a tar archive: unpack it")
     for magic, kind in _FOREIGN:
         if begin.startswith(magic):
-            raise BagError(f"'{path}' is {kind.format(path)}")
+            raise BagError(f"'{path}' is {kind.format(shlex.quote(str(path)))}")
 
 
 def is_table(begin: bytes) -> bool:

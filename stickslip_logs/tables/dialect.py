@@ -257,7 +257,7 @@ def remedy_for_format(path: Path, lines: Sequence[str]) -> str:
     first = lines[:200]
     counts = {form: sum(bool(re.search(form, line)) for line in first) for form in forms}
     form = max(counts, key=counts.__getitem__)
-    return forms[form].format(path, path.stem) if counts[form] > 0.5 * len(first) else ''
+    return forms[form].format(file, shlex.quote(path.stem)) if counts[form] > 0.5 * len(first) else ''
 
 
 def _table_dialect(

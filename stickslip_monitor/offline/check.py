@@ -251,7 +251,7 @@ def _note_pace(bag: Recording, inputs: Sequence[tuple[str, InputReport]]) -> Non
 
 
 def _fills_clock_hour(bag: Recording, usual: float) -> bool:
-    """Return whether a recording is of one hour of the clock, but for two usual intervals [s] of its lines."""
+    """Return whether lines, a usual interval [s] apart, fill one hour of the clock but for two of these."""
     first, last = ((time_ns or 0) * 1e-9 for time_ns in (bag.start_ns, bag.end_ns))
     return first // 3600.0 == last // 3600.0 and last - first >= 3600.0 - 2.0 * usual
 

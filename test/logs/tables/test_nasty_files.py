@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import sqlite3
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -206,6 +207,21 @@ def test_a_refused_format_is_named_with_its_converter(line: str, remedy: str, tm
     (tmp_path / 'ship.log').write_text(f'{line}\n' * 9)
     with pytest.raises(BagError, match=remedy):
         TableRecording(tmp_path / 'ship.log')
+
+
+@pytest.mark.parametrize(
+    ('content', 'command'),
+    [
+        ('(1716800000.123456) can0 09F20023#00FF20FFFFFFFFFF\n' * 9, "analyzer -json > 'my ship'.json"),
+        ('17:33:21.107 R 09F20023 00 FF 20 FF FF FF FF FF\n' * 9, "analyzer -json < '{}' > 'my ship'.json"),
+        ('PK\3\4' + '\0' * 40, "unzip '{}' -d NEW"),
+    ],
+)
+def test_a_command_to_copy_holds_for_a_name_with_a_blank(content: str, command: str, tmp_path: Path) -> None:
+    path = tmp_path / 'my ship.log'
+    path.write_text(content)
+    with pytest.raises(BagError, match=re.escape(command.format(path))):
+        open_bag(path)
 
 
 def test_a_database_that_is_no_recording_is_named(tmp_path: Path) -> None:
