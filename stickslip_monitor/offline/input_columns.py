@@ -106,6 +106,8 @@ class ColumnBinding:
                 # An assumed load has no column: it uses that of the speed.
                 names = ('topic', 'type', 'field_text', 'field', 'timeout_ns', 'hold_ns')
                 inputs['load'] = replace(bearing.load, **{k: getattr(inputs['speed'], k) for k in names})
+            elif bearing.load.is_assumed:
+                absent[bearing.name, 'load'] = absent[bearing.name, 'speed']
         bearings = tuple(replace(bearing, **bound[bearing.name]) for bearing in config.bearings)
         self._log.deliver(self._columns)
         return Bound(replace(config, bearings=bearings), absent, self._questions)

@@ -413,6 +413,23 @@ def test_one_column_that_both_bearings_name_is_the_load_of_two(tmp_path: Path) -
     assert bound.absent == {}
 
 
+def test_an_assumed_load_is_absent_with_its_speed(tmp_path: Path) -> None:
+    """Judge the bearing whose speed is there, beside one whose speed is not."""
+    head, section = CONFIG.read_text().split('    aft_stern:\n')
+    load = next(line for line in section.splitlines() if line.strip().startswith('load:'))
+    section = section.replace(load, '      load: {constant: 1000.0, unit: N}')
+    sections = [
+        f'    {name}:\n' + section.replace('unit: rpm', f'unit: rpm, column: {name} rpm')
+        for name in ('aft', 'mid')
+    ]
+    config = tmp_path / 'ship.yaml'
+    config.write_text(head.replace('[aft_stern]', '[aft, mid]') + ''.join(sections))
+    recording = open_log(tmp_path, 'time,aft rpm\n0,30\n1,31\n')
+    assert bind(recording, load_config(config)).absent.keys() == {('mid', 'speed'), ('mid', 'load')}
+    report = check_recording(recording.path, load_config(config))
+    assert [bearing.evaluations > 0 for bearing in report.bearings.values()] == [True, False]
+
+
 def test_a_scale_beside_a_named_column_applies(tmp_path: Path) -> None:
     # The engine of a 4:1 gear at 80 rpm turns the shaft at 20 rpm, whatever unit its heading has.
     config = tmp_path / 'ship.yaml'
