@@ -145,23 +145,17 @@ class ColumnBinding:
     def _no_column_text(
         self, bearing: str, quantity: str, source: InputConfig, candidates: Sequence[LogColumn]
     ) -> str:
-        """Return the text of the error that no single column is the input, with the line to write.
+        """Return the text of the error that none, or several, of the candidates are an input of a bearing.
 
-        Args:
-            bearing: The name of the bearing.
-            quantity: Which of its inputs.
-            source: That input.
-            candidates: The columns that fit: none, or several.
+        It has the line to write, with the likeliest of all columns where there is no candidate.
         """
         names = [self._name_of(column) for column in candidates or self._all]
         if source.column and not candidates:
             remedy = did_you_mean(source.column, names)
             if of := self._log.find_column_with(source.column):
                 pair = f'{quote_for_yaml(of)}: {quote_for_yaml(source.column)}'
-                remedy = (
-                    f"; it is a text of column '{of}': write {bearing}.{quantity}.where: {{{pair}}} beside"
-                    ' the column of its numbers'
-                )
+                remedy = f"; it is a text of column '{of}': write {bearing}.{quantity}.where: {{{pair}}}"
+                remedy += ' beside the column of its numbers'
             return (
                 f"log '{self._path}' has no column '{source.column}' ({bearing}.{quantity}.column): it has"
                 f' {listed(names)}{remedy}'
@@ -396,8 +390,9 @@ class _ColumnUse:
             is_own = _is_named_after(column, '' if self._gear else name, source.topic)
             is_plain = _is_plain(column, self.quantity, _own_words(name, source.topic) | {'s'})
             if not (is_own or (is_plain and not self._gear)):
-                is_gear_asked = self.quantity == 'speed' and not self._gear
-                gear = f', and {parameter}.gear where one is between' if is_gear_asked else ''
+                gear = f', and {parameter}.gear where one is between' * (
+                    self.quantity == 'speed' and not self._gear
+                )
                 owner = 'engine' if self._gear else 'shaft' if self.quantity == 'speed' else 'bearing'
                 line = f'{parameter}.column: {quote_for_yaml(column.heading)}'
                 yield f"is column '{column.heading}': is it the {owner}'s own? Write {line}{gear}"
