@@ -426,12 +426,13 @@ class _TextReading:
     def _count_untimed(self, row: Cells) -> None:
         """Count a row without a time as repeated headings, or else as lost; keep the first lost one to show.
 
-        Remarks of other than all cells, and copies of a row above the numbers, are not counted.
+        Counts of WinCC, other remarks of less or more than all cells, and copies of a row above the numbers
+        are not counted.
         """
         if [cell.strip() for cell in row] == [*self._order]:
             self._repeated += 1
         elif tuple(row) not in self._above and not (
-            row[0].startswith(_REMARKS) and len(row) != self._max_cells
+            row[0].startswith(_REMARKS) and (len(row) != self._max_cells or row[0][0] == '$')
         ):
             self._untimed += 1
             self._shown = self._shown or ' '.join(row[k].strip() for k in self._clocks[0].columns)[:MAX_SHOWN]
