@@ -106,8 +106,11 @@ class TableReading:
         self._keys = {topic: recording.chosen_keys(source.column) for topic, source in columns.items()}
         self._key_places = list(dict.fromkeys(place for pairs in self._keys.values() for place, _ in pairs))
         self._unit_place = recording.unit_place
+        # What is read as numbers tells no rows apart.
+        read = {source.column.place for source in columns.values()}
         keys = (key for source in columns.values() for key in recording.find_keys(source.column))
-        self._numbered = NumberedRows(dict.fromkeys(place for place, is_numbered in keys if is_numbered))
+        numbered = [place for place, is_numbered in keys if is_numbered and place not in read]
+        self._numbered = NumberedRows(dict.fromkeys(numbered))
         self._steps, self._wanted = self._choose_places()
         self._signals: dict[tuple[str, ...], int] = {}
         self._words: dict[str, Counter[str]] = {topic: Counter() for topic in columns}

@@ -177,6 +177,14 @@ def test_shafts_that_turn_alike_at_the_ends_of_a_log_are_told_apart_by_its_middl
     assert len(values_of(recording, {'shaft': '*'})) == 8000
 
 
+def test_columns_that_are_read_tell_no_rows_apart(tmp_path: Path) -> None:
+    """Read a load of two whole numbers in turns beside a speed that rises."""
+    lines = [f'{k},{20 + 0.1 * k:.1f},{900 + k % 2}\n' for k in range(900)]
+    log = open_log(tmp_path, ''.join(['time [s],/speed,/load\n', *lines]))
+    series = log.read([Request('/speed', 'data'), Request('/load', 'data')])
+    assert [item.value.size for item in series.values()] == [900, 900]
+
+
 @pytest.mark.parametrize(
     'text',
     [
