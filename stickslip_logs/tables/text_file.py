@@ -41,6 +41,8 @@ PACKED = tuple(_UNPACK)
 # byte order mark, which joined files have in the middle. Elsewhere a control character is a damaged cell.
 _FRAMES = '\x02\x03\x04\x1a\ufeff'
 _FRAME_BYTES = [mark.encode() for mark in '\0' + _FRAMES]
+_DATAGRAM = b'UdPbC\0'
+"""Before each datagram of IEC 61162-450: its zero byte is no damage."""
 BROKEN = (EOFError, OSError, zlib.error, lzma.LZMAError, zstandard.ZstdError)
 """Errors of a file that cannot be read or unpacked."""
 
@@ -95,8 +97,8 @@ class Extent:
 
     ``problem`` is why it could not be read to its end, ``is_ended`` whether its last line is
     whole, ``is_plain`` whether it has no zero bytes and no marks around lines. ``size`` is its unpacked
-    length [bytes], ``zeros`` counts its zero bytes. ``lines`` counts a last line that is not whole, and so
-    is 1 for an empty file.
+    length [bytes], ``zeros`` counts its zero bytes but for those of datagrams. ``lines`` counts a last line
+    that is not whole, and so is 1 for an empty file.
     """
 
     head: bytes
@@ -152,18 +154,19 @@ def scan_extent(path: Path, *, is_whole: bool = True) -> Extent:
             while piece := file.read1(_PIECE):
                 head += piece[: _HEAD - len(head)]
                 tail = (tail + piece)[-_TAIL:] if size + len(piece) > _HEAD else b''
-                lines, zeros = lines + piece.count(b'\n'), zeros + piece.count(b'\0')
+                lines += piece.count(b'\n')
+                zeros += piece.count(b'\0') - (last + piece).count(_DATAGRAM)
                 content = piece if size else piece[len(BOM_UTF8) :]
                 is_plain = is_plain and not any(mark in content for mark in _FRAME_BYTES)
                 size += len(piece)
-                last = piece[-2:]
+                last = piece[1 - len(_DATAGRAM) :]
                 if not is_whole and size > _HEAD:
                     break
     except BROKEN as error:
         problem = str(error) or type(error).__name__
         if not size:
             raise BagError(f"log '{path}' cannot be read: {problem}") from None
-    is_ended = b'\n' in last
+    is_ended = b'\n' in last[-2:]
     return Extent(head, tail, lines + (not is_ended), size, zeros, is_plain, is_ended, problem)
 
 

@@ -137,3 +137,14 @@ def test_a_path_of_signal_k_that_had_numbers_has_none_where_its_value_is_no_numb
         (speed, "'{'value': 0.1}'"),
         (speed, "'0.1'"),
     ]
+
+
+def test_zero_bytes_before_datagrams_are_no_damage(tmp_path: Path) -> None:
+    """Record datagrams of IEC 61162-450, up to more than a piece of what is read; damage one."""
+    for count in (20, 21_000, 21_001):
+        bodies = ['VDZDA,100000.00,04,05,2026,00,00', *['VDRPM,S,1,100.0,,A'] * count]
+        text = ''.join(f'UdPbC\0{nmea_sentence(body)}\r\n' for body in bodies)
+        (tmp_path / 'voyage.log').write_text(text)
+        assert not open_bag(tmp_path / 'voyage.log').losses
+        (tmp_path / 'voyage.log').write_text(text.replace(',04,', ',0\0' + '4,'))
+        assert 'the file has 1 zero byte' in open_bag(tmp_path / 'voyage.log').losses[0]
